@@ -1,0 +1,68 @@
+"""The errors that deshake raises on purpose.
+
+Every one of them carries a one-line message and, where something can be done about it, a hint.
+The command line prints them as ``error: FILE: what`` and ``hint: what to try``; nothing else that
+reaches the command line is expected.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from os import PathLike
+
+__all__ = [
+    "CalibrationError",
+    "DeshakeError",
+    "EstimationError",
+    "KernelFileError",
+    "OutputError",
+    "PhotoError",
+]
+
+
+class DeshakeError(Exception):
+    """Something that the user can understand and perhaps mend.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong, in one line.
+    hint : str, optional
+        What to try, in one line.
+    file : path, optional
+        The file that the message is about.
+
+    """
+
+    def __init__(
+        self, message: str, *, hint: str | None = None, file: str | PathLike[str] | None = None
+    ) -> None:
+        super().__init__(message)
+        self.message = message
+        self.hint = hint
+        self.file = None if file is None else str(file)
+
+    def __str__(self) -> str:
+        return self.message if self.file is None else f"{self.file}: {self.message}"
+
+
+class PhotoError(DeshakeError):
+    """A photo cannot be read, or cannot be used for what was asked."""
+
+
+class OutputError(DeshakeError):
+    """An output cannot be written."""
+
+
+class KernelFileError(DeshakeError):
+    """A camera, kernel or registration file is not what it should be."""
+
+
+class CalibrationError(DeshakeError):
+    """The focal length in pixels cannot be told."""
+
+
+class EstimationError(DeshakeError):
+    """No blur kernel can be estimated from this photo."""

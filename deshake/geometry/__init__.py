@@ -1,0 +1,1 @@
+"""The ground: cameras, rotations, and the blur kernel over rotations (Secs. 2 and 7)."""

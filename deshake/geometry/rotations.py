@@ -1,0 +1,143 @@
+"""Rotations of the camera and what they do to the picture: Eqs. (1)-(3), and the grid of Sec. 7.
+
+A rotation is an angle-axis vector ``theta`` in radians: its direction is the axis, its length
+the angle. X points right, Y down and Z along the optical axis into the scene.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    from deshake.geometry.camera import Camera
+
+__all__ = [
+    "angle_axis",
+    "compose",
+    "displacements",
+    "grid_steps",
+    "homographies",
+    "rotation_matrices",
+]
+
+_SMALL_ANGLE = 1e-4  # below it the series of sin(a)/a and (1-cos a)/a^2 are exact in float64
+
+
+def rotation_matrices(theta: ArrayLike) -> NDArray[np.float64]:
+    """Rotation matrices of angle-axis vectors, Eq. (2): ``R = exp([theta]_x)``.
+
+    Parameters
+    ----------
+    theta : (..., 3) array
+        Angle-axis vectors in radians.
+
+    Returns
+    -------
+    (..., 3, 3) array of float64
+        By Rodrigues' formula, with the cross-product matrix of Eq. (3).
+
+    """
+    theta = np.asarray(theta, np.float64)
+    angle = np.linalg.norm(theta, axis=-1)[..., None, None]
+    x, y, z = theta[..., 0], theta[..., 1], theta[..., 2]
+    zero = np.zeros_like(x)
+    # Eq. (3)
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(*theta.shape[:-1], 3, 3)
+    small = angle < _SMALL_ANGLE
+    safe = np.where(small, 1.0, angle)
+    sine = np.where(small, 1 - angle**2 / 6, np.sin(safe) / safe)
+    cosine = np.where(small, 0.5 - angle**2 / 24, (1 - np.cos(safe)) / safe**2)
+    # Eq. (2)
+    rotation: NDArray[np.float64] = np.eye(3) + sine * cross + cosine * (cross @ cross)
+    return rotation
+
+
+def angle_axis(rotation: ArrayLike) -> NDArray[np.float64]:
+    """Angle-axis vectors (..., 3) of rotation matrices (..., 3, 3); angles within [0, pi)."""
+    rotation = np.asarray(rotation, np.float64)
+    axis = np.stack(
+        [
+            rotation[..., 2, 1] - rotation[..., 1, 2],
+            rotation[..., 0, 2] - rotation[..., 2, 0],
+            rotation[..., 1, 0] - rotation[..., 0, 1],
+        ],
+        -1,
+    )
+    sine = np.linalg.norm(axis, axis=-1) / 2
+    cosine = (np.trace(rotation, axis1=-2, axis2=-1) - 1) / 2
+    angle = np.arctan2(sine, cosine)
+    small = sine < _SMALL_ANGLE
+    factor = np.where(small, 0.5 + angle**2 / 12, angle / (2 * np.where(small, 1.0, sine)))
+    vector: NDArray[np.float64] = axis * factor[..., None]
+    return vector
+
+
+def compose(delta: ArrayLike, theta: ArrayLike) -> NDArray[np.float64]:
+    """Angle-axis vectors of ``R(delta) R(theta)``: a correction composed on the left."""
+    return angle_axis(rotation_matrices(delta) @ rotation_matrices(theta))
+
+
+def homographies(camera: Camera, theta: ArrayLike) -> NDArray[np.float64]:
+    """Homographies ``H_k = K R(theta_k) K^-1``, Eq. (1).
+
+    Parameters
+    ----------
+    camera : Camera
+        K and the size of the frame.
+    theta : (..., 3) array
+        Angle-axis vectors in radians.
+
+    Returns
+    -------
+    (..., 3, 3) array of float64
+        Each takes a pixel of the blurred photo to the pixel of the sharp one that it saw.
+
+    """
+    h: NDArray[np.float64] = (
+        camera.matrix @ rotation_matrices(theta) @ np.linalg.inv(camera.matrix)
+    )
+    return h
+
+
+def displacements(h: ArrayLike, points: ArrayLike) -> NDArray[np.float64]:
+    """Displacements ``d_k(p) = H_k p - p`` in pixels.
+
+    Parameters
+    ----------
+    h : (K, 3, 3) array
+        Homographies.
+    points : (P, 2) array
+        Pixels as (x, y).
+
+    Returns
+    -------
+    (P, K, 2) array of float64
+
+    """
+    h = np.asarray(h, np.float64)
+    points = np.asarray(points, np.float64)
+    seen = points @ np.swapaxes(h[..., :2], -1, -2) + h[:, None, :, 2]  # (K, P, 3)
+    moved: NDArray[np.float64] = seen[..., :2] / seen[..., 2:] - points
+    return np.ascontiguousarray(np.swapaxes(moved, 0, 1))
+
+
+def grid_steps(camera: Camera, spacing_px: float = 1.0) -> NDArray[np.float64]:
+    """Steps of the rotation grid that move the edge of the frame by `spacing_px` (Sec. 7).
+
+    Returns
+    -------
+    (3,) array of float64
+        Radians about X, Y and Z: ``f / (f^2 + d^2)`` for X and Y, where d is the largest
+        distance of a pixel from the principal point along an axis, and one over the
+        largest distance from it for Z.
+
+    """
+    f = camera.focal_px
+    x0, y0 = camera.matrix[0, 2], camera.matrix[1, 2]
+    dx = max(x0 + 0.5, camera.width - 0.5 - x0)
+    dy = max(y0 + 0.5, camera.height - 0.5 - y0)
+    tilt = f / (f * f + max(dx, dy) ** 2)
+    return spacing_px * np.array([tilt, tilt, 1 / np.hypot(dx, dy)])
