@@ -1,0 +1,161 @@
+"""Camera shake as an operator: what deconvolution and estimation see of the blur.
+
+`RotationModel` is the bilinear map ``(f, w) -> A f = B w`` with its transposes, in two
+exchangeable kinds: `FilterFlow`, fast, and `Warps`, exact. `ShakeBlur` binds a kernel to it.
+Uniform blur is the special case of `Camera.uniform`, through whose long lens every rotation is a
+translation of the whole frame: there the blur is a convolution.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from deshake.geometry.rotations import displacements, homographies
+from deshake.operators.filter_flow import FilterFlow
+from deshake.operators.patches import channels_first, image_like
+from deshake.operators.warps import Warps
+
+if TYPE_CHECKING:
+    from deshake.geometry.camera import Camera
+    from deshake.geometry.kernel import RotationKernel
+
+__all__ = ["RotationModel", "ShakeBlur", "observation_mask"]
+
+Image = NDArray[np.float32]
+
+
+class RotationModel(Protocol):
+    """The four maps of Eqs. (7)-(9) on a set of K rotations."""
+
+    camera: Camera
+    theta: NDArray[np.float64]
+    margin: int
+
+    @property
+    def latent_shape(self) -> tuple[int, int]:
+        """Height and width of latent images in pixels."""
+
+    def blur(self, f: Image, w: ArrayLike) -> Image:
+        """``A f = B w``."""
+
+    def adjoint(self, g: Image, w: ArrayLike) -> Image:
+        """``A^T g``."""
+
+    def kernel_adjoint(self, f: Image, r: Image) -> NDArray[np.float64]:
+        """``B^T r``."""
+
+    def gram(self, f: Image, mask: Image | None = None) -> NDArray[np.float64]:
+        """``B^T M B``."""
+
+
+class ShakeBlur:
+    """The operator A of a known kernel, with an observation mask: ``f -> m . (A f)``.
+
+    Parameters
+    ----------
+    kernel : RotationKernel
+        The blur; only its non-zero weights are used.
+    margin : int, optional
+        Pixels by which the latent image is larger on every side; by default the reach of the
+        kernel, so that every observed pixel sees latent ones only.
+    mask : (h, w) array, optional
+        Weights m of the observed pixels, 0..1; by default 1.
+    kind : "filter_flow" or "warps"
+        Fast or exact.
+    channels : int
+        Expected number of channels (sizes the work, limits nothing).
+    threads : int, optional
+        Threads to use; by default all processors.
+
+    """
+
+    def __init__(  # noqa: PLR0913
+        self,
+        kernel: RotationKernel,
+        *,
+        margin: int | None = None,
+        mask: Image | None = None,
+        kind: Literal["filter_flow", "warps"] = "filter_flow",
+        channels: int = 1,
+        threads: int | None = None,
+    ) -> None:
+        used = kernel.weights > 0
+        theta, weights = kernel.theta[used], kernel.weights[used]
+        self.kernel = kernel
+        self.mask = mask
+        if kind == "warps":
+            warps = Warps(kernel.camera, theta, margin=margin)
+            self.margin = warps.margin
+            self._forward = lambda f: warps.blur(f, weights)
+            self._adjoint = lambda g: warps.adjoint(g, weights)
+        else:
+            flow = FilterFlow(
+                kernel.camera, theta, margin=margin, channels=channels, threads=threads
+            )
+            filters = flow.filters(weights)
+            self.margin = flow.margin
+            self._forward = lambda f: image_like(filters.forward(channels_first(f)), f)
+            self._adjoint = lambda g: image_like(filters.adjoint(channels_first(g)), g)
+
+    @property
+    def observed_shape(self) -> tuple[int, int]:
+        """Height and width of the observed photo in pixels."""
+        return self.kernel.camera.shape
+
+    @property
+    def latent_shape(self) -> tuple[int, int]:
+        """Height and width of the latent image in pixels."""
+        height, width = self.observed_shape
+        return height + 2 * self.margin, width + 2 * self.margin
+
+    def forward(self, f: Image) -> Image:
+        """Blur a latent image (H, W[, C]) to an observed one (h, w[, C])."""
+        return self._masked(self._forward(f))
+
+    def adjoint(self, g: Image) -> Image:
+        """Apply the transpose to an observed image (h, w[, C]), giving (H, W[, C])."""
+        return self._adjoint(self._masked(g))
+
+    def _masked(self, g: Image) -> Image:
+        if self.mask is None:
+            return g
+        masked: Image = g * (self.mask if g.ndim == self.mask.ndim else self.mask[..., None])
+        return masked
+
+
+def observation_mask(camera: Camera, theta: ArrayLike) -> Image:
+    """Mark the pixels whose rotated positions all lie within the frame.
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera of the photo.
+    theta : (K, 3) array
+        Every rotation that may have a weight.
+
+    Returns
+    -------
+    (h, w) array of float32
+        1 where a pixel saw only the frame, 0 elsewhere.
+
+    """
+    theta = np.asarray(theta, np.float64)
+    height, width = camera.shape
+    # displacements are nearly linear in theta: the corners of its box bound them
+    low, high = theta.min(0), theta.max(0)
+    box = np.array(np.meshgrid(*zip(low, high, strict=True), indexing="ij")).reshape(3, -1).T
+    h = homographies(camera, box)
+    y, x = np.mgrid[0:height, 0:width].reshape(2, -1)
+    inside = np.ones(height * width, bool)
+    slack = 1e-3
+    for start in range(0, height * width, 1 << 20):
+        part = slice(start, start + (1 << 20))
+        points = np.stack([x[part], y[part]], 1).astype(np.float64)
+        seen = displacements(h, points) + points[:, None]
+        inside[part] = np.all(
+            (seen >= -slack) & (seen <= np.array([width - 1, height - 1]) + slack), (1, 2)
+        )
+    return inside.reshape(height, width).astype(np.float32)
