@@ -1,0 +1,89 @@
+"""The configuration file: defaults for the options, in TOML.
+
+Keys are the long names of options without their dashes. Those before the first table are the
+general ones; each table bears the name of a command::
+
+    threads = 2
+
+    [fix]
+    transfer = "gamma22"
+    blur-size = 40
+"""
+
+from __future__ import annotations
+
+import tomllib
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+__all__ = ["read_config"]
+
+
+def read_config(ctx: click.Context, path: Path) -> dict[str, Any]:
+    """Read a configuration file for the group of `ctx`.
+
+    Parameters
+    ----------
+    ctx : click.Context
+        The context of the command group, whose commands the tables may name.
+    path : Path
+        The TOML file.
+
+    Returns
+    -------
+    dict
+        What click takes as ``default_map``.
+
+    Raises
+    ------
+    click.UsageError
+        If the file cannot be read, is not TOML, or has a key that is no option.
+
+    """
+    group = ctx.command
+    if not isinstance(group, click.Group):
+        msg = "a configuration file is read for a group of commands"
+        raise TypeError(msg)
+    try:
+        content = tomllib.loads(path.read_text("utf-8"))
+    except OSError as error:
+        raise click.UsageError(f"{path}: {error.strerror}", ctx) from None
+    except UnicodeDecodeError:
+        raise click.UsageError(f"{path}: not a text file in UTF-8", ctx) from None
+    except tomllib.TOMLDecodeError as error:
+        raise click.UsageError(f"{path}: not TOML: {error}", ctx) from None
+    tables = {name: value for name, value in content.items() if isinstance(value, dict)}
+    general = {name: value for name, value in content.items() if name not in tables}
+    defaults: dict[str, Any] = _defaults(group, general, f"{path}: ", ctx)
+    for name, table in tables.items():
+        command = group.get_command(ctx, name)
+        if command is None:
+            names = ", ".join(group.list_commands(ctx))
+            msg = f"{path}: [{name}]: no such command; there are {names}"
+            raise click.UsageError(msg, ctx)
+        defaults[name] = _defaults(command, table, f"{path}: [{name}] ", ctx)
+    return defaults
+
+
+def _defaults(
+    command: click.Command, table: Mapping[str, Any], where: str, ctx: click.Context
+) -> dict[str, Any]:
+    """Turn a table's keys into the names of the command's parameters."""
+    known = {
+        name[2:]: param.name
+        for param in command.params
+        # What a command only passes to the general options is set before its name.
+        if isinstance(param, click.Option) and (param.expose_value or command is ctx.command)
+        for name in param.opts
+        if name.startswith("--") and param.name not in {"config", "version"}
+    }
+    unknown = [key for key in table if key not in known]
+    if unknown:
+        msg = f"{where}{', '.join(unknown)}: no such option; there are {', '.join(known)}"
+        raise click.UsageError(msg, ctx)
+    return {known[key] or key: value for key, value in table.items()}

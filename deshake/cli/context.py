@@ -1,0 +1,107 @@
+"""What every command knows about its run: how much to say, how many threads, what to show."""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Never, Self
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    from tqdm import tqdm
+
+__all__ = ["Context", "Progress", "available_threads"]
+
+
+def available_threads() -> int:
+    """Count the processors that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _stderr_is_terminal() -> bool:
+    return sys.stderr.isatty()
+
+
+@dataclass
+class Context:
+    """The general options, handed to each command by ``@click.pass_obj``.
+
+    Parameters
+    ----------
+    verbosity : int
+        Count of -v less count of -q.
+    threads : int
+        Threads for the work on one photo, >= 1.
+    progress : bool
+        Whether progress bars are wanted; by default if stderr is a terminal.
+
+    """
+
+    verbosity: int = 0
+    threads: int = field(default_factory=available_threads)
+    progress: bool = field(default_factory=_stderr_is_terminal)
+
+    def bar(self, text: str = "") -> Progress:
+        """Make a progress bar, which shows nothing where none is wanted."""
+        return Progress(text, shown=self.progress and self.verbosity >= 0)
+
+
+class Progress:
+    """A progress bar on stderr, as a context manager and a function.
+
+    Call it with the fraction done, from 0 to 1, and a word or two on what is being done. It
+    never runs backwards, shows the time left, and vanishes at the end.
+
+    Parameters
+    ----------
+    text : str
+        What is being done.
+    shown : bool
+        Whether anything is shown at all.
+
+    """
+
+    def __init__(self, text: str = "", *, shown: bool) -> None:
+        self._text = text
+        self._shown = shown
+        self._bar: tqdm[Never] | None = None
+
+    def __enter__(self) -> Self:
+        if self._shown:
+            from tqdm import tqdm
+
+            tqdm.monitor_interval = 0  # no thread to watch over one bar
+            self._bar = tqdm(
+                total=1.0,
+                desc=self._text,
+                file=sys.stderr,
+                leave=False,
+                miniters=0,  # work goes on in uneven steps: time alone decides what is shown
+                dynamic_ncols=True,
+                bar_format="{desc} {percentage:3.0f}%|{bar}| {elapsed}, {remaining} left",
+            )
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._bar is not None:
+            self._bar.close()
+            self._bar = None
+
+    def __call__(self, fraction: float, text: str = "") -> None:
+        """Show that `fraction` of the work is done and that `text` comes next."""
+        if self._bar is None:
+            return
+        if text and text != self._text:
+            self._text = text
+            self._bar.set_description_str(text, refresh=False)
+        forward = min(fraction, 1.0) - self._bar.n
+        self._bar.update(max(0, forward))

@@ -1,0 +1,122 @@
+"""What the command line says on stderr: errors with hints, and the log.
+
+stdout carries data only, so nothing here ever writes to it.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+import warnings
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, TextIO
+
+import click
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from deshake.errors import DeshakeError
+
+__all__ = ["log_to_stderr", "print_error", "print_failure", "set_verbosity"]
+
+_ROOT = logging.getLogger()
+_OURS = logging.getLogger("deshake")
+_WARNINGS = logging.getLogger("deshake.libraries")
+_PILLOW = logging.getLogger("PIL")
+_LEVELS = {-1: logging.ERROR, 0: logging.WARNING, 1: logging.INFO}
+_NATIVE_LOGS = "OPENCV_LOG_LEVEL"
+"""OpenCV writes to the terminal by itself, past Python, unless this says otherwise."""
+
+
+def print_error(message: str, *, hint: str | None = None) -> None:
+    """Print ``error: message`` and ``hint: what to try``, one line each."""
+    _print_line("error", message, colour="red")
+    if hint:
+        _print_line("hint", hint, colour="cyan")
+
+
+def print_failure(error: DeshakeError) -> None:
+    """Print an error that was raised on purpose."""
+    print_error(str(error), hint=error.hint)
+
+
+def set_verbosity(verbosity: int) -> None:
+    """Show errors only (< 0), warnings (0), progress notes (1) or everything (>= 2)."""
+    _OURS.setLevel(_LEVELS.get(max(verbosity, -1), logging.DEBUG))
+    others = logging.DEBUG if verbosity > 1 else logging.CRITICAL + 1
+    _ROOT.setLevel(others)
+    _WARNINGS.setLevel(others)
+    # Pillow's DEBUG lists every chunk and tag of a file.
+    _PILLOW.setLevel(logging.INFO if verbosity > 1 else logging.NOTSET)
+    if verbosity > 1:
+        os.environ.pop(_NATIVE_LOGS, None)
+
+
+@contextmanager
+def log_to_stderr() -> Iterator[None]:
+    """Send the log, and whatever libraries warn about, to stderr in the house's form.
+
+    What libraries say appears at -vv only: it is meant for programmers.
+    """
+    handler = _StderrHandler()
+    levels = {logger: logger.level for logger in (_ROOT, _OURS, _WARNINGS, _PILLOW)}
+    native = os.environ.get(_NATIVE_LOGS)
+    os.environ.setdefault(_NATIVE_LOGS, "SILENT")
+    _ROOT.addHandler(handler)
+    set_verbosity(0)
+    try:
+        with warnings.catch_warnings():
+            warnings.showwarning = _log_warning
+            yield
+    finally:
+        _ROOT.removeHandler(handler)
+        for logger, level in levels.items():
+            logger.setLevel(level)
+        if native is None:
+            os.environ.pop(_NATIVE_LOGS, None)
+        else:
+            os.environ[_NATIVE_LOGS] = native
+
+
+class _StderrHandler(logging.Handler):
+    """Prints ``warning: text`` above a progress bar, if there is one."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        try:
+            text = record.getMessage()
+            if record.levelno <= logging.DEBUG or record.name == _WARNINGS.name:
+                text = f"{record.name}: {text}"
+            if record.exc_info:
+                text += "\n" + logging.Formatter().formatException(record.exc_info)
+            label = "" if record.levelno == logging.INFO else record.levelname.lower()
+            colour = "yellow" if record.levelno == logging.WARNING else None
+            _print_line(label, text, colour=colour, one_line=not record.exc_info)
+        except Exception:  # noqa: BLE001  what logging asks of a handler
+            self.handleError(record)
+
+
+def _log_warning(  # noqa: PLR0917  the signature of warnings.showwarning
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,  # noqa: ARG001
+    line: str | None = None,  # noqa: ARG001
+) -> None:
+    _WARNINGS.warning("%s (%s, %s:%d)", message, category.__name__, filename, lineno)
+
+
+def _print_line(label: str, text: str, *, colour: str | None = None, one_line: bool = True) -> None:
+    if one_line:
+        text = "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+    if label:
+        text = f"{click.style(f'{label}:', fg=colour, bold=True)} {text}"
+    styled = False if os.environ.get("NO_COLOR") else None  # None: if stderr is a terminal
+    tqdm = sys.modules.get("tqdm")
+    if tqdm is None:
+        click.echo(text, err=True, color=styled)
+    else:
+        with tqdm.tqdm.external_write_mode(file=sys.stderr):
+            click.echo(text, err=True, color=styled)

@@ -1,0 +1,224 @@
+"""Every option that two commands share, once.
+
+Options whose default or meaning differs from command to command are functions that return a
+decorator; the others are decorators. Photos and files are plain paths: reading them tells what
+is wrong with them.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+from click.core import ParameterSource
+
+from deshake.cli.context import Context
+from deshake.cli.messages import set_verbosity
+from deshake.cli.values import Number, Region
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = [
+    "FILE",
+    "blur_options",
+    "camera_option",
+    "focal_options",
+    "general_options",
+    "iterations_option",
+    "json_option",
+    "kernel_argument",
+    "output_option",
+    "overwrite_option",
+    "photo_argument",
+    "region_option",
+    "transfer_option",
+    "uniform_option",
+]
+
+F = TypeVar("F", bound="Callable[..., Any]")
+
+FILE = click.Path(path_type=Path)
+"""A path as it was typed; "-" is stdin or stdout where a command says so."""
+
+_FOCAL_SOURCES = ("focal_px", "focal_35mm", "camera")
+_THREAD_LIMITS = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "OPENCV_FOR_THREADS_NUM",
+)
+"""What the libraries read when they are imported, which is after the options are."""
+
+
+def _set_verbosity(ctx: click.Context, param: click.Parameter, value: int) -> None:
+    context = ctx.ensure_object(Context)
+    if _counts(ctx, param):
+        context.verbosity += value if param.name == "verbose" else -value
+        set_verbosity(context.verbosity)
+
+
+def _set_threads(ctx: click.Context, param: click.Parameter, value: int | None) -> None:
+    context = ctx.ensure_object(Context)
+    if value is not None and _counts(ctx, param):
+        context.threads = value
+        os.environ.update(dict.fromkeys(_THREAD_LIMITS, str(value)))
+
+
+def _set_progress(ctx: click.Context, param: click.Parameter, value: bool | None) -> None:
+    context = ctx.ensure_object(Context)
+    if value is not None and _counts(ctx, param):
+        context.progress = value
+
+
+def _counts(ctx: click.Context, param: click.Parameter) -> bool:
+    """Whether a general option's value counts: after a command's name, only if typed there.
+
+    The environment and the configuration file set it before the command's name, so that what is
+    typed, in either place, comes before both.
+    """
+    typed = ctx.get_parameter_source(param.name or "") is ParameterSource.COMMANDLINE
+    return typed or ctx.parent is None
+
+
+def _only_one_of(*names: str) -> Callable[[click.Context, click.Parameter, Any], Any]:
+    """Make a callback that fails where a second of the named options is given."""
+
+    def check(ctx: click.Context, param: click.Parameter, value: Any) -> Any:  # noqa: ANN401
+        for name in names:
+            if value is not None and name != param.name and ctx.params.get(name) is not None:
+                other = "--" + name.replace("_", "-")
+                msg = f"{other} and {param.opts[-1]} cannot both be given."
+                raise click.UsageError(msg, ctx)
+        return value
+
+    return check
+
+
+def general_options(command: F) -> F:
+    """Add -v, -q, --threads and --progress, which work before and after the command's name."""
+    for option in (
+        click.option(
+            "--progress/--no-progress",
+            default=None,
+            expose_value=False,
+            callback=_set_progress,
+            help="Show progress bars, or none.  [default: if stderr is a terminal]",
+        ),
+        click.option(
+            "--threads",
+            type=click.IntRange(1, 1024),
+            metavar="N",
+            expose_value=False,
+            callback=_set_threads,
+            help="Threads for the work on one photo.  [default: one a processor]",
+        ),
+        click.option(
+            "-q",
+            "--quiet",
+            count=True,
+            expose_value=False,
+            callback=_set_verbosity,
+            help="Say nothing but errors.",
+        ),
+        click.option(
+            "-v",
+            "--verbose",
+            count=True,
+            expose_value=False,
+            callback=_set_verbosity,
+            help="Say what is being done; twice: everything, with tracebacks.",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def output_option(default: str, *, metavar: str = "FILE", note: str = "") -> Callable[[F], F]:
+    """Add -o/--output; `default` says in words where the output goes without it."""
+    return click.option(
+        "-o",
+        "--output",
+        type=FILE,
+        metavar=metavar,
+        help=f"Where to write{note}.  [default: {default}]",
+    )
+
+
+def iterations_option(default: str, *, what: str = "Iterations") -> Callable[[F], F]:
+    """Add --iterations; `default` says in words how many there are without it."""
+    return click.option(
+        "--iterations",
+        type=click.IntRange(1, 10_000),
+        metavar="N",
+        help=f"{what}.  [default: {default}]",
+    )
+
+
+def focal_options(command: F) -> F:
+    """Add --focal-px and --focal-35mm, of which one may be given."""
+    px = click.option(
+        "--focal-px",
+        type=Number("PX"),
+        callback=_only_one_of(*_FOCAL_SOURCES),
+        help="Focal length in pixels of this photo.  [default: from its EXIF]",
+    )
+    film = click.option(
+        "--focal-35mm",
+        type=Number("MM"),
+        callback=_only_one_of(*_FOCAL_SOURCES),
+        help="Focal length in millimetres on 35 mm film.  [default: from the photo's EXIF]",
+    )
+    return px(film(command))
+
+
+def blur_options(command: F) -> F:
+    """Add --max-angle and --blur-size, of which one may be given."""
+    angle = click.option(
+        "--max-angle",
+        type=Number("DEGREES", most=45),
+        callback=_only_one_of("max_angle", "blur_size"),
+        help="Largest rotation about any axis to look for.  [default: found from the photo]",
+    )
+    size = click.option(
+        "--blur-size",
+        type=Number("PX"),
+        callback=_only_one_of("max_angle", "blur_size"),
+        help="Largest blur to look for, in pixels of the photo.  [default: found from the photo]",
+    )
+    return angle(size(command))
+
+
+photo_argument = click.argument("photo", type=FILE)
+kernel_argument = click.argument("kernel", type=FILE)
+
+overwrite_option = click.option(
+    "--overwrite", is_flag=True, help="Replace the output if it exists."
+)
+transfer_option = click.option(
+    "--transfer",
+    type=click.Choice(["linear", "srgb", "gamma22"]),
+    help="How the file's values stand for light.  [default: by its colour profile, else srgb]",
+)
+camera_option = click.option(
+    "--camera",
+    type=FILE,
+    metavar="FILE.npz",
+    callback=_only_one_of(*_FOCAL_SOURCES),
+    help="Camera file written by calibrate.  [default: calibrate from the photo]",
+)
+json_option = click.option(
+    "--json", "as_json", is_flag=True, help="Print the result to stdout, one JSON object a line."
+)
+region_option = click.option(
+    "--region",
+    type=Region(),
+    help="Estimate from this rectangle of the photo, in pixels.  [default: all of it]",
+)
+uniform_option = click.option(
+    "--uniform",
+    is_flag=True,
+    help="Take the blur to be the same all over the frame, as if the camera only shifted.",
+)

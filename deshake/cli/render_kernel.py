@@ -1,0 +1,56 @@
+"""``deshake render-kernel``: draw a blur kernel as a picture."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from deshake.cli.options import (
+    general_options,
+    kernel_argument,
+    output_option,
+    overwrite_option,
+)
+from deshake.cli.values import Grid
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+__all__ = ["command"]
+
+
+@click.command("render-kernel")
+@kernel_argument
+@output_option("KERNEL's name with .png, or with -filters.png", metavar="FILE.png")
+@click.option(
+    "--filters",
+    type=Grid(),
+    help="Draw this many local filters over the frame instead of the rotation cuboid.",
+)
+@click.option(
+    "--size",
+    type=click.IntRange(200, 8000),
+    metavar="PX",
+    help="Longer side of the picture.  [default: 640, or 960 with --filters]",
+)
+@overwrite_option
+@general_options
+def command(
+    kernel: Path,
+    output: Path | None,
+    filters: tuple[int, int] | None,
+    size: int | None,
+    *,
+    overwrite: bool,
+) -> None:
+    """Draw a blur kernel as a picture.
+
+    KERNEL is a kernel file (.npz), or - for standard input. The picture shows the rotations as
+    points in a cuboid whose sides are the rotations about X, Y and Z, with the sums of their
+    weights on the faces behind; or, with --filters, what becomes of point lights in each part
+    of the frame.
+    """
+    from deshake.pipelines.render import render_file
+
+    render_file(kernel, output, filters=filters, size=size, overwrite=overwrite)

@@ -1,0 +1,90 @@
+"""The kinds of values that options take: measures, rectangles, rows and columns."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import TypeVar
+
+import click
+
+__all__ = ["Grid", "Number", "Region"]
+
+T = TypeVar("T")
+
+
+class _Typed(click.ParamType[T]):
+    """A value that the help shows as its name, in the name's own letters."""
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:  # noqa: ARG002
+        """Show the name."""
+        return self.name
+
+
+class Number(_Typed[float]):
+    """A finite number above 0, and not above `most`, shown as `unit` in the help."""
+
+    def __init__(self, unit: str, most: float = math.inf) -> None:
+        self.name = unit
+        self.most = most
+
+    def convert(
+        self,
+        value: object,
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> float:
+        """Read the number; fail with what it should have been."""
+        try:
+            number = float(str(value))
+        except ValueError:
+            number = math.nan
+        if not (math.isfinite(number) and 0 < number <= self.most):
+            limit = "" if math.isinf(self.most) else f", at most {self.most:g}"
+            self.fail(f"{value!r} is not a number above 0{limit}", param, ctx)
+        return number
+
+
+class Region(_Typed[tuple[int, int, int, int]]):
+    """A rectangle of the photo, X,Y,W,H: upper left pixel, width and height."""
+
+    name = "X,Y,W,H"
+
+    def convert(
+        self,
+        value: object,
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> tuple[int, int, int, int]:
+        """Read the four whole numbers; fail unless the rectangle holds a pixel."""
+        if isinstance(value, tuple):
+            return value  # converted before
+        found = re.fullmatch(
+            r"(\d{1,9}),(\d{1,9}),(\d{1,9}),(\d{1,9})", str(value).replace(" ", "")
+        )
+        if not found:
+            self.fail(f"{value!r} is not four whole numbers X,Y,W,H", param, ctx)
+        x, y, width, height = (int(part) for part in found.groups())
+        if width == 0 or height == 0:
+            self.fail(f"{value!r} holds no pixel", param, ctx)
+        return x, y, width, height
+
+
+class Grid(_Typed[tuple[int, int]]):
+    """Rows and columns, as in 5x7; at most 99 of each."""
+
+    name = "ROWSxCOLS"
+
+    def convert(
+        self,
+        value: object,
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> tuple[int, int]:
+        """Read the two whole numbers."""
+        if isinstance(value, tuple):
+            return value  # converted before
+        found = re.fullmatch(r"([1-9]\d?)[xX]([1-9]\d?)", str(value))
+        if not found:
+            self.fail(f"{value!r} is not ROWSxCOLS with 1 to 99 of each, such as 5x7", param, ctx)
+        return int(found[1]), int(found[2])

@@ -1,0 +1,1 @@
+"""Plans of stages: files in, files out."""

@@ -1,0 +1,56 @@
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from deshake.cli.context import Context, Progress, available_threads
+
+
+def test_a_bar_shows_nothing_unless_wanted(capsys):
+    for context in (Context(progress=False), Context(progress=True, verbosity=-1)):
+        with context.bar("working") as bar:
+            bar(0.5)
+    assert capsys.readouterr().err == ""
+
+
+def test_stderr_is_no_terminal_here():
+    assert not Context().progress
+
+
+def test_threads_default_to_the_processors():
+    assert Context().threads == available_threads() >= 1
+
+
+def shown(capsys, fractions):
+    with Progress("working", shown=True) as bar:
+        bar._bar.mininterval = 0
+        for fraction in fractions:
+            bar(fraction, "deblurring")
+    err = capsys.readouterr().err
+    return err, [int(found) for found in re.findall(r"(\d+)%", err)]
+
+
+def test_the_bar_tells_what_and_how_far(capsys):
+    err, percent = shown(capsys, [0.1, 0.5, 1.0])
+    assert {10, 50, 100} <= set(percent)
+    assert "deblurring" in err
+    assert "left" in err
+
+
+def test_the_bar_never_runs_backwards_nor_past_the_end(capsys):
+    _, percent = shown(capsys, [0.5, 0.2, 0.6, 7.0, float("nan")])
+    assert percent == sorted(percent)
+    assert percent[-1] == 100
+
+
+def test_the_bar_vanishes(capsys):
+    err, _ = shown(capsys, [0.5])
+    assert err.split("\r")[-1].strip() == ""
+
+
+def test_the_bar_is_closed_by_an_exception(capsys):
+    with pytest.raises(KeyboardInterrupt), Progress("working", shown=True) as bar:
+        raise KeyboardInterrupt
+    assert bar._bar is None
+    assert capsys.readouterr().err.split("\r")[-1].strip() == ""
