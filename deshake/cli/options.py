@@ -25,6 +25,7 @@ __all__ = [
     "FILE",
     "blur_options",
     "camera_option",
+    "estimate_options",
     "focal_options",
     "general_options",
     "iterations_option",
@@ -44,13 +45,8 @@ FILE = click.Path(path_type=Path)
 """A path as it was typed; "-" is stdin or stdout where a command says so."""
 
 _FOCAL_SOURCES = ("focal_px", "focal_35mm", "camera")
-_THREAD_LIMITS = (
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "OPENCV_FOR_THREADS_NUM",
-)
-"""What the libraries read when they are imported, which is after the options are."""
+_OPENCV_THREADS = "OPENCV_FOR_THREADS_NUM"
+"""What OpenCV reads when it is imported, which is after the options are."""
 
 
 def _set_verbosity(ctx: click.Context, param: click.Parameter, value: int) -> None:
@@ -64,7 +60,7 @@ def _set_threads(ctx: click.Context, param: click.Parameter, value: int | None) 
     context = ctx.ensure_object(Context)
     if value is not None and _counts(ctx, param):
         context.threads = value
-        os.environ.update(dict.fromkeys(_THREAD_LIMITS, str(value)))
+        os.environ[_OPENCV_THREADS] = str(value)
 
 
 def _set_progress(ctx: click.Context, param: click.Parameter, value: bool | None) -> None:
@@ -222,3 +218,17 @@ uniform_option = click.option(
     is_flag=True,
     help="Take the blur to be the same all over the frame, as if the camera only shifted.",
 )
+
+
+def estimate_options(command: F) -> F:
+    """Add all that a blind estimate goes by; the names are those of `EstimateOptions`."""
+    for option in (
+        transfer_option,
+        uniform_option,
+        region_option,
+        blur_options,
+        focal_options,
+        camera_option,
+    ):
+        command = option(command)
+    return command

@@ -23,20 +23,21 @@ from deshake.estimation.variational import Posterior, VariationalModel, start
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
 from deshake.geometry.rotations import grid_steps
-from deshake.operators.filter_flow import FilterFlow, reach
+from deshake.operators.filter_flow import FilterFlow
 from deshake.operators.shake_blur import observation_mask
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["DEFAULT_BLUR_SHARE", "BlindEstimate", "ScaleReport", "blur_bound", "estimate_blind"]
+__all__ = ["BLUR_SHARES", "BlindEstimate", "ScaleReport", "blur_bound", "estimate_blind"]
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-DEFAULT_BLUR_SHARE = 0.05
-"""Bound of the blur where none is given, in longer sides of the photo."""
+BLUR_SHARES = (0.015, 0.025, 0.04, 0.06, 0.1)
+"""Bounds of the blur that are tried where none is given, in longer sides of the photo."""
 
+_TRIAL_SIDE = 200  # px, longer side of the scale at which a bound is found too small
 _LONGEST_SIDE = 640  # px, of the finest working resolution
 _ENOUGH_BLUR = 22.0  # px: a blur this wide is fine enough, no larger scale is worked on
 _SMALLEST_PHOTO = 48  # px, shorter side
@@ -44,18 +45,21 @@ _CONTRAST = 30.0  # rms gradient, of 0..256, that the photo is scaled to at 100 
 _CONTRAST_SIDE = 100  # px
 _LEAST_CONTRAST = 0.02  # of 0..256 at 100 px: below it there is nothing to go by
 _LEAST_OBSERVED = 0.05  # share of the pixels
+_NOISY = 0.3  # of 0..256, in the contrast of the priors: photos above it are smoothed first
+_SMOOTHING_PX = 1.0
 _ITERATIONS = 12
 _CUT = 0.05  # weights below this share of the largest are noise, between scales and at the end
 _PRUNE = 0.004  # weights below this share of the largest are given up within a scale
 _PRUNE_GAIN = 0.85
 _HOPS = (24, 16)  # patch distance at the finest scale and at the coarser ones, px
 _TOUCHING = 0.02  # share of the weight on the faces of the box that calls for a larger one
+_CLOSE = 0.005  # the same at a coarse scale, where a larger one costs little
 _STILL_PX = 1.5  # an extent below it at the working scale is no shake
 
 
 @dataclass(frozen=True)
 class ScaleReport:
-    """How one scale ended."""
+    """How one scale ended: its size, rotations left, noise (of 0..256) and C_KL per gradient."""
 
     height: int
     width: int
@@ -73,8 +77,8 @@ class BlindEstimate:
     kernel : RotationKernel
         The kernel, for the camera of the whole photo.
     confidence : float
-        Agreement of the last two scales, 0..1: the cosine between their kernels. It is not
-        calibrated against known truth.
+        Agreement of the last two scales, 0..1: the cosine between their kernels, less the weight
+        that lies on the bounds. It is not calibrated against known truth.
     notes : list of str
         What the user should know, in plain words.
     scales : list of ScaleReport
@@ -88,26 +92,12 @@ class BlindEstimate:
     scales: list[ScaleReport]
 
 
-def blur_bound(
-    camera: Camera, *, blur_px: float | None = None, max_angle: float | None = None
-) -> float:
-    """Bound of the blur in pixels of the photo, from a size, an angle or the default.
+def blur_bound(camera: Camera, max_angle: float) -> float:
+    """Bound of the blur, in pixels of the photo, of turns by at most `max_angle` radians.
 
-    Parameters
-    ----------
-    camera : Camera
-        The camera of the photo.
-    blur_px : float, optional
-        Largest blur in pixels.
-    max_angle : float, optional
-        Largest turn about any axis during the exposure, in radians.
-
+    The angle is the largest from one end of the shake to the other, about any axis.
     """
-    if blur_px is not None:
-        return blur_px
-    if max_angle is not None:
-        return float((max_angle / grid_steps(camera)).max())
-    return DEFAULT_BLUR_SHARE * max(camera.shape)
+    return float((max_angle / grid_steps(camera)).max())
 
 
 def estimate_blind(  # noqa: PLR0913
@@ -132,7 +122,8 @@ def estimate_blind(  # noqa: PLR0913
     clipped : (h, w) array of bool, optional
         Pixels that are not to be believed.
     blur_px : float, optional
-        Bound of the blur in pixels of the photo; by default 5 % of its longer side.
+        Bound of the blur in pixels of the photo. By default the smallest of `BLUR_SHARES` that
+        the kernel fits into.
     region : (x, y, width, height), optional
         The part of the photo to go by; by default all of it.
     uniform : bool
@@ -154,19 +145,23 @@ def estimate_blind(  # noqa: PLR0913
     """
     height, width = grey.shape
     whole = Camera.uniform(height, width) if uniform else camera
-    bound = blur_px if blur_px is not None else blur_bound(camera)
     x, y, w, h = (0, 0, width, height) if region is None else region
     picture, bad = grey[y : y + h, x : x + w], np.zeros((h, w), bool)
     if clipped is not None:
         bad = clipped[y : y + h, x : x + w]
-    _check_size(h, w, bound)
+    bounds = [share * max(w, h) for share in BLUR_SHARES] if blur_px is None else [blur_px]
+    bounds = [b for b in bounds if b <= min(w, h) / 2] or bounds[:1]
+    _check_size(h, w, bounds[0])
     axes = (True, True, False) if uniform else ALL_AXES
     scale = min(1.0, _LONGEST_SIDE / max(h, w))
     shape = round(h * scale), round(w * scale)
-    plan = PyramidPlan(whole.cropped(x, y, w, h).scaled(*shape), bound * scale, axes)
-    finest = resize(_scaled_contrast(picture)[None], shape)[0]
-    usable = resize(1 - bad.astype(np.float32)[None], shape)[0]
-    scales = _Scales(plan, _gradients(finest), usable > 1 - 1e-3, threads, progress)
+    gradients = _gradients(_without_noise(resize(_scaled_contrast(picture)[None], shape)[0]))
+    usable = resize(1 - bad.astype(np.float32)[None], shape)[0] > 1 - 1e-3
+    for trial, bound in enumerate(bounds):
+        plan = PyramidPlan(whole.cropped(x, y, w, h).scaled(*shape), bound * scale, axes)
+        scales = _Scales(plan, gradients, usable, threads, progress)
+        if trial == len(bounds) - 1 or scales.fits():
+            break
     kernel, confidence = scales.run()
     notes = scales.notes
     final = RotationKernel(kernel.theta, kernel.weights, kernel.steps, whole).centred()
@@ -189,40 +184,77 @@ class _Scales:
         self.usable = usable
         self.threads = threads
         self.progress = progress or (lambda _share, _text: None)
+        self.levels = plan.levels()
+        costs = np.array([lev.camera.height * lev.camera.width + 20000 for lev in self.levels])
+        self.shares = costs / costs.sum()
         self.reports: list[ScaleReport] = []
         self.notes: list[str] = []
-        self.done = 0.0
+        self.before: RotationKernel | None = None
+        self.kernel: RotationKernel | None = None
+        self.latent: Image | None = None
+
+    def fits(self) -> bool:
+        """Work through the coarse scales; tell whether the kernel keeps off its bounds."""
+        while self._goes_on():
+            self._step()
+            if max(self.levels[len(self.reports) - 1].camera.shape) >= _TRIAL_SIDE:
+                break
+        return self._outermost() <= _CLOSE
 
     def run(self) -> tuple[RotationKernel, float]:
-        """Work through the scales; return the last kernel and how the last two agree."""
-        levels = self.plan.levels()
-        costs = np.array([level.camera.height * level.camera.width + 20000 for level in levels])
-        shares = costs / costs.sum()
-        kernel: RotationKernel | None = None
-        before: RotationKernel | None = None
-        latent = level_before = None
-        for number, level in enumerate(levels):
-            name = f"scale {number + 1} of {len(levels)}"
-            if kernel is None or latent is None or level_before is None:
-                active, f = first_kernel(level), resize(self.gradients, level.camera.shape)
-            else:
-                if kernel.extent_px() * np.sqrt(2) > _ENOUGH_BLUR:
-                    break
-                active, offset = next_kernel(kernel, level, self.plan.axes, cut=_CUT)
-                turned = turn(latent, level_before.camera, -offset * level_before.steps)
-                f = resize(turned, level.camera.shape)
-            before = kernel
-            kernel, latent = self._estimate(level, active, f, name, float(shares[number]))
-            level_before = level
-            self.done += float(shares[number])
+        """Work through the scales left; return the last kernel and how far to trust it."""
+        while self._goes_on():
+            self._step()
         self.progress(1.0, "kernel estimated")
-        assert kernel is not None  # noqa: S101 - there is at least one level
-        self._judge(kernel, level_before)
-        kept = kernel.above(_CUT)
-        return kept, 0.0 if before is None else _agreement(before.above(_CUT), kept)
+        assert self.kernel is not None  # noqa: S101 - there is at least one level
+        kept = self.kernel.above(_CUT)
+        if kept.extent_px() < _STILL_PX:
+            self.notes.append("no shake was found: the kernel is a single point")
+        outermost = self._outermost()
+        if outermost > _TOUCHING:
+            self.notes.append("the kernel touches its bounds: try a larger --blur-size")
+        if self.before is None:
+            return kept, 0.0
+        return kept, _agreement(self.before.above(_CUT), kept) * (1 - outermost)
+
+    def _goes_on(self) -> bool:
+        """Whether there is a finer scale, and the blur is not wide enough yet."""
+        if len(self.reports) == len(self.levels):
+            return False
+        return self.kernel is None or self.kernel.extent_px() * np.sqrt(2) <= _ENOUGH_BLUR
+
+    def _step(self) -> None:
+        """Estimate at the next scale."""
+        number = len(self.reports)
+        level = self.levels[number]
+        if self.kernel is None or self.latent is None:
+            active, f = first_kernel(level), resize(self.gradients, level.camera.shape)
+        else:
+            coarser = self.levels[number - 1]
+            active, offset = next_kernel(self.kernel, level, self.plan.axes, cut=_CUT)
+            turned = turn(self.latent, coarser.camera, -offset * coarser.steps)
+            f = resize(turned, level.camera.shape)
+        name = f"scale {number + 1} of {len(self.levels)}"
+        self.before = self.kernel
+        done, share = float(self.shares[:number].sum()), float(self.shares[number])
+        self.kernel, self.latent = self._estimate(
+            level, active, f, lambda part: self.progress(done + share * part, name)
+        )
+
+    def _outermost(self) -> float:
+        """Share of the weight on the faces of the box."""
+        if self.kernel is None:
+            return 0.0
+        half = self.levels[len(self.reports) - 1].half
+        faces = np.any((np.abs(self.kernel.indices) >= half) & (half > 0), 1)
+        return float(self.kernel.weights[faces].sum())
 
     def _estimate(
-        self, level: Level, active: RotationKernel, f: Image, name: str, share: float
+        self,
+        level: Level,
+        active: RotationKernel,
+        f: Image,
+        advance: Callable[[float], None],
     ) -> tuple[RotationKernel, Image]:
         """Infer kernel and gradients at one scale."""
         g = resize(self.gradients, level.camera.shape)
@@ -233,7 +265,7 @@ class _Scales:
         rounds = _ITERATIONS + (0 if self.reports else 2)
         energy = np.inf
         for i in range(rounds):
-            self.progress(self.done + share * i / rounds, name)
+            advance(i / rounds)
             if i > 0:
                 q = model.update_latent(q)
             problem = model.kernel_problem(q)
@@ -247,7 +279,7 @@ class _Scales:
                     model = self._model(level, theta, g, mask)
         total = float(q.w.sum())
         noise = float(q.beta**-0.5)
-        self.reports.append(ScaleReport(*level.camera.shape, len(theta), noise, energy))
+        self.reports.append(ScaleReport(*level.camera.shape, len(theta), noise, energy / model.count))
         return RotationKernel(theta, q.w / total, level.steps, level.camera), q.f * np.float32(total)
 
     def _model(
@@ -257,31 +289,26 @@ class _Scales:
         flow = FilterFlow(
             level.camera, theta, margin=0, hop=hop, channels=len(g), threads=self.threads
         )
-        return VariationalModel(flow, g, mask, priors.gradients(level.index))
+        return VariationalModel(
+            flow,
+            g,
+            mask,
+            priors.gradients(level.index),
+            roll_rate=priors.ROLL_RATE,
+            roll_step=level.steps[2],
+        )
 
     def _mask(self, level: Level, active: RotationKernel) -> Image:
         """Observed pixels: they saw only the frame, and no clipped pixel is near."""
         mask = observation_mask(level.camera, active.theta)
         if not self.usable.all():
             usable = resize(self.usable.astype(np.float32)[None], level.camera.shape)[0] > 1 - 1e-3
-            around = reach(level.camera, active.theta)
-            box = np.ones((2 * around + 1, 2 * around + 1), np.uint8)
-            mask *= cv2.erode(usable.astype(np.uint8), box, borderValue=1)
+            # a difference needs both its pixels; further away the linear model holds
+            mask *= cv2.erode(usable.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1)
         if mask.mean() < _LEAST_OBSERVED:
             msg = "too few pixels are left that are neither clipped nor near the border"
             raise EstimationError(msg, hint="give a smaller --blur-size, or another --region")
         return mask
-
-    def _judge(self, kernel: RotationKernel, level: Level | None) -> None:
-        """Note what the user should know of the kernel."""
-        if kernel.above(_CUT).extent_px() < _STILL_PX:
-            self.notes.append("no shake was found: the kernel is a single point")
-        if level is None:
-            return
-        index = np.abs(kernel.indices)
-        faces = np.any((index >= level.half) & (level.half > 0), 1)
-        if kernel.weights[faces].sum() > _TOUCHING:
-            self.notes.append("the kernel touches its bounds: try a larger --blur-size")
 
 
 def _check_size(height: int, width: int, bound: float) -> None:
@@ -307,6 +334,19 @@ def _scaled_contrast(grey: Image) -> Image:
         raise EstimationError(msg, hint="the photo is all of one colour, or nearly so")
     scaled: Image = grey * np.float32(priors.INTENSITY_RANGE * _CONTRAST / contrast)
     return scaled
+
+
+def _without_noise(image: Image) -> Image:
+    """Smooth a noisy photo a little: the noise of differences puts a spike into the kernel.
+
+    The noise is told by the median of the photo's second differences across 2 x 2 pixels.
+    """
+    across = image[1:, 1:] - image[1:, :-1] - image[:-1, 1:] + image[:-1, :-1]
+    noise = float(np.median(np.abs(across))) / 2 / 0.6745
+    if noise < _NOISY:
+        return image
+    smooth: Image = cv2.GaussianBlur(image, (0, 0), _SMOOTHING_PX).astype(np.float32)
+    return smooth
 
 
 def _gradients(image: Image) -> Image:

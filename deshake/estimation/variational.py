@@ -180,15 +180,30 @@ class VariationalModel:
         Observed pixels m: 1 where the rotational model explains the gradient fully.
     prior : GaussianMixture
         Prior of the sharp gradients at this scale.
+    roll_rate : float
+        Rate of the kernel prior's factor ``exp(-roll_rate N |theta_Z| / step w)``, in nats per
+        observed gradient and grid step of `roll_step`.
+    roll_step : float
+        Grid spacing about Z in radians.
 
     """
 
-    def __init__(self, flow: FilterFlow, g: Image, mask: Image, prior: GaussianMixture) -> None:
+    def __init__(
+        self,
+        flow: FilterFlow,
+        g: Image,
+        mask: Image,
+        prior: GaussianMixture,
+        *,
+        roll_rate: float = 0.0,
+        roll_step: float = 1.0,
+    ) -> None:
         self.flow = flow
         self.g = g * mask
         self.mask = mask
         self.prior = prior
         self.count = len(g) * float(mask.sum(dtype=np.float64))
+        self.roll = roll_rate * self.count * np.abs(flow.theta[:, 2]) / roll_step
 
     def update_latent(self, q: Posterior, *, iterations: int = 5) -> Posterior:
         """Update q(f): precisions exactly, means by preconditioned conjugate gradients.
@@ -232,7 +247,8 @@ class VariationalModel:
     ) -> Posterior:
         """Update q(w) by Gauss-Seidel sweeps, each weight's factor exactly in turn.
 
-        ``x2_k = beta G_kk`` and ``x1_k = beta (h_k - sum_{l != k} G_kl W_l) - R_k``. The Gram
+        ``x2_k = beta G_kk`` and ``x1_k = beta (h_k - sum_{l != k} G_kl W_l) - R_k``, where R_k
+        counts the rate of the roll's prior too. The Gram
         matrix is approximate, the gradient is not: ``h = B^T r + B^T B W``.
         """
         residual = np.moveaxis(self._residual(q), 0, -1)
@@ -244,6 +260,7 @@ class VariationalModel:
         product = gram @ w
         for _ in range(sweeps):
             rate, rho, _ = weight_rate(w, ExponentialMixture(rho, KERNEL_PRIOR.rate))
+            rate += self.roll
             for k in range(len(w)):
                 x2 = q.beta * diagonal[k]
                 x1 = q.beta * (h[k] - product[k] + diagonal[k] * w[k]) - rate[k]
@@ -289,6 +306,7 @@ class VariationalModel:
             + prior_f
             + float(q.w_entropy.sum())
             + prior_w
+            + float(self.roll @ q.w)
         )
 
     def _residual(self, q: Posterior) -> Image:

@@ -7,9 +7,12 @@ Pixel centres lie at integer coordinates, so a frame of W by H pixels covers
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 __all__ = ["UNIFORM_FOCAL_FACTOR", "Camera"]
 
@@ -44,6 +47,7 @@ class Camera:
     width: int
 
     def __post_init__(self) -> None:
+        """Check the fields and make them read-only."""
         matrix = np.array(self.matrix, np.float64)
         if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
             msg = "a camera matrix has 3 x 3 finite entries"

@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from deshake.geometry.rotations import compose, displacements, grid_steps, homographies
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
     from deshake.geometry.camera import Camera
 
 __all__ = ["ALL_AXES", "RotationKernel"]
@@ -49,10 +50,11 @@ class RotationKernel:
     camera: Camera
 
     def __post_init__(self) -> None:
+        """Check the fields and make them read-only."""
         theta = np.array(self.theta, np.float64)
         weights = np.array(self.weights, np.float64)
         steps = np.array(self.steps, np.float64)
-        if theta.ndim != 2 or theta.shape[1] != 3 or weights.shape != theta.shape[:1]:  # noqa: PLR2004
+        if theta.ndim != 2 or theta.shape[1] != 3 or weights.shape != theta.shape[:1]:
             msg = f"rotations of shape {theta.shape} do not fit weights of shape {weights.shape}"
             raise ValueError(msg)
         if len(weights) == 0:
@@ -119,7 +121,12 @@ class RotationKernel:
 
         """
         nodes = np.asarray(path, np.float64)
-        if nodes.ndim != 2 or nodes.shape[1] != 3 or len(nodes) == 0 or not np.isfinite(nodes).all():  # noqa: PLR2004, E501
+        if (
+            nodes.ndim != 2
+            or nodes.shape[1] != 3
+            or len(nodes) == 0
+            or not np.isfinite(nodes).all()
+        ):
             msg = "a camera path is a (T, 3) array of finite angles"
             raise ValueError(msg)
         grid = grid_steps(camera) if steps is None else np.asarray(steps, np.float64)
@@ -203,9 +210,11 @@ class RotationKernel:
 
     def dilated(self, axes: tuple[bool, bool, bool] = ALL_AXES) -> RotationKernel:
         """Return the kernel with zero weights at all 3 x 3 x 3 neighbours of its rotations."""
-        offsets = np.array(
-            np.meshgrid(*[(-1, 0, 1) if axis else (0,) for axis in axes], indexing="ij")
-        ).reshape(3, -1).T
+        offsets = (
+            np.array(np.meshgrid(*[(-1, 0, 1) if axis else (0,) for axis in axes], indexing="ij"))
+            .reshape(3, -1)
+            .T
+        )
         around = (self.indices[:, None] + offsets).reshape(-1, 3)
         weights = np.where(np.all(offsets == 0, 1), self.weights[:, None], 0.0).ravel()
         return RotationKernel.from_indices(around, weights, self.steps, self.camera)
@@ -233,7 +242,9 @@ def _merge(
     shifted = indices + _KEY_RANGE // 2
     keys = (shifted[:, 0] * _KEY_RANGE + shifted[:, 1]) * _KEY_RANGE + shifted[:, 2]
     _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
-    return indices[first], np.bincount(inverse.ravel(), weights)
+    summed = np.zeros(len(first))
+    np.add.at(summed, inverse.ravel(), weights)
+    return indices[first], summed
 
 
 def _splat(

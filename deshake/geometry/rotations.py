@@ -9,9 +9,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
     from deshake.geometry.camera import Camera
 
 __all__ = [
@@ -69,7 +70,7 @@ def angle_axis(rotation: ArrayLike) -> NDArray[np.float64]:
     sine = np.linalg.norm(axis, axis=-1) / 2
     cosine = (np.trace(rotation, axis1=-2, axis2=-1) - 1) / 2
     angle = np.arctan2(sine, cosine)
-    small = sine < _SMALL_ANGLE
+    small = angle < _SMALL_ANGLE
     factor = np.where(small, 0.5 + angle**2 / 12, angle / (2 * np.where(small, 1.0, sine)))
     vector: NDArray[np.float64] = axis * factor[..., None]
     return vector
@@ -96,9 +97,7 @@ def homographies(camera: Camera, theta: ArrayLike) -> NDArray[np.float64]:
         Each takes a pixel of the blurred photo to the pixel of the sharp one that it saw.
 
     """
-    h: NDArray[np.float64] = (
-        camera.matrix @ rotation_matrices(theta) @ np.linalg.inv(camera.matrix)
-    )
+    h: NDArray[np.float64] = camera.matrix @ rotation_matrices(theta) @ np.linalg.inv(camera.matrix)
     return h
 
 
@@ -125,7 +124,7 @@ def displacements(h: ArrayLike, points: ArrayLike) -> NDArray[np.float64]:
 
 
 def grid_steps(camera: Camera, spacing_px: float = 1.0) -> NDArray[np.float64]:
-    """Steps of the rotation grid that move the edge of the frame by `spacing_px` (Sec. 7).
+    """Compute the rotation grid's steps, which move the frame's edge by `spacing_px` (Sec. 7).
 
     Returns
     -------

@@ -5,8 +5,8 @@ moves the patch by the displacement ``d_k(c_p)`` of its middle, with bilinear we
 windows fade from each patch's filter to the next one's. Hirsch, Schuler, Harmeling & Schoelkopf,
 "Fast removal of non-uniform camera shake", ICCV 2011, use the same for the rotational model.
 
-The cost does not depend on the number of rotations; the error against exact warps grows with the
-square of how far a rotation's displacement changes from patch to patch (`patch_hop`).
+The cost does not depend on the number of rotations; the error against exact warps grows with how
+far a rotation's displacement changes from patch to patch (`patch_hop`).
 """
 
 from __future__ import annotations
@@ -14,29 +14,29 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.sparse
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from deshake.geometry.rotations import displacements, homographies
-from deshake.operators.patches import (
-    LocalFilters,
-    PatchGrid,
-    Strip,
-    channels_first,
-    image_like,
-)
+from deshake.operators.gram import patch_grams
+from deshake.operators.local_filters import LocalFilters
+from deshake.operators.patches import PatchGrid
+from deshake.operators.planes import channels_first, check_size, image_like
 
 if TYPE_CHECKING:
-    from deshake.geometry.camera import Camera
+    from numpy.typing import ArrayLike
 
-__all__ = ["FilterFlow", "patch_hop", "reach"]
+    from deshake.geometry.camera import Camera
+    from deshake.operators.strips import Strip
+
+__all__ = ["FilterFlow", "checked_rotations", "checked_weights", "patch_hop", "reach"]
 
 Image = NDArray[np.float32]
 
 _TAPS_KEPT = 4_000_000  # bilinear taps of this many (patch, rotation) pairs are kept
-_HOP_RANGE = (16, 128)
+_HOP_RANGE = (12, 128)
 _BLOCK_LIMIT = 320  # larger FFT blocks fall out of the cache
-_FADE_PX = 2.2  # px that a displacement may change from a patch to the next
+_FADE = 0.072  # px that displacements may change from patch to patch, per root of the blur's px
+_PROBES = 5  # points of the frame, along each side, where that is measured
 
 
 def reach(camera: Camera, theta: ArrayLike) -> int:
@@ -46,21 +46,50 @@ def reach(camera: Camera, theta: ArrayLike) -> int:
 
 
 def patch_hop(camera: Camera, theta: ArrayLike) -> int:
-    """Distance from patch to patch that keeps the error at 1e-3 rms of the range.
+    """Distance from patch to patch that keeps the error below 1e-3 rms of the range.
 
-    The spread of the displacements' derivatives over the rotations (for a roll, its peak-to-peak
-    angle), times the hop, is how far a fade from patch to patch reaches.
+    Between two patches the filters of both are mixed: displacements that differ by delta blur the
+    picture as a second moment of up to delta^2 / 4 would. Its mean over the rotations and its
+    root mean square over the frame, which the Jacobian of the displacements tells, foretell the
+    error against exact warps; a wider blur leaves less detail to be hurt.
     """
     h = homographies(camera, theta)
-    corners = camera.corners
-    slope = 0.0
+    along = (np.arange(_PROBES) + 0.5) / _PROBES
+    x, y = np.meshgrid(along * camera.width - 0.5, along * camera.height - 0.5)
+    points = np.stack([x.ravel(), y.ravel()], 1)
+    here = displacements(h, points)
+    moment = np.zeros(len(points))
     for step in ((1.0, 0.0), (0.0, 1.0)):
-        change = displacements(h, corners + step) - displacements(h, corners)
-        slope = max(slope, float(np.ptp(change, axis=1).max()))
-    hop = _FADE_PX / max(slope, 1e-9)
+        moment += ((displacements(h, points + step) - here) ** 2).sum(-1).mean(-1)
+    slope = float(np.sqrt(np.sqrt((moment**2).mean())))
+    fade = _FADE * np.sqrt(max(np.ptp(here, axis=1).max(), 1.0))
+    hop = fade / max(slope, 1e-9)
     low, high = _HOP_RANGE
     fits = max((_BLOCK_LIMIT - 2 * reach(camera, theta)) // 2, 2 * low)
     return int(np.clip(hop, low, min(high, fits)))
+
+
+def checked_rotations(theta: ArrayLike) -> NDArray[np.float64]:
+    """Return rotations (K, 3) as float64; raise ValueError if they are something else."""
+    angles = np.asarray(theta, np.float64)
+    if (
+        angles.ndim != 2
+        or angles.shape[1] != 3
+        or len(angles) == 0
+        or not np.isfinite(angles).all()
+    ):
+        msg = f"rotations are (K, 3) finite angles, not {angles.shape}"
+        raise ValueError(msg)
+    return angles
+
+
+def checked_weights(w: ArrayLike, count: int) -> NDArray[np.float64]:
+    """Return weights (count,) as float64; raise ValueError if they are something else."""
+    weights = np.asarray(w, np.float64)
+    if weights.shape != (count,):
+        msg = f"weights of shape {weights.shape} do not fit {count} rotations"
+        raise ValueError(msg)
+    return weights
 
 
 class FilterFlow:
@@ -82,13 +111,19 @@ class FilterFlow:
     threads : int, optional
         Threads to use; by default all processors.
 
+    Raises
+    ------
+    ValueError
+        If the rotations are not (K, 3) finite angles; by the maps, if an image or the weights do
+        not fit.
+
     Notes
     -----
     Images are float32, (h, w) or (h, w, C) observed and (h + 2 margin, w + 2 margin[, C]) latent.
 
     """
 
-    def __init__(  # noqa: PLR0913
+    def __init__(
         self,
         camera: Camera,
         theta: ArrayLike,
@@ -99,7 +134,7 @@ class FilterFlow:
         threads: int | None = None,
     ) -> None:
         self.camera = camera
-        self.theta = np.asarray(theta, np.float64)
+        self.theta = checked_rotations(theta)
         self._h = homographies(camera, self.theta)
         radius = reach(camera, self.theta)
         self.margin = radius if margin is None else margin
@@ -131,8 +166,13 @@ class FilterFlow:
         power : int
             1 for A itself, 2 for the squares that the variational updates need.
 
+        Raises
+        ------
+        ValueError
+            If there is not one weight for each rotation.
+
         """
-        weights = np.asarray(w, np.float64)
+        weights = checked_weights(w, len(self.theta))
         used = np.flatnonzero(weights)
         n = self.grid.reach
 
@@ -157,7 +197,8 @@ class FilterFlow:
     def kernel_adjoint(self, f: Image, r: Image) -> NDArray[np.float64]:
         """Apply the transpose in the kernel: ``B^T r``, (K,), Eq. (9); channels are summed."""
         total = np.zeros(len(self.theta))
-        for _, part in self.grid.cross_correlations(channels_first(r), channels_first(f), self._gather):
+        parts = self.grid.cross_correlations(channels_first(r), channels_first(f), self._gather)
+        for _, part in parts:
             total += part
         return total
 
@@ -177,42 +218,38 @@ class FilterFlow:
         variance : (H, W[, C]) array, optional
             Variances of the latent pixels; then ``S_kl = sum_ij m_i C_ijk C_ijl var_j`` is added.
 
+        Raises
+        ------
+        ValueError
+            If an image has another size than it should.
+
         """
-        size = len(self.theta)
         seen = channels_first(f)
+        check_size(seen, self.camera.shape)
         if mask is not None:
             seen = seen * np.sqrt(mask)
         n = self.grid.reach
         local: dict[Strip, Image] = {}
         if variance is not None:
             ones = np.ones(self.camera.shape, np.float32) if mask is None else mask
-            local = dict(self.grid.cross_correlations(
-                np.broadcast_to(ones, (len(seen), *ones.shape)), channels_first(variance), _keep
-            ))
+            local = dict(
+                self.grid.cross_correlations(
+                    np.broadcast_to(ones, (len(seen), *ones.shape)), channels_first(variance), _keep
+                )
+            )
 
         def work(strip: Strip) -> NDArray[np.float64]:
-            total = np.zeros((size, size), np.float32)
             index, share = self.taps(strip)
             correlations = self.grid.autocorrelations(seen, strip)
-            middle = 2 * self.grid.radius
-            for p in range(strip.count):
-                place, inverse = np.unique(index[p], return_inverse=True)
-                y, x = np.divmod(place, n)
-                block = correlations[p][y - y[:, None] + middle, x - x[:, None] + middle]
-                if variance is not None:
-                    block[np.diag_indices(len(place))] += local[strip][p].ravel()[place]
-                taps = scipy.sparse.csr_array(
-                    (share[p].ravel(), inverse.ravel(), np.arange(0, 4 * size + 1, 4)),
-                    shape=(size, len(place)),
-                )
-                total += taps @ np.ascontiguousarray((taps @ block).T)
-            return total.astype(np.float64)
+            return patch_grams(*np.divmod(index, n), share, correlations, local.get(strip)).astype(
+                np.float64
+            )
 
-        gram = np.zeros((size, size))
+        gram = np.zeros((len(self.theta), len(self.theta)))
         for _, part in self.grid.map_strips(work):
             gram += part
-        symmetric: NDArray[np.float64] = (gram + gram.T) / 2
-        return symmetric
+        upper = np.triu(gram)
+        return upper + np.triu(upper, 1).T
 
     def taps(self, strip: Strip) -> tuple[NDArray[np.int32], Image]:
         """Bilinear taps of a strip's patches: places in the filter and shares, (count, K, 4)."""
@@ -230,13 +267,12 @@ class FilterFlow:
             self._taps[strip] = index, share
         return index, share
 
-    def _gather(self, strip: Strip, correlations: Image) -> Image:
+    def _gather(self, strip: Strip, correlations: Image) -> NDArray[np.float64]:
         """Read the correlations of a strip's patches where each rotation moves them, (K,)."""
         index, share = self.taps(strip)
-        flat = correlations.reshape(strip.count, -1).astype(np.float64)
         total = np.zeros(len(self.theta))
-        for p in range(strip.count):
-            total += (flat[p][index[p]] * share[p]).sum(-1)
+        for p, flat in enumerate(correlations.reshape(strip.count, -1)):
+            total += np.einsum("ka,ka->k", flat[index[p]], share[p])
         return total
 
 

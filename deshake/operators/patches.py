@@ -11,52 +11,42 @@ of every filter. With filters ``h_p(u)``, ``|u| <= r``, stored at indices 0 .. 2
 
 needs no shift. The latent image has a margin of m pixels on every side of the observed frame;
 what lies beyond is zero.
+
+Work is cut into strips, which the threads share, and these into batches that stay in the cache.
+Neither depends on the number of threads, so that results do not either.
 """
 
 from __future__ import annotations
 
-import os
-from collections import deque
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from deshake.operators.local_filters import LocalFilters
+from deshake.operators.planes import add_at, channels_first, check_size, image_like, window_of
+from deshake.operators.strips import Strip, available_threads, in_order
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-__all__ = ["LocalFilters", "PatchGrid", "Strip", "available_threads", "channels_first", "image_like"]
+__all__ = [
+    "LocalFilters",
+    "PatchGrid",
+    "Strip",
+    "available_threads",
+    "channels_first",
+    "image_like",
+]
 
 Image = NDArray[np.float32]
 T = TypeVar("T")
 Spectrum = NDArray[np.complex64]
 
-_STRIP_BYTES = 24 << 20  # the blocks of one strip fill at most this much memory
-_SPECTRA_BYTES = 1 << 30  # spectra are kept up to this size, and recomputed beyond it
-
-
-def available_threads() -> int:
-    """Return how many processors this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-@dataclass(frozen=True)
-class Strip:
-    """Neighbouring patches of one row: columns first .. last - 1 of row `row`."""
-
-    row: int
-    first: int
-    last: int
-
-    @property
-    def count(self) -> int:
-        """Number of patches."""
-        return self.last - self.first
+_STRIP_BYTES = 4 << 20  # the blocks of a strip, one channel, fill at most this much memory
+_BATCH_BYTES = 1 << 20  # the blocks that are transformed at once, all channels: they stay in cache
 
 
 class PatchGrid:
@@ -73,7 +63,7 @@ class PatchGrid:
     margin : int
         Pixels m by which the latent image is larger on every side.
     channels : int
-        Expected number of channels, for the size of the strips.
+        Expected number of channels, for the size of the batches.
     threads : int, optional
         How many strips are worked on at once; by default all processors.
 
@@ -101,13 +91,12 @@ class PatchGrid:
         self.threads = threads or available_threads()
         ramp = (1 - np.abs(np.arange(self.patch) + 0.5 - hop) / hop).astype(np.float32)
         self.window = np.outer(ramp, ramp)
-        fit = max(1, _STRIP_BYTES // (4 * channels * self.block * self.block))
-        parts = -(-self.columns // fit)
+        block_bytes = 4 * self.block * self.block
+        self.batch = max(1, _BATCH_BYTES // (channels * block_bytes))
+        parts = -(-self.columns // max(1, _STRIP_BYTES // block_bytes))
         bounds = np.linspace(0, self.columns, parts + 1).astype(int)
         self.strips = [
-            Strip(row, int(a), int(b))
-            for row in range(self.rows)
-            for a, b in zip(bounds[:-1], bounds[1:], strict=True)
+            Strip(row, int(a), int(b)) for row in range(self.rows) for a, b in pairwise(bounds)
         ]
 
     @property
@@ -127,85 +116,107 @@ class PatchGrid:
 
         The order makes sums over strips independent of the number of threads.
         """
-        if self.threads == 1 or len(self.strips) == 1:
-            for strip in self.strips:
-                yield strip, work(strip)
-            return
-        with ThreadPoolExecutor(self.threads) as pool:
-            waiting: deque[tuple[Strip, Future[T]]] = deque()
-            try:
-                for strip in self.strips:
-                    waiting.append((strip, pool.submit(work, strip)))
-                    if len(waiting) > 2 * self.threads:
-                        done, future = waiting.popleft()
-                        yield done, future.result()
-                while waiting:
-                    done, future = waiting.popleft()
-                    yield done, future.result()
-            finally:
-                for _, future in waiting:
-                    future.cancel()
+        return in_order(work, self.strips, self.threads)
+
+    def batches(self, strip: Strip) -> Iterator[slice]:
+        """Cut a strip into batches of patches that stay in the cache."""
+        for first in range(0, strip.count, self.batch):
+            yield slice(first, min(first + self.batch, strip.count))
 
     def blocks(self, latent: Image, strip: Strip) -> Image:
         """View the blocks (C, count, N, N) that a strip's patches see of a latent (C, H, W)."""
         origin = self._origin(strip, self.margin - self.radius)
         n = self.block
-        covered = _window_of(latent, *origin, n, n + (strip.count - 1) * self.hop)
+        covered = window_of(latent, *origin, n, n + (strip.count - 1) * self.hop)
         view = np.lib.stride_tricks.sliding_window_view(covered, n, axis=2)[:, :, :: self.hop]
         return np.moveaxis(view, 2, 1)
 
     def patches(self, observed: Image, strip: Strip, window: Image) -> Image:
-        """Cut windowed patches of an observed (C, h, w), zero-padded to (C, count, N, N)."""
+        """Cut windowed patches (C, count, 2s, 2s) of an observed (C, h, w)."""
         origin = self._origin(strip, 0)
         p = self.patch
-        covered = _window_of(observed, *origin, p, p + (strip.count - 1) * self.hop)
+        covered = window_of(observed, *origin, p, p + (strip.count - 1) * self.hop)
         view = np.lib.stride_tricks.sliding_window_view(covered, p, axis=2)[:, :, :: self.hop]
-        padded = np.zeros((len(observed), strip.count, self.block, self.block), np.float32)
-        np.multiply(np.moveaxis(view, 2, 1), window, out=padded[..., :p, :p])
-        return padded
+        windowed: Image = np.moveaxis(view, 2, 1) * window
+        return windowed
 
-    def overlap_add(self, pieces: Image) -> Image:
-        """Add up a strip's pieces (C, count, n, n) at every hop, (C, n, n + (count-1) hop)."""
+    def overlap_add(self, pieces: Image, out: Image | None = None, first: int = 0) -> Image:
+        """Add up pieces (C, count, n, n) at every hop, (C, n, n + (count - 1) hop).
+
+        With `out`, they are added to it, the leftmost as its piece number `first`.
+        """
         channels, count, high, wide = pieces.shape
-        out = np.zeros((channels, high, wide + (count - 1) * self.hop), np.float32)
+        if out is None:
+            out = np.zeros((channels, high, wide + (count - 1) * self.hop), np.float32)
         for j in range(count):
-            out[:, :, j * self.hop : j * self.hop + wide] += pieces[:, j]
+            left = (first + j) * self.hop
+            out[:, :, left : left + wide] += pieces[:, j]
         return out
 
     def add_observed(self, out: Image, strip: Strip, piece: Image) -> None:
         """Add a strip's patches, overlapped, to an observed image (C, h, w)."""
-        _add_at(out, *self._origin(strip, 0), piece)
+        add_at(out, *self._origin(strip, 0), piece)
 
     def add_latent(self, out: Image, strip: Strip, piece: Image) -> None:
         """Add a strip's blocks, overlapped, to a latent image (C, H, W)."""
-        _add_at(out, *self._origin(strip, self.margin - self.radius), piece)
+        add_at(out, *self._origin(strip, self.margin - self.radius), piece)
 
-    def rfft(self, blocks: Image) -> Spectrum:
-        """Transform blocks (..., N, N) to their spectra."""
-        spectrum: Spectrum = scipy.fft.rfft2(blocks, workers=1)
-        return spectrum
+    def rfft(self, blocks: Image, *, conjugate: bool = False) -> Spectrum:
+        """Transform blocks (..., n, n), zero-padded to N x N, to their (conjugate) spectra."""
+        n = self.block
+        spectra: Spectrum
+        if conjugate:  # transforms of the other sign: cheaper than to conjugate afterwards
+            rows = scipy.fft.ihfft(blocks, n, norm="forward", workers=1)
+            spectra = scipy.fft.ifft(rows, n, axis=-2, norm="forward", overwrite_x=True, workers=1)
+        else:
+            rows = scipy.fft.rfft(blocks, n, workers=1)
+            spectra = scipy.fft.fft(rows, n, axis=-2, overwrite_x=True, workers=1)
+        return spectra
 
-    def irfft(self, spectra: Spectrum) -> Image:
-        """Transform spectra, which may be overwritten, back to blocks (..., N, N)."""
-        blocks: Image = scipy.fft.irfft2(
-            spectra, (self.block, self.block), workers=1, overwrite_x=True
-        )
-        return blocks
+    def irfft(
+        self, spectra: Spectrum, size: int | None = None, *, conjugate: bool = False
+    ) -> Image:
+        """Transform (conjugate) spectra, which are overwritten, back to blocks (..., N, N).
+
+        With `size`, only the first rows and columns (..., size, size) are worked out.
+        """
+        n = self.block if size is None else size
+        blocks: Image
+        if conjugate:
+            spectra = scipy.fft.fft(spectra, axis=-2, norm="forward", overwrite_x=True, workers=1)
+            blocks = scipy.fft.hfft(spectra[..., :n, :], self.block, norm="forward", workers=1)
+        else:
+            spectra = scipy.fft.ifft(spectra, axis=-2, overwrite_x=True, workers=1)
+            blocks = scipy.fft.irfft(spectra[..., :n, :], self.block, workers=1)
+        return blocks[..., :n]
 
     def cross_correlations(
-        self, observed: Image, latent: Image, reduce: Callable[[Strip, Image], Image]
-    ) -> Iterable[tuple[Strip, Image]]:
+        self, observed: Image, latent: Image, reduce: Callable[[Strip, Image], T]
+    ) -> Iterable[tuple[Strip, T]]:
         """Correlate observed and latent images patch by patch.
 
         ``cc_p(u) = sum_c sum_i win_p(i) observed_c(i) latent_c(i + u)`` for ``|u| <= r``; `reduce`
         takes a strip and its (count, 2r+1, 2r+1) correlations to what is yielded.
-        """
 
-        def work(strip: Strip) -> Image:
-            left = self.rfft(self.patches(observed, strip, self.window))
-            right = self.rfft(self.blocks(latent, strip))
-            summed = np.einsum("cpij,cpij->pij", np.conj(left), right)
-            return reduce(strip, self.irfft(summed)[:, : self.reach, : self.reach])
+        Raises
+        ------
+        ValueError
+            If an image has another size than the grid's.
+
+        """
+        check_size(observed, self.shape)
+        check_size(latent, self.latent_shape)
+
+        def work(strip: Strip) -> T:
+            out = np.empty((strip.count, self.reach, self.reach), np.float32)
+            for batch in self.batches(strip):
+                part = strip.part(batch.start, batch.stop)
+                product = self.rfft(self.patches(observed, part, self.window), conjugate=True)
+                product *= self.rfft(self.blocks(latent, part))
+                for more in product[1:]:
+                    product[0] += more
+                out[batch] = self.irfft(product[0], self.reach)
+            return reduce(strip, out)
 
         return self.map_strips(work)
 
@@ -224,96 +235,3 @@ class PatchGrid:
     def _origin(self, strip: Strip, offset: int) -> tuple[int, int]:
         """Row and column where a strip begins, plus an offset."""
         return (strip.row - 1) * self.hop + offset, (strip.first - 1) * self.hop + offset
-
-
-class LocalFilters:
-    """One filter per patch: the linear operator and its adjoint.
-
-    Parameters
-    ----------
-    grid : PatchGrid
-        The patches.
-    filters : callable
-        Takes a strip to its filters (count, 2r+1, 2r+1); called again whenever they are needed,
-        unless all spectra fit into 1 GiB and are kept.
-
-    """
-
-    def __init__(self, grid: PatchGrid, filters: Callable[[Strip], Image]) -> None:
-        self.grid = grid
-        self.filters = filters
-        size = 8 * grid.rows * grid.columns * grid.block * (grid.block // 2 + 1)
-        self._kept: dict[Strip, Spectrum] | None = {} if size <= _SPECTRA_BYTES else None
-
-    def spectra(self, strip: Strip) -> Spectrum:
-        """Return the spectra (count, N, N // 2 + 1) of a strip's filters."""
-        if self._kept is not None and strip in self._kept:
-            return self._kept[strip]
-        grid = self.grid
-        padded = np.zeros((strip.count, grid.block, grid.block), np.float32)
-        padded[:, : grid.reach, : grid.reach] = self.filters(strip)
-        spectra = grid.rfft(padded)
-        if self._kept is not None:
-            self._kept[strip] = spectra
-        return spectra
-
-    def forward(self, latent: Image) -> Image:
-        """Filter a latent image (C, H, W) to an observed one (C, h, w)."""
-        grid = self.grid
-
-        def work(strip: Strip) -> Image:
-            spectra = grid.rfft(grid.blocks(latent, strip))
-            spectra *= np.conj(self.spectra(strip))
-            pieces = grid.irfft(spectra)[..., : grid.patch, : grid.patch]
-            pieces *= grid.window
-            return grid.overlap_add(pieces)
-
-        out = np.zeros((len(latent), *grid.shape), np.float32)
-        for strip, piece in grid.map_strips(work):
-            grid.add_observed(out, strip, piece)
-        return out
-
-    def adjoint(self, observed: Image) -> Image:
-        """Apply the transpose of `forward` to an observed image (C, h, w), giving (C, H, W)."""
-        grid = self.grid
-
-        def work(strip: Strip) -> Image:
-            spectra = grid.rfft(grid.patches(observed, strip, grid.window))
-            spectra *= self.spectra(strip)
-            return grid.overlap_add(grid.irfft(spectra))
-
-        out = np.zeros((len(observed), *grid.latent_shape), np.float32)
-        for strip, piece in grid.map_strips(work):
-            grid.add_latent(out, strip, piece)
-        return out
-
-
-def channels_first(image: Image) -> Image:
-    """View an image (h, w) or (h, w, C) as (C, h, w)."""
-    return image[None] if image.ndim == 2 else np.moveaxis(image, -1, 0)  # noqa: PLR2004
-
-
-def image_like(channels: Image, image: Image) -> Image:
-    """View (C, h, w) as an image with as many dimensions as another."""
-    return channels[0] if image.ndim == 2 else np.moveaxis(channels, 0, -1)  # noqa: PLR2004
-
-
-def _window_of(image: Image, top: int, left: int, height: int, width: int) -> Image:
-    """Cut a window out of (C, H, W), zero where it reaches beyond the image."""
-    y0, y1 = max(top, 0), min(top + height, image.shape[1])
-    x0, x1 = max(left, 0), min(left + width, image.shape[2])
-    if (y0, y1, x0, x1) == (top, top + height, left, left + width):
-        return image[:, y0:y1, x0:x1]
-    out = np.zeros((len(image), height, width), np.float32)
-    if y1 > y0 and x1 > x0:
-        out[:, y0 - top : y1 - top, x0 - left : x1 - left] = image[:, y0:y1, x0:x1]
-    return out
-
-
-def _add_at(image: Image, top: int, left: int, piece: Image) -> None:
-    """Add a piece to (C, H, W) at a place, dropping what reaches beyond the image."""
-    _, height, width = piece.shape
-    y0, y1 = max(top, 0), min(top + height, image.shape[1])
-    x0, x1 = max(left, 0), min(left + width, image.shape[2])
-    if y1 > y0 and x1 > x0:
-        image[:, y0:y1, x0:x1] += piece[:, y0 - top : y1 - top, x0 - left : x1 - left]

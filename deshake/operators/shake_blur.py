@@ -11,14 +11,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from deshake.geometry.rotations import displacements, homographies
 from deshake.operators.filter_flow import FilterFlow
-from deshake.operators.patches import channels_first, image_like
+from deshake.operators.planes import channels_first, image_like
 from deshake.operators.warps import Warps
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import ArrayLike
+
     from deshake.geometry.camera import Camera
     from deshake.geometry.kernel import RotationKernel
 
@@ -39,16 +43,16 @@ class RotationModel(Protocol):
         """Height and width of latent images in pixels."""
 
     def blur(self, f: Image, w: ArrayLike) -> Image:
-        """``A f = B w``."""
+        """Blur: ``A f = B w``."""
 
     def adjoint(self, g: Image, w: ArrayLike) -> Image:
-        """``A^T g``."""
+        """Apply ``A^T`` to an observed image."""
 
     def kernel_adjoint(self, f: Image, r: Image) -> NDArray[np.float64]:
-        """``B^T r``."""
+        """Apply ``B^T`` to a residual."""
 
     def gram(self, f: Image, mask: Image | None = None) -> NDArray[np.float64]:
-        """``B^T M B``."""
+        """Compute ``B^T M B``."""
 
 
 class ShakeBlur:
@@ -72,7 +76,7 @@ class ShakeBlur:
 
     """
 
-    def __init__(  # noqa: PLR0913
+    def __init__(
         self,
         kernel: RotationKernel,
         *,
@@ -82,6 +86,8 @@ class ShakeBlur:
         channels: int = 1,
         threads: int | None = None,
     ) -> None:
+        self._forward: Callable[[Image], Image]
+        self._adjoint: Callable[[Image], Image]
         used = kernel.weights > 0
         theta, weights = kernel.theta[used], kernel.weights[used]
         self.kernel = kernel

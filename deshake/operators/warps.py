@@ -13,13 +13,16 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from deshake.geometry.rotations import homographies
-from deshake.operators.filter_flow import reach
+from deshake.operators.filter_flow import checked_rotations, checked_weights, reach
+from deshake.operators.planes import channels_first, check_size
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from numpy.typing import ArrayLike
 
     from deshake.geometry.camera import Camera
 
@@ -27,7 +30,8 @@ __all__ = ["Warps"]
 
 Image = NDArray[np.float32]
 
-_TILE = 512
+_TILE = 256
+_EXACT_CHANNELS = (3, 4)  # OpenCV interpolates these and grey exactly, others at 1/32 px
 
 
 @dataclass(frozen=True)
@@ -54,6 +58,12 @@ class Warps:
         Pixels by which latent images are larger on every side; by default the reach of the
         rotations. Beyond the latent image all is zero.
 
+    Raises
+    ------
+    ValueError
+        If the rotations are not (K, 3) finite angles; by the maps, if an image or the weights do
+        not fit.
+
     Notes
     -----
     Images are float32, (h, w) or (h, w, C) observed and (h + 2 margin, w + 2 margin[, C]) latent.
@@ -62,7 +72,7 @@ class Warps:
 
     def __init__(self, camera: Camera, theta: ArrayLike, *, margin: int | None = None) -> None:
         self.camera = camera
-        self.theta = np.asarray(theta, np.float64)
+        self.theta = checked_rotations(theta)
         self.margin = reach(camera, self.theta) if margin is None else margin
         self._h = homographies(camera, self.theta)
 
@@ -73,18 +83,20 @@ class Warps:
 
     def blur(self, f: Image, w: ArrayLike) -> Image:
         """Blur: ``A f = B w``, linear in the latent image and in the kernel, Eq. (7)."""
-        weights = np.asarray(w, np.float64)
+        weights = checked_weights(w, len(self.theta))
+        check_size(channels_first(f), self.latent_shape)
         out = np.zeros(self.camera.shape + f.shape[2:], np.float32)
-        for k in np.flatnonzero(weights):
+        for k in np.flatnonzero(weights).tolist():
             for tile in self._tiles(k):
                 out[tile.rows, tile.columns] += np.float32(weights[k]) * _gather(f, tile)
         return out
 
     def adjoint(self, g: Image, w: ArrayLike) -> Image:
         """Apply the transpose in the image: ``A^T g``, by scattering, Eq. (8)."""
-        weights = np.asarray(w, np.float64)
+        weights = checked_weights(w, len(self.theta))
+        check_size(channels_first(g), self.camera.shape)
         out = np.zeros(self.latent_shape + g.shape[2:], np.float32)
-        for k in np.flatnonzero(weights):
+        for k in np.flatnonzero(weights).tolist():
             for tile in self._tiles(k):
                 piece = g[tile.rows, tile.columns] * np.float32(weights[k])
                 _scatter(out, tile, piece)
@@ -92,6 +104,8 @@ class Warps:
 
     def kernel_adjoint(self, f: Image, r: Image) -> NDArray[np.float64]:
         """Apply the transpose in the kernel: ``B^T r``, (K,), Eq. (9); channels are summed."""
+        check_size(channels_first(f), self.latent_shape)
+        check_size(channels_first(r), self.camera.shape)
         total = np.zeros(len(self.theta))
         for k in range(len(total)):
             for tile in self._tiles(k):
@@ -101,6 +115,7 @@ class Warps:
 
     def gram(self, f: Image, mask: Image | None = None) -> NDArray[np.float64]:
         """Compute ``B^T M B``, (K, K), row of tiles by row of tiles; channels are summed."""
+        check_size(channels_first(f), self.latent_shape)
         size = len(self.theta)
         gram = np.zeros((size, size))
         for top in range(0, self.camera.height, 64):
@@ -147,20 +162,23 @@ class Warps:
 def _gather(f: Image, tile: _Tile) -> Image:
     """Read a latent image bilinearly at a tile's coordinates; zero beyond it."""
     source = np.ascontiguousarray(f[tile.source], np.float32)
-    planes = source[..., None] if source.ndim == 2 else source  # noqa: PLR2004
-    # OpenCV interpolates 1 or 3 channels exactly, and others at 1/32 px
-    parts = [
-        cv2.remap(
-            np.ascontiguousarray(planes[..., c]),
-            tile.x,
-            tile.y,
-            cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_CONSTANT,
-            borderValue=0,
-        )
-        for c in range(planes.shape[-1])
-    ]
-    return parts[0] if source.ndim == 2 else np.stack(parts, -1)  # noqa: PLR2004
+    if source.ndim == 2 or source.shape[2] in _EXACT_CHANNELS:
+        return _remap(source, tile)
+    planes = [_remap(np.ascontiguousarray(plane), tile) for plane in np.moveaxis(source, -1, 0)]
+    return np.stack(planes, -1)
+
+
+def _remap(source: Image, tile: _Tile) -> Image:
+    """Interpolate bilinearly, with zeros beyond the source."""
+    out = cv2.remap(
+        source,
+        tile.x,
+        tile.y,
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=0,
+    )
+    return np.asarray(out, np.float32)
 
 
 def _scatter(out: Image, tile: _Tile, piece: Image) -> None:
@@ -169,7 +187,7 @@ def _scatter(out: Image, tile: _Tile, piece: Image) -> None:
     height, width = target.shape[:2]
     x0, y0 = np.floor(tile.x), np.floor(tile.y)
     a, b = (tile.x - x0).astype(np.float64), (tile.y - y0).astype(np.float64)
-    planes = piece[..., None] if piece.ndim == 2 else piece  # noqa: PLR2004
+    planes = piece[..., None] if piece.ndim == 2 else piece
     total = np.zeros((height * width, planes.shape[-1]))
     for dy, wy in ((0, 1 - b), (1, b)):
         for dx, wx in ((0, 1 - a), (1, a)):

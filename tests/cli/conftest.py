@@ -1,4 +1,4 @@
-"""A command of the tests' own, to see what the frame around commands does."""
+"""A command of the tests' own, and small photos to run the real ones on."""
 
 from __future__ import annotations
 
@@ -7,12 +7,16 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 import click
+import cv2
+import numpy as np
 import pytest
+from PIL import Image
 
 from deshake.cli import main, options
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from deshake.cli.context import Context
 
@@ -40,3 +44,26 @@ def trial(monkeypatch: pytest.MonkeyPatch) -> Trial:
         monkeypatch.setitem(main.COMMANDS, "trial", entry)
 
     return install
+
+
+@pytest.fixture
+def shaken(tmp_path: Path) -> Callable[..., Path]:
+    """Save a small shaken photo under a name; a 16-bit one if asked."""
+
+    def save(name: str, depth: int = 8) -> Path:
+        # A texture with edges at every angle, blurred along a slant.
+        grey = cv2.resize(
+            np.random.default_rng(5).random((8, 10), np.float32), (100, 80), interpolation=3
+        )
+        sharp = np.clip(0.5 + 3 * (grey - 0.5), 0.05, 0.95)
+        blurred = cv2.filter2D(sharp, -1, np.eye(3, dtype=np.float32) / 3)
+        picture = np.stack([blurred, 0.8 * blurred + 0.1, 0.9 * blurred], -1)
+        path = tmp_path / name
+        if depth == 16:
+            codes = np.rint(picture * 65535).astype(np.uint16)
+            path.write_bytes(cv2.imencode(path.suffix, codes)[1].tobytes())
+        else:
+            Image.fromarray(np.rint(picture * 255).astype(np.uint8)).save(path, quality=92)
+        return path
+
+    return save

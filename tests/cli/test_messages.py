@@ -4,7 +4,8 @@ import logging
 
 import pytest
 
-from deshake.cli.messages import log_to_stderr, print_error, set_verbosity
+from deshake.cli.messages import describe, log_to_stderr, print_error, set_verbosity
+from deshake.errors import PhotoError
 
 LOG = logging.getLogger("deshake.tests")
 
@@ -78,3 +79,16 @@ def test_a_log_line_passes_above_a_progress_bar(capsys):
         bar(0.5)
         LOG.warning("a doubt")
     assert "\rwarning: a doubt\n" in capsys.readouterr().err.replace("\x1b[K", "").replace(" ", " ")
+
+
+@pytest.mark.parametrize(
+    ("error", "message", "hint"),
+    [
+        (PhotoError("is torn", hint="glue it", file="a.jpg"), "a.jpg: is torn", "glue it"),
+        (MemoryError(), "not enough memory", "try a smaller photo, or close other programs"),
+        (OSError(28, "No space left", "out.png"), "out.png: No space left", None),
+        (KeyError("k"), "KeyError: 'k'", "this is a bug; run again with -vv"),
+    ],
+)
+def test_every_error_is_told_in_a_line(error, message, hint):
+    assert describe(error) == (message, hint)

@@ -1,0 +1,65 @@
+"""``deshake deblur``: deblur a photo whose blur kernel is known."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from deshake.cli.options import (
+    general_options,
+    iterations_option,
+    kernel_argument,
+    output_option,
+    overwrite_option,
+    photo_argument,
+    transfer_option,
+)
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from deshake.cli.context import Context
+    from deshake.io.transfer import TransferName
+
+__all__ = ["command"]
+
+
+@click.command("deblur")
+@photo_argument
+@kernel_argument
+@output_option("PHOTO's name with .deshaken before its ending")
+@iterations_option("by the photo's noise", what="Iterations of Richardson-Lucy")
+@transfer_option
+@overwrite_option
+@general_options
+@click.pass_obj
+def command(
+    context: Context,
+    /,
+    *,
+    photo: Path,
+    kernel: Path,
+    output: Path | None,
+    iterations: int | None,
+    transfer: TransferName | None,
+    overwrite: bool,
+) -> None:
+    """Deblur a photo whose blur kernel is known.
+
+    KERNEL is a kernel file (.npz), or - for standard input. It may have been made from PHOTO at
+    another size. The result has the format, depth and metadata of PHOTO.
+    """
+    from deshake.pipelines.file_stages import deblur_file
+
+    with context.bar(photo.name) as bar:
+        deblur_file(
+            photo,
+            kernel,
+            output,
+            transfer=transfer,
+            iterations=iterations,
+            overwrite=overwrite,
+            threads=context.threads,
+            progress=bar,
+        )

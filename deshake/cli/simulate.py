@@ -1,0 +1,128 @@
+"""``deshake simulate``: shake a sharp photo by a known rotation."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from deshake.cli.options import (
+    FILE,
+    camera_option,
+    focal_options,
+    general_options,
+    output_option,
+    overwrite_option,
+    photo_argument,
+    transfer_option,
+)
+from deshake.cli.values import Number
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from deshake.cli.context import Context
+
+__all__ = ["command"]
+
+_BLUR_PX = 20.0
+
+
+@click.command("simulate")
+@photo_argument
+@output_option("PHOTO's name with .shaken before its ending", note=" the shaken photo")
+@click.option(
+    "--kernel",
+    type=FILE,
+    metavar="FILE.npz",
+    help="Where to write the true kernel; - is standard output.  "
+    "[default: the shaken photo's name with .npz]",
+)
+@click.option(
+    "--sharp",
+    type=FILE,
+    metavar="FILE",
+    help="Where to write the sharp photo in the frame of the shaken one.  [default: nowhere]",
+)
+@click.option(
+    "--path",
+    type=FILE,
+    metavar="FILE",
+    help="How the camera turns: a text file of rows rx,ry,rz or t,rx,ry,rz, in degrees about X "
+    "(right), Y (down) and Z (into the scene).  [default: at random]",
+)
+@click.option(
+    "--blur-size",
+    "blur_px",
+    type=Number("PX"),
+    help=f"Extent of the random blur over the frame, in pixels.  [default: {_BLUR_PX:g}]",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0, 2**32 - 1),
+    default=0,
+    show_default=True,
+    metavar="N",
+    help="Seed of the random path and of the noise.",
+)
+@click.option(
+    "--noise",
+    "noise_sigma",
+    type=Number("SIGMA", most=1),
+    help="Read noise: its standard deviation in shares of the clip level.  [default: none]",
+)
+@click.option(
+    "--photons",
+    type=Number("N", most=1e12),
+    help="Shot noise: photons that fill a pixel to the clip level.  [default: no shot noise]",
+)
+@click.option(
+    "--gain",
+    type=Number("X", most=1000),
+    default=1.0,
+    show_default=True,
+    help="Factor on the light, after the blur; above 1, lights clip.",
+)
+@click.option(
+    "--crop/--keep-size",
+    default=True,
+    show_default="crop",
+    help="Cut off the borders, whose blur reaches beyond the photo, or continue the photo there.",
+)
+@focal_options
+@camera_option
+@transfer_option
+@overwrite_option
+@general_options
+@click.pass_obj
+def command(
+    context: Context,
+    /,
+    photo: Path,
+    *,
+    output: Path | None,
+    path: Path | None,
+    blur_px: float | None,
+    noise_sigma: float | None,
+    **options: Any,  # noqa: ANN401
+) -> None:
+    """Shake a sharp photo by a known rotation.
+
+    Blurs PHOTO as a camera does that turns while the shutter is open, and writes the shaken
+    photo and the true blur kernel: a test case whose answer is known. The light is blurred, then
+    exposed with noise and clipping; the output has PHOTO's format, depth and metadata.
+    """
+    if path is not None and blur_px is not None:
+        raise click.UsageError("--path and --blur-size cannot both be given.")
+    from deshake.pipelines.simulate import simulate_file
+
+    with context.bar("shaking") as progress:
+        simulate_file(
+            photo,
+            output,
+            path=path,
+            blur_px=_BLUR_PX if blur_px is None else blur_px,
+            noise_sigma=noise_sigma or 0.0,
+            progress=progress,
+            **options,
+        )

@@ -1,0 +1,1 @@
+"""Sharp pictures from blurred ones and a known kernel."""

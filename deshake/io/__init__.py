@@ -1,0 +1,1 @@
+"""The side door: photos, camera and kernel files, in and out."""

@@ -1,0 +1,248 @@
+"""The raw structure of EXIF and TIFF: directories of tags, read, patched and appended.
+
+Values are carried as the bytes that the camera wrote: no tag is ever interpreted and written
+anew. An EXIF block here is a small TIFF file, without the ``Exif`` marker of JPEG.
+
+References
+----------
+.. [1] TIFF Revision 6.0, Adobe, 1992.
+.. [2] CIPA DC-008, Exchangeable image file format for digital still cameras: Exif 2.32, 2019.
+
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass, field
+from typing import Final
+
+__all__ = ["Directory", "Tree", "append_tree", "new_block", "orientation", "read_tree", "upright"]
+
+ORIENTATION: Final = 274
+EXIF_POINTER: Final = 34665
+GPS_POINTER: Final = 34853
+INTEROP_POINTER: Final = 40965
+XMP: Final = 700
+ICC: Final = 34675
+
+# Bytes of one value, by TIFF type; 16 to 18 are BigTIFF's and have no place in an EXIF block.
+SIZES: Final = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4,
+                129: 1}  # fmt: skip
+
+# Tags that say how pixels lie in this very file, or point into it: never carried to another.
+_STRUCTURE: Final = frozenset(
+    {254, 255, 256, 257, 258, 259, 262, 263, 264, 265, 266, 273, 277, 278, 279, 280, 281, 284,
+     288, 289, 290, 291, 292, 293, 301, 317, 320, 321, 322, 323, 324, 325, 330, 332, 333, 334,
+     336, 337, 338, 339, 340, 341, 342, 347, 512, 513, 514, 515, 517, 518, 519, 520, 521, 529,
+     530, 531, 532, XMP, ICC, EXIF_POINTER, GPS_POINTER, INTEROP_POINTER, 37724}
+)  # fmt: skip
+
+Values = dict[int, tuple[int, int, bytes]]  # tag: type, count, the value's bytes
+
+
+@dataclass(frozen=True)
+class Directory:
+    """One directory (IFD) of an EXIF block or TIFF file.
+
+    Parameters
+    ----------
+    order : str
+        Byte order of the file, "<" or ">".
+    values : dict
+        Type, count and raw bytes by tag.
+    places : dict
+        Where each tag's value begins in the block.
+    next_at : int
+        Where the offset of the next directory is stored.
+
+    """
+
+    order: str
+    values: Values
+    places: dict[int, int]
+    next_at: int
+
+    def numbers(self, tag: int) -> list[float]:
+        """Return a tag's numbers; fractions over 0 become nan, other types an empty list."""
+        kind, count, raw = self.values.get(tag, (0, 0, b""))
+        code = {1: "B", 3: "H", 4: "I", 6: "b", 8: "h", 9: "i", 11: "f", 12: "d", 13: "I"}.get(kind)
+        if code is not None:
+            return [float(x) for x in struct.unpack(f"{self.order}{count}{code}", raw)]
+        if kind in {5, 10}:
+            pair = "I" if kind == 5 else "i"
+            parts = struct.unpack(f"{self.order}{2 * count}{pair}", raw)
+            return [
+                top / bottom if bottom else float("nan")
+                for top, bottom in zip(parts[::2], parts[1::2], strict=True)
+            ]
+        return []
+
+    def text(self, tag: int) -> str:
+        """Return a tag's text up to its first NUL, without surrounding blanks."""
+        kind, _, raw = self.values.get(tag, (0, 0, b""))
+        if kind not in {2, 7, 129}:
+            return ""
+        return raw.split(b"\0", 1)[0].decode("utf-8", "replace").strip()
+
+
+@dataclass
+class Tree:
+    """The directories that carry metadata: the main one, EXIF, GPS and interoperability."""
+
+    order: str = "<"
+    main: Values = field(default_factory=dict)
+    exif: Values = field(default_factory=dict)
+    gps: Values = field(default_factory=dict)
+    interop: Values = field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        """Tell whether there is anything to carry."""
+        return bool(self.main or self.exif or self.gps)
+
+
+def read_first(block: bytes) -> Directory | None:
+    """Read the first directory of an EXIF block or TIFF file; None if there is none."""
+    order = {b"II": "<", b"MM": ">"}.get(block[:2])
+    if order is None:
+        return None
+    try:
+        (version,) = struct.unpack_from(f"{order}H", block, 2)
+        big = version == 43
+        (offset,) = struct.unpack_from(f"{order}{'Q' if big else 'I'}", block, 8 if big else 4)
+        return _read_directory(block, order, offset, big=big)
+    except struct.error:
+        return None
+
+
+def read_below(block: bytes, parent: Directory, pointer: int) -> Directory | None:
+    """Read the directory that a pointer tag of another one leads to; None if there is none."""
+    offset = parent.numbers(pointer)
+    if not offset:
+        return None
+    big = struct.unpack_from(f"{parent.order}H", block, 2)[0] == 43
+    try:
+        return _read_directory(block, parent.order, int(offset[0]), big=big)
+    except struct.error:
+        return None
+
+
+def read_tree(block: bytes) -> Tree:
+    """Collect the metadata of an EXIF block or a TIFF file, without what describes its pixels."""
+    first = read_first(block)
+    if first is None:
+        return Tree()
+    tree = Tree(first.order, {t: v for t, v in first.values.items() if t not in _STRUCTURE})
+    if (gps := read_below(block, first, GPS_POINTER)) is not None:
+        tree.gps = gps.values
+    if (exif := read_below(block, first, EXIF_POINTER)) is not None:
+        tree.exif = {t: v for t, v in exif.values.items() if t not in _STRUCTURE}
+        if (interop := read_below(block, exif, INTEROP_POINTER)) is not None:
+            tree.interop = interop.values
+    return tree
+
+
+def append_tree(data: bytes, tree: Tree) -> bytes:
+    """Append directories to a TIFF file and make its header point at the new main one.
+
+    The bytes that are there stay where they are, so that offsets in the main directory hold.
+
+    Parameters
+    ----------
+    data : bytes
+        A TIFF file, or its bare header, in the byte order of `tree`.
+    tree : Tree
+        The directories; the pointers between them are made here.
+
+    """
+    out = bytearray(data)
+    exif = dict(tree.exif)
+    if tree.interop:
+        exif[INTEROP_POINTER] = _pointer(tree.order, _append(out, tree.order, tree.interop))
+    main = dict(tree.main)
+    if exif:
+        main[EXIF_POINTER] = _pointer(tree.order, _append(out, tree.order, exif))
+    if tree.gps:
+        main[GPS_POINTER] = _pointer(tree.order, _append(out, tree.order, tree.gps))
+    struct.pack_into(f"{tree.order}I", out, 4, _append(out, tree.order, main))
+    return bytes(out)
+
+
+def new_block(tree: Tree) -> bytes:
+    """Make an EXIF block of directories; empty if there is nothing in them."""
+    mark = b"II*\0" if tree.order == "<" else b"MM\0*"
+    return append_tree(mark + bytes(4), tree) if tree else b""
+
+
+def orientation(block: bytes) -> int:
+    """Return the orientation, 1 to 8, that an EXIF block or TIFF file states; 1 if none."""
+    first = read_first(block)
+    stated = [] if first is None else first.numbers(ORIENTATION)
+    return int(stated[0]) if len(stated) == 1 and stated[0] in range(1, 9) else 1
+
+
+def upright(block: bytes) -> bytes:
+    """Return an EXIF block that says orientation 1, for pixels that have been turned.
+
+    Only the value of the tag changes, and the link to the thumbnail, which would now lie on its
+    side: it is cut by zeroing the four bytes that point at it. All other bytes stay in place.
+    """
+    first = read_first(block)
+    if first is None or orientation(block) == 1:
+        return block
+    out = bytearray(block)
+    kind, _, raw = first.values[ORIENTATION]
+    code = {1: "B", 3: "H", 4: "I"}.get(kind)
+    if code is not None:
+        place = first.places[ORIENTATION]
+        out[place : place + len(raw)] = struct.pack(f"{first.order}{code}", 1)
+    if first.next_at + 4 <= len(out):
+        out[first.next_at : first.next_at + 4] = bytes(4)
+    return bytes(out)
+
+
+def _read_directory(block: bytes, order: str, offset: int, *, big: bool) -> Directory:
+    """Read one directory; entries of unknown type, or that point outside the block, are left out.
+
+    The values of a directory together may be no longer than the block, so that a few entries
+    cannot name the same bytes over and over.
+    """
+    count_code, entry_code, width, inline = ("Q", "HHQ", 20, 8) if big else ("H", "HHI", 12, 4)
+    (count,) = struct.unpack_from(f"{order}{count_code}", block, offset)
+    start = offset + struct.calcsize(f"<{count_code}")
+    values: Values = {}
+    places: dict[int, int] = {}
+    left = len(block)
+    for entry in range(start, min(start + count * width, len(block) - width + 1), width):
+        tag, kind, number = struct.unpack_from(f"{order}{entry_code}", block, entry)
+        size = SIZES.get(kind, 0) * number
+        place = entry + width - inline
+        if size > inline:
+            (place,) = struct.unpack_from(f"{order}{'Q' if big else 'I'}", block, place)
+        if 0 < size <= left and place + size <= len(block):
+            values[tag] = (kind, number, block[place : place + size])
+            places[tag] = place
+            left -= size
+    return Directory(order, values, places, start + count * width)
+
+
+def _pointer(order: str, offset: int) -> tuple[int, int, bytes]:
+    return 4, 1, struct.pack(f"{order}I", offset)
+
+
+def _append(out: bytearray, order: str, values: Values) -> int:
+    """Append one directory and, behind it, its values; return its offset."""
+    if len(out) % 2:
+        out += b"\0"
+    offset = len(out)
+    behind = offset + 2 + 12 * len(values) + 4
+    entries, data = bytearray(), bytearray()
+    for tag in sorted(values):
+        kind, count, raw = values[tag]
+        entries += struct.pack(f"{order}HHI", tag, kind, count)
+        if len(raw) <= 4:
+            entries += raw.ljust(4, b"\0")
+        else:
+            entries += struct.pack(f"{order}I", behind + len(data))
+            data += raw + b"\0" * (len(raw) % 2)
+    out += struct.pack(f"{order}H", len(values)) + entries + bytes(4) + data
+    return offset

@@ -1,0 +1,217 @@
+"""Transfer curves: a file's code values to linear light and back.
+
+Everything that deshake computes is in linear light; a file holds codes that its transfer curve
+has bent. A curve here is a map of [0, 1] onto [0, 1], rising all the way.
+
+References
+----------
+.. [1] IEC 61966-2-1:1999, the sRGB colour space.
+
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "LINEAR",
+    "NAMED",
+    "SRGB",
+    "Depth",
+    "Power",
+    "Srgb",
+    "Table",
+    "Transfer",
+    "TransferName",
+    "decode",
+    "encode",
+    "is_clipped",
+]
+
+Codes = NDArray[np.unsignedinteger]
+Depth = Literal[8, 16]
+TransferName = Literal["srgb", "linear", "gamma22"]
+
+_BLOCK = 1 << 20  # values encoded at once, so that the intermediate floats stay small
+
+
+class Transfer(Protocol):
+    """A transfer curve.
+
+    Attributes
+    ----------
+    name : str
+        What to call it in messages and provenance.
+
+    """
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+
+    def to_linear(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Map code values in [0, 1] to linear light in [0, 1]."""
+
+    def from_linear(self, light: NDArray[np.float32]) -> NDArray[np.floating]:
+        """Map linear light in [0, 1] to code values in [0, 1]."""
+
+
+@dataclass(frozen=True)
+class Srgb:
+    """The piecewise curve of sRGB [1]_, shared by Display P3."""
+
+    @property
+    def name(self) -> str:
+        """The curve's name."""
+        return "srgb"
+
+    def to_linear(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Map code values in [0, 1] to linear light in [0, 1]."""
+        return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
+
+    def from_linear(self, light: NDArray[np.float32]) -> NDArray[np.floating]:
+        """Map linear light in [0, 1] to code values in [0, 1]."""
+        bent = np.float32(1.055) * light ** np.float32(1 / 2.4) - np.float32(0.055)
+        return np.where(light <= np.float32(0.04045 / 12.92), np.float32(12.92) * light, bent)
+
+
+@dataclass(frozen=True)
+class Power:
+    """A pure power: light = code ** gamma. With gamma 1, linear.
+
+    Parameters
+    ----------
+    gamma : float
+        The exponent, > 0.
+
+    """
+
+    gamma: float
+
+    @property
+    def name(self) -> str:
+        """The curve's name."""
+        return "linear" if self.gamma == 1 else f"gamma {self.gamma:.6g}"
+
+    def to_linear(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Map code values in [0, 1] to linear light in [0, 1]."""
+        return values if self.gamma == 1 else values**self.gamma
+
+    def from_linear(self, light: NDArray[np.float32]) -> NDArray[np.floating]:
+        """Map linear light in [0, 1] to code values in [0, 1]."""
+        return light if self.gamma == 1 else light ** np.float32(1 / self.gamma)
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """A sampled curve, linear between its entries.
+
+    Parameters
+    ----------
+    light : (N,) array of float64
+        Linear light at N evenly spaced code values from 0 to 1, strictly rising, the last 1.
+
+    Raises
+    ------
+    ValueError
+        If the entries do not rise so far at every step that all 16-bit codes survive.
+
+    """
+
+    light: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        """Check that nothing is lost."""
+        codes = np.arange(1 << 16, dtype=np.uint16)
+        if np.any(np.diff(self.light) <= 0) or np.any(
+            encode(decode(codes, self), self, 16) != codes
+        ):
+            msg = "a transfer table rises strictly"
+            raise ValueError(msg)
+
+    @property
+    def name(self) -> str:
+        """The curve's name."""
+        return f"table of {len(self.light)}"
+
+    def to_linear(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Map code values in [0, 1] to linear light in [0, 1]."""
+        return np.interp(values, np.linspace(0, 1, len(self.light)), self.light)
+
+    def from_linear(self, light: NDArray[np.float32]) -> NDArray[np.floating]:
+        """Map linear light in [0, 1] to code values in [0, 1]."""
+        return np.interp(light, self.light, np.linspace(0, 1, len(self.light)))
+
+
+SRGB = Srgb()
+LINEAR = Power(1.0)
+NAMED: dict[TransferName, Transfer] = {"srgb": SRGB, "linear": LINEAR, "gamma22": Power(2.2)}
+
+
+def decode(codes: Codes, transfer: Transfer) -> NDArray[np.float32]:
+    """Turn codes into linear light.
+
+    Parameters
+    ----------
+    codes : array of uint8 or uint16
+        The file's values; the largest that the type holds is the file's white.
+    transfer : Transfer
+        The file's curve.
+
+    Returns
+    -------
+    array of float32, same shape
+        Linear light in [0, 1].
+
+    """
+    top = np.iinfo(codes.dtype).max
+    table = transfer.to_linear(np.arange(top + 1) / top).astype(np.float32)
+    return table[codes]
+
+
+def encode(light: NDArray[np.floating], transfer: Transfer, depth: Depth) -> Codes:
+    """Turn linear light into the nearest codes; what lies outside [0, 1] is clipped.
+
+    Parameters
+    ----------
+    light : array of float
+        Linear light, 1 = the file's white.
+    transfer : Transfer
+        The file's curve.
+    depth : {8, 16}
+        Bits a sample.
+
+    Returns
+    -------
+    array of uint8 or uint16, same shape
+        The codes. Those of an unchanged `decode` come back exactly.
+
+    Raises
+    ------
+    ValueError
+        If a value is not a number.
+
+    """
+    kind = np.uint8 if depth == 8 else np.uint16
+    top = np.float32((1 << depth) - 1)
+    flat = np.ascontiguousarray(light, np.float32).reshape(-1)
+    codes = np.empty(flat.shape, kind)
+    for start in range(0, len(flat), _BLOCK):
+        block = np.clip(flat[start : start + _BLOCK], 0, 1)
+        if np.isnan(block).any():
+            msg = "a pixel is not a number"
+            raise ValueError(msg)
+        codes[start : start + _BLOCK] = np.rint(transfer.from_linear(block) * top)
+    return codes.reshape(light.shape)
+
+
+def is_clipped(codes: Codes) -> NDArray[np.bool_]:
+    """Tell where a code is at the top: 254 or 255 of 255, and the same share of 65535.
+
+    One code below the top counts, since JPEG's rounding moves saturated pixels by that much.
+    """
+    top = np.iinfo(codes.dtype).max
+    return np.asarray(codes >= round(top * 254 / 255))

@@ -1,0 +1,87 @@
+"""Gram matrices of bilinear taps: ``sum_p S_p C_p S_p'``, the inner loop of kernel estimates.
+
+S_p holds four taps for each rotation, so two sparse products do what dense ones of the filters'
+area would. The patches of a strip stand side by side in one product, which sums them as it goes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import NDArray
+
+__all__ = ["patch_grams"]
+
+Image = NDArray[np.float32]
+
+_COLUMNS = 128  # columns that are worked on at once
+_FULL_BOX = 0.6  # a box of places that is fuller than this is cheaper taken as a whole
+
+
+def patch_grams(
+    y: NDArray[np.int32],
+    x: NDArray[np.int32],
+    share: Image,
+    correlations: Image,
+    local: Image | None,
+) -> Image:
+    """Sum ``S_p C_p S_p'`` over patches p: the upper triangle, up to blocks on the diagonal.
+
+    S_p holds the taps (K, 4) at (y, x) with their shares, C_p the autocorrelation between their
+    places, with local energies added on its diagonal if given.
+    """
+    count, size, _ = y.shape
+    top, left = y.min(), x.min()
+    high, wide = int(y.max() - top) + 1, int(x.max() - left) + 1
+    box = (y - top) * wide + x - left
+    starts = np.arange(0, 4 * size + 1, 4)
+    beside = np.empty((size, count, 4), np.int32)  # a rotation's taps in all patches, in a row
+    halves: list[Image] = []
+    offset = 0
+    for p in range(count):
+        used = np.zeros(high * wide, bool)
+        used[box[p]] = True
+        if used.sum() > _FULL_BOX * used.size:
+            used[:] = True
+            block = _between_all(correlations[p], high, wide)
+        else:
+            block = _between(correlations[p], *np.divmod(np.flatnonzero(used), wide))
+        if local is not None:
+            energy = local[p, top : top + high, left : left + wide]
+            block[np.diag_indices(len(block))] += energy.ravel()[used]
+        place = (np.cumsum(used, dtype=np.int32) - 1)[box[p]]
+        taps = scipy.sparse.csr_array(
+            (share[p].ravel(), place.ravel(), starts), shape=(size, len(block))
+        )
+        halves.append(taps @ block)
+        beside[:, p] = place + offset
+        offset += len(block)
+    shares, places = np.moveaxis(share, 0, 1).ravel(), beside.ravel()
+    starts *= count
+    total = np.zeros((size, size), np.float32)
+    for first in range(0, size, _COLUMNS):
+        last = min(first + _COLUMNS, size)
+        right = np.concatenate([half[first:last].T for half in halves])
+        end = starts[last]
+        both = scipy.sparse.csr_array(
+            (shares[:end], places[:end], starts[: last + 1]), shape=(last, offset)
+        )
+        total[:last, first:last] = both @ right
+    return total
+
+
+def _between_all(correlation: Image, high: int, wide: int) -> Image:
+    """Spread an autocorrelation, lag 0 in the middle, between all places of a box, (n, n)."""
+    middle = correlation.shape[0] // 2
+    dy, dx = correlation.strides
+    spread = np.lib.stride_tricks.as_strided(
+        correlation[middle:, middle:], (high, wide, high, wide), (-dy, -dx, dy, dx)
+    )
+    return np.ascontiguousarray(spread).reshape(high * wide, high * wide)
+
+
+def _between(correlation: Image, y: NDArray[np.int64], x: NDArray[np.int64]) -> Image:
+    """Spread an autocorrelation, lag 0 in the middle, between the places (y, x), (n, n)."""
+    code = y * correlation.shape[1] + x
+    lags: Image = correlation.ravel()[code - code[:, None] + correlation.size // 2]
+    return lags

@@ -1,0 +1,48 @@
+"""Images as stacks of planes: channels first, windows that reach beyond, sizes that must fit."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["add_at", "channels_first", "check_size", "image_like", "window_of"]
+
+Image = NDArray[np.float32]
+
+
+def channels_first(image: Image) -> Image:
+    """View an image (h, w) or (h, w, C) as (C, h, w)."""
+    return image[None] if image.ndim == 2 else np.moveaxis(image, -1, 0)
+
+
+def image_like(channels: Image, image: Image) -> Image:
+    """View (C, h, w) as an image with as many dimensions as another."""
+    return channels[0] if image.ndim == 2 else np.moveaxis(channels, 0, -1)
+
+
+def check_size(planes: Image, shape: tuple[int, int]) -> None:
+    """Raise ValueError unless planes (C, h, w) have the height and width given."""
+    if planes.ndim != 3 or planes.shape[1:] != shape:
+        msg = f"an image of {planes.shape[1:]} pixels does not fit {shape}"
+        raise ValueError(msg)
+
+
+def window_of(image: Image, top: int, left: int, height: int, width: int) -> Image:
+    """Cut a window out of (C, H, W), zero where it reaches beyond the image."""
+    y0, y1 = max(top, 0), min(top + height, image.shape[1])
+    x0, x1 = max(left, 0), min(left + width, image.shape[2])
+    if (y0, y1, x0, x1) == (top, top + height, left, left + width):
+        return image[:, y0:y1, x0:x1]
+    out = np.zeros((len(image), height, width), np.float32)
+    if y1 > y0 and x1 > x0:
+        out[:, y0 - top : y1 - top, x0 - left : x1 - left] = image[:, y0:y1, x0:x1]
+    return out
+
+
+def add_at(image: Image, top: int, left: int, piece: Image) -> None:
+    """Add a piece to (C, H, W) at a place, dropping what reaches beyond the image."""
+    _, height, width = piece.shape
+    y0, y1 = max(top, 0), min(top + height, image.shape[1])
+    x0, x1 = max(left, 0), min(left + width, image.shape[2])
+    if y1 > y0 and x1 > x0:
+        image[:, y0:y1, x0:x1] += piece[:, y0 - top : y1 - top, x0 - left : x1 - left]

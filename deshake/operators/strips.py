@@ -1,0 +1,77 @@
+"""Strips of patches: the pieces of work that threads share.
+
+What is worked out strip by strip comes back in the strips' order, so that sums over strips do not
+depend on the number of threads.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+    from concurrent.futures import Future
+
+__all__ = ["Strip", "available_threads", "in_order"]
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Strip:
+    """Neighbouring patches of one row: columns first .. last - 1 of row `row`."""
+
+    row: int
+    first: int
+    last: int
+
+    @property
+    def count(self) -> int:
+        """Number of patches."""
+        return self.last - self.first
+
+    def part(self, first: int, last: int) -> Strip:
+        """Return the patches first .. last - 1 of this strip."""
+        return Strip(self.row, self.first + first, self.first + last)
+
+
+def available_threads() -> int:
+    """Return how many processors this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def in_order(
+    work: Callable[[Strip], T], strips: Sequence[Strip], threads: int
+) -> Iterator[tuple[Strip, T]]:
+    """Yield `work` of every strip, in order, with a few strips under way at once."""
+    if threads == 1 or len(strips) == 1:
+        for strip in strips:
+            yield strip, work(strip)
+        return
+    pool = _pool(threads, os.getpid())
+    waiting: deque[tuple[Strip, Future[T]]] = deque()
+    try:
+        for strip in strips:
+            waiting.append((strip, pool.submit(work, strip)))
+            if len(waiting) > 2 * threads:
+                done, future = waiting.popleft()
+                yield done, future.result()
+        while waiting:
+            done, future = waiting.popleft()
+            yield done, future.result()
+    finally:
+        for _, future in waiting:
+            future.cancel()
+
+
+@cache
+def _pool(threads: int, process: int) -> ThreadPoolExecutor:
+    """Keep one pool of each size; a forked process needs its own."""
+    return ThreadPoolExecutor(threads, f"deshake-{process}")

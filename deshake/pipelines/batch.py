@@ -1,0 +1,260 @@
+"""Many photos: which there are, where each result goes, and whether it can go there.
+
+All of it is decided before any work is done.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from deshake.errors import DeshakeError, OutputError, PhotoError
+from deshake.io.encoding import SUFFIXES
+from deshake.io.files import STREAM, check_output, output_name
+from deshake.pipelines.file_stages import fix_file, kernel_name
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from deshake.pipelines.stages import Estimate, EstimateOptions
+
+__all__ = ["Job", "PlanError", "find_photos", "plan", "run"]
+
+_log = logging.getLogger(__name__)
+
+_RESULT = ".deshaken"
+
+
+class PlanError(DeshakeError):
+    """What was asked for contradicts itself."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One photo to fix.
+
+    Parameters
+    ----------
+    source : Path
+        The photo.
+    output : Path
+        Where its result goes.
+    kernel : Path or None
+        Where its kernel goes.
+    problem : DeshakeError or None
+        Why the outputs cannot go there.
+    skipped : bool
+        Whether the result is there already, and is to be left as it is.
+    overwrite, overwrite_kernel : bool
+        Whether an existing result, or an existing kernel, may be replaced.
+
+    """
+
+    source: Path
+    output: Path
+    kernel: Path | None = None
+    problem: DeshakeError | None = None
+    skipped: bool = False
+    overwrite: bool = False
+    overwrite_kernel: bool = False
+
+
+def find_photos(inputs: Sequence[Path]) -> list[Path]:
+    """List the photos among `inputs` and, by name, those in the folders among them.
+
+    In a folder, a photo is a file whose name ends as photos' do; what lies in folders of it, is
+    hidden, or is a result of deshake itself (``<stem>.deshaken.<ext>``) is passed over.
+
+    Raises
+    ------
+    PhotoError
+        If a folder has none, or cannot be read.
+
+    """
+    photos: list[Path] = []
+    for path in inputs:
+        if not path.is_dir():
+            photos.append(path)
+            continue
+        try:
+            found = sorted(item for item in path.iterdir() if _is_photo(item))
+        except OSError as error:
+            reason = (error.strerror or str(error)).lower()
+            raise PhotoError(f"the folder cannot be read: {reason}", file=path) from error
+        if not found:
+            raise PhotoError(
+                "there are no photos in this folder",
+                hint="photos end in .jpg, .png, .tif or .webp; folders in it are not searched",
+                file=path,
+            )
+        photos += found
+    return photos
+
+
+def plan(
+    inputs: Sequence[Path],
+    output: Path | None = None,
+    keep_kernels: Path | None = None,
+    *,
+    overwrite: bool = False,
+    skip_existing: bool = False,
+) -> list[Job]:
+    """Decide where the results for photos go, and check that they can go there.
+
+    Parameters
+    ----------
+    inputs : sequence of Path
+        Photos and folders of photos.
+    output : Path, optional
+        For one photo, a file or an existing folder. For several, or a folder of them, a folder,
+        which is made if it is missing and its parent is there. By default results lie beside the
+        photos, called ``<stem>.deshaken.<ext>``.
+    keep_kernels : Path, optional
+        Folder for the kernels, called ``<stem>.kernel.npz``; made likewise.
+    overwrite : bool
+        Whether existing outputs may be replaced.
+    skip_existing : bool
+        Whether photos whose result exists are left out. Their kernels do not count.
+
+    Returns
+    -------
+    list of Job
+        In the order of the inputs. What is wrong with a single job stands in it.
+
+    Raises
+    ------
+    PlanError
+        If two outputs would be the same file, or several photos have one file to go to.
+    PhotoError
+        For the reasons of `find_photos`.
+    OutputError
+        If a folder for the outputs is missing and cannot be made.
+
+    """
+    photos = find_photos(inputs)
+    if output is not None and str(output) == STREAM:
+        raise PlanError("photos are not written to standard output", hint="name a file with -o")
+    several = len(inputs) > 1 or inputs[0].is_dir()
+    if several and output is not None and output.exists() and not output.is_dir():
+        raise PlanError(f"{output} is a file; for several photos, -o names a folder")
+    into = output is not None and (several or output.is_dir())
+    jobs = []
+    for source in photos:
+        if output is None:
+            result = source.with_name(output_name(source))
+        else:
+            result = output / output_name(source) if into else output
+        kernel = None if keep_kernels is None else keep_kernels / kernel_name(source)
+        jobs.append(
+            Job(
+                source,
+                result,
+                kernel,
+                overwrite=overwrite,
+                overwrite_kernel=overwrite or skip_existing,
+            )
+        )
+    _check_collisions(jobs)
+    if output is not None and into:
+        _make_folder(output)
+    if keep_kernels is not None:
+        _make_folder(keep_kernels)
+    identities = {identity: source for source in photos if (identity := _identity(source))}
+    return [_checked(job, identities, skip_existing=skip_existing) for job in jobs]
+
+
+def run(
+    job: Job,
+    options: EstimateOptions,
+    *,
+    iterations: int | None = None,
+    threads: int | None = None,
+    progress: Callable[[float, str], None] | None = None,
+) -> Estimate | None:
+    """Fix the photo of a job; None if it is skipped.
+
+    Raises
+    ------
+    DeshakeError
+        The job's problem, or those of `fix_file`.
+
+    """
+    if job.problem is not None:
+        raise job.problem
+    if job.skipped:
+        _log.info("%s: skipped, %s exists already", job.source, job.output)
+        return None
+    return fix_file(
+        job.source,
+        job.output,
+        job.kernel,
+        options,
+        iterations=iterations,
+        overwrite=job.overwrite,
+        overwrite_kernel=job.overwrite_kernel,
+        threads=threads,
+        progress=progress,
+    )
+
+
+def _is_photo(path: Path) -> bool:
+    return (
+        path.suffix.lower() in SUFFIXES
+        and not path.name.startswith(".")
+        and not path.stem.endswith(_RESULT)
+        and path.is_file()
+    )
+
+
+def _check_collisions(jobs: Sequence[Job]) -> None:
+    """Refuse two outputs of one name."""
+    taken: dict[str, Job] = {}
+    for job in jobs:
+        for path in filter(None, (job.output, job.kernel)):
+            # A symbolic link is replaced, not followed: its folder counts, and its own name.
+            key = os.path.normcase(path.parent.resolve() / path.name)
+            other = taken.setdefault(key, job)
+            if other is not job:
+                raise PlanError(
+                    f"{other.source} and {job.source} would both be written to {path}",
+                    hint="name each photo once, or fix them one by one",
+                )
+
+
+def _make_folder(path: Path) -> None:
+    if path.is_dir():
+        return
+    try:
+        path.mkdir()
+    except FileExistsError as error:
+        raise OutputError("is not a folder", hint="name a folder", file=path) from error
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise OutputError(
+            f"the folder cannot be made: {reason}",
+            hint="make it first, or choose another",
+            file=path,
+        ) from error
+
+
+def _checked(job: Job, identities: dict[tuple[int, int], Path], *, skip_existing: bool) -> Job:
+    """Return a job with what is wrong with its outputs."""
+    try:
+        for path in filter(None, (job.output, job.kernel)):
+            other = identities.get(_identity(path) or (0, 0), job.source)
+            check_output(path, job.source, other, overwrite=job.overwrite_kernel)
+    except DeshakeError as error:
+        return replace(job, problem=error)
+    return replace(job, skipped=skip_existing and os.path.lexists(job.output))
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """Return what tells a file from all others, whatever its names; None: no such file."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_dev, status.st_ino

@@ -1,0 +1,196 @@
+"""The stages from file to file: what the commands run.
+
+Outputs are checked before any work is done for them, and appear whole or not at all.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from typing import TYPE_CHECKING
+
+from deshake.errors import OutputError
+from deshake.io.files import STREAM, check_output, default_output
+from deshake.io.kernel_file import read_kernel, write_camera, write_kernel
+from deshake.io.photo import encode_photo, output_format, read_photo, write_photo
+from deshake.pipelines.fitting import fitting_kernel
+from deshake.pipelines.stages import calibrate, deblur, estimate
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from deshake.io.kernel_file import CameraFile
+    from deshake.io.photo import Photo
+    from deshake.io.transfer import TransferName
+    from deshake.pipelines.stages import Estimate, EstimateOptions
+
+    Progress = Callable[[float, str], None]
+
+__all__ = ["calibrate_file", "deblur_file", "estimate_file", "fix_file", "kernel_name"]
+
+_ESTIMATE_PIXELS = 8e6
+"""Pixels whose deblurring takes about as long as an estimate, which has a size of its own."""
+
+
+def kernel_name(source: Path) -> str:
+    """Return the default name of a photo's kernel: ``<stem>.kernel.npz``."""
+    return f"{source.stem}.kernel.npz"
+
+
+def calibrate_file(
+    source: Path,
+    output: Path | None,
+    *,
+    focal_px: float | None = None,
+    focal_35mm: float | None = None,
+    overwrite: bool = False,
+) -> CameraFile:
+    """Find the camera of a photo, and write its camera file if `output` is given.
+
+    Raises
+    ------
+    PhotoError
+        If the photo cannot be read.
+    CalibrationError
+        If nothing tells the focal length.
+    OutputError
+        If the camera file cannot be written.
+
+    """
+    if output is not None:
+        check_output(output, source, overwrite=overwrite)
+    camera = calibrate(read_photo(source), focal_px=focal_px, focal_35mm=focal_35mm)
+    if output is not None:
+        write_camera(output, camera, overwrite=overwrite)
+    return camera
+
+
+def estimate_file(
+    source: Path,
+    output: Path,
+    options: EstimateOptions,
+    *,
+    overwrite: bool = False,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Estimate:
+    """Estimate the kernel of a photo, and write its kernel file.
+
+    Raises
+    ------
+    PhotoError, CalibrationError, KernelFileError, EstimationError
+        For the reasons of `read_photo` and `estimate`.
+    OutputError
+        If the kernel file cannot be written.
+
+    """
+    check_output(output, source, overwrite=overwrite)
+    photo = read_photo(source, transfer=options.transfer)
+    found = estimate(photo, options, threads=threads, progress=progress)
+    write_kernel(output, found.content, overwrite=overwrite)
+    return found
+
+
+def deblur_file(
+    source: Path,
+    kernel_file: Path,
+    output: Path | None,
+    *,
+    transfer: TransferName | None = None,
+    iterations: int | None = None,
+    overwrite: bool = False,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Path:
+    """Deblur a photo with the kernel of a file, write the result, and return where.
+
+    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``.
+
+    Raises
+    ------
+    PhotoError, KernelFileError
+        If the photo or the kernel cannot be read, or they do not fit each other.
+    OutputError
+        If the result cannot be written.
+
+    """
+    if output is not None and str(output) == STREAM:
+        raise OutputError("photos are not written to standard output", hint="name a file with -o")
+    path = default_output(source, output, overwrite=overwrite)
+    check_output(path, kernel_file, overwrite=overwrite)
+    content = read_kernel(kernel_file)
+    photo = read_photo(source, transfer=transfer)
+    _check_encoding(photo, path)
+    kernel = fitting_kernel(content, photo, kernel_file)
+    photo = deblur(photo, kernel, iterations=iterations, threads=threads, progress=progress)
+    write_photo(path, photo, overwrite=overwrite)
+    return path
+
+
+def fix_file(
+    source: Path,
+    output: Path,
+    kernel_file: Path | None,
+    options: EstimateOptions,
+    *,
+    iterations: int | None = None,
+    overwrite: bool = False,
+    overwrite_kernel: bool = False,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Estimate:
+    """Estimate the kernel of a photo, deblur the photo with it, and write both.
+
+    The kernel file, if `kernel_file` is given, is kept only together with the photo.
+
+    Raises
+    ------
+    PhotoError, CalibrationError, KernelFileError, EstimationError
+        For the reasons of `read_photo` and `estimate`.
+    OutputError
+        If an output cannot be written.
+
+    """
+    check_output(output, source, overwrite=overwrite)
+    if kernel_file is not None:
+        check_output(kernel_file, source, output, overwrite=overwrite_kernel)
+    photo = read_photo(source, transfer=options.transfer)
+    _check_encoding(photo, output)
+    pixels = photo.shape[0] * photo.shape[1]
+    share = _ESTIMATE_PIXELS / (_ESTIMATE_PIXELS + pixels)
+    first, second = _part(progress, 0, share), _part(progress, share, 1)
+    found = estimate(photo, options, threads=threads, progress=first)
+    kernel = found.content.kernel
+    photo = deblur(photo, kernel, iterations=iterations, threads=threads, progress=second)
+    with contextlib.ExitStack() as outputs:
+        if kernel_file is not None:
+            outputs.enter_context(_gone_on_failure(kernel_file))
+            write_kernel(kernel_file, found.content, overwrite=overwrite_kernel)
+        write_photo(output, photo, overwrite=overwrite)
+    return found
+
+
+@contextlib.contextmanager
+def _gone_on_failure(path: Path) -> Iterator[None]:
+    """Remove a file that was not there before, if what follows fails."""
+    existed = path.exists()
+    try:
+        yield
+    except BaseException:
+        if not existed:
+            path.unlink(missing_ok=True)
+        raise
+
+
+def _check_encoding(photo: Photo, output: Path) -> None:
+    """Check that a photo can be written under a name: a second now saves minutes later."""
+    form = output_format(output, photo)
+    if form != photo.encoding.format:
+        encode_photo(photo, form)
+
+
+def _part(progress: Progress | None, start: float, end: float) -> Progress | None:
+    """Return what tells `progress` of a part of the work."""
+    if progress is None:
+        return None
+    return lambda share, text: progress(start + (end - start) * share, text)

@@ -1,0 +1,260 @@
+"""The stages from a shaken photo to a sharper one: calibrate, estimate, deblur.
+
+The commands that bear these names and `fix` call the same functions, which is why `fix` gives the
+same bytes as its stages run one by one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import math
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from deshake import __version__
+from deshake.deconvolution.richardson_lucy import richardson_lucy
+from deshake.errors import CalibrationError, DeshakeError
+from deshake.estimation.blind import blur_bound, estimate_blind
+from deshake.geometry.camera import Camera
+from deshake.io.kernel_file import CameraFile, KernelFile
+from deshake.io.sensors import assumed_focal_length, focal_length
+from deshake.pipelines.fitting import check_region, fitting_camera
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from deshake.estimation.blind import BlindEstimate
+    from deshake.geometry.kernel import RotationKernel
+    from deshake.io.photo import Photo
+    from deshake.io.transfer import TransferName
+
+    Progress = Callable[[float, str], None]
+
+__all__ = [
+    "Estimate",
+    "EstimateOptions",
+    "calibrate",
+    "deblur",
+    "estimate",
+    "luminance",
+]
+
+_log = logging.getLogger(__name__)
+
+_LUMINANCE: Final = (0.2126, 0.7152, 0.0722)  # of linear sRGB, ITU-R BT.709
+
+
+@dataclass(frozen=True)
+class EstimateOptions:
+    """What a blind estimate goes by, beside the photo.
+
+    Parameters
+    ----------
+    focal_px, focal_35mm : float, optional
+        Focal length in pixels of the photo, or in millimetres on 35 mm film; by default from EXIF.
+    camera : CameraFile, optional
+        The camera, instead of both.
+    transfer : {"srgb", "linear", "gamma22"}, optional
+        The file's transfer curve.
+    blur_size : float, optional
+        Largest blur to look for, in pixels of the photo.
+    max_angle : float, optional
+        Largest turn about any axis to look for, in degrees; counts if there is no `blur_size`.
+    region : (x, y, width, height), optional
+        The part of the photo to go by.
+    uniform : bool
+        Whether the blur is taken to be the same all over the frame.
+
+    """
+
+    focal_px: float | None = None
+    focal_35mm: float | None = None
+    camera: CameraFile | None = None
+    transfer: TransferName | None = None
+    blur_size: float | None = None
+    max_angle: float | None = None
+    region: tuple[int, int, int, int] | None = None
+    uniform: bool = False
+
+    def provenance(self) -> dict[str, Any]:
+        """Return what shapes the kernel, for its file; the camera is told apart."""
+        names = ("transfer", "blur_size", "max_angle", "region", "uniform")
+        return {name: getattr(self, name) for name in names}
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """A kernel as it goes to its file, and what the user should know of it.
+
+    Parameters
+    ----------
+    content : KernelFile
+        The kernel with its confidence and provenance.
+    camera : CameraFile
+        The camera that was gone by, and where its focal length comes from.
+    notes : list of str
+        In plain words.
+
+    """
+
+    content: KernelFile
+    camera: CameraFile
+    notes: list[str]
+
+    def report(self) -> dict[str, Any]:
+        """Return the figures of the estimate as JSON data."""
+        kernel = self.content.kernel
+        return {
+            "rotations": len(kernel.weights),
+            "extent_px": round(kernel.extent_px(), 2),
+            "confidence": round(self.content.confidence, 4),
+            "notes": self.notes,
+            "focal_px": round(self.camera.camera.focal_px, 2),
+            "camera_source": self.camera.source,
+        }
+
+
+def luminance(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the luminance (H, W) of linear pixels (H, W) or (H, W, 3), by sRGB's primaries."""
+    if pixels.ndim == 2:
+        return pixels
+    grey = pixels[..., 0] * np.float32(_LUMINANCE[0])
+    for channel in (1, 2):
+        grey += pixels[..., channel] * np.float32(_LUMINANCE[channel])
+    return grey
+
+
+def calibrate(
+    photo: Photo, *, focal_px: float | None = None, focal_35mm: float | None = None
+) -> CameraFile:
+    """Find the camera of an upright photo: its focal length, the principal point in the middle.
+
+    Raises
+    ------
+    CalibrationError
+        If neither the options nor the metadata tell the focal length.
+
+    """
+    try:
+        found = focal_length(photo.metadata, *photo.shape, focal_px=focal_px, focal_35mm=focal_35mm)
+    except CalibrationError as error:
+        error.file = str(photo.source)
+        raise
+    return CameraFile(Camera.from_focal(found.pixels, *photo.shape), found.source)
+
+
+def estimate(
+    photo: Photo,
+    options: EstimateOptions,
+    *,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Estimate:
+    """Estimate the blur kernel of a photo, from its luminance.
+
+    A focal length that nothing tells is assumed to be 50 mm-equivalent, with a note that says so:
+    one too long costs little, one too short bends the rotations.
+
+    Raises
+    ------
+    CalibrationError
+        If a focal length that was given is absurd.
+    KernelFileError
+        If the camera that was given does not fit the photo.
+    PhotoError
+        If the region lies outside the photo.
+    EstimationError
+        If the photo is too small, too flat or too much clipped.
+
+    """
+    camera, notes = _camera(photo, options)
+    check_region(photo, options.region)
+    try:
+        found = estimate_blind(
+            luminance(photo.pixels),
+            camera.camera,
+            clipped=photo.clipped,
+            blur_px=_blur_px(camera.camera, options),
+            region=options.region,
+            uniform=options.uniform,
+            threads=threads,
+            progress=progress,
+        )
+    except DeshakeError as error:
+        error.file = error.file or str(photo.source)
+        raise
+    notes += found.notes
+    for note in notes:
+        _log.warning("%s: %s", photo.source, note)
+    provenance = _provenance(photo, options, camera, found) | {"notes": notes}
+    content = KernelFile(found.kernel, found.confidence, provenance, camera.distortion)
+    return Estimate(content, camera, notes)
+
+
+def deblur(
+    photo: Photo,
+    kernel: RotationKernel,
+    *,
+    iterations: int | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Photo:
+    """Deblur a photo with a kernel for its size, by Richardson-Lucy (Eq. 11).
+
+    Format, depth, opacity and metadata stay as they are.
+    """
+    restored = richardson_lucy(
+        photo.pixels,
+        kernel,
+        clipped=photo.clipped,
+        iterations=iterations,
+        threads=threads,
+        progress=progress,
+    )
+    _log.info("%s: deblurred in %d iterations", photo.source, restored.iterations)
+    return photo.with_pixels(restored.pixels)
+
+
+def _camera(photo: Photo, options: EstimateOptions) -> tuple[CameraFile, list[str]]:
+    """Return the camera to go by, and a note if it is only assumed."""
+    if options.camera is not None:
+        return fitting_camera(options.camera, photo), []
+    try:
+        return calibrate(photo, focal_px=options.focal_px, focal_35mm=options.focal_35mm), []
+    except CalibrationError as error:
+        if options.focal_px is not None or options.focal_35mm is not None:
+            raise
+        found = assumed_focal_length(*photo.shape)
+        note = f"{error.message}; a 50 mm-equivalent is assumed (--focal-35mm MM says otherwise)"
+        return CameraFile(Camera.from_focal(found.pixels, *photo.shape), found.source), [note]
+
+
+def _blur_px(camera: Camera, options: EstimateOptions) -> float | None:
+    """Return the bound of the blur in pixels of the photo; None: it is to be found."""
+    if options.blur_size is None and options.max_angle is not None:
+        return blur_bound(camera, math.radians(options.max_angle))
+    return options.blur_size
+
+
+def _provenance(
+    photo: Photo, options: EstimateOptions, camera: CameraFile, found: BlindEstimate
+) -> dict[str, Any]:
+    with photo.source.open("rb") as stream:
+        digest = hashlib.file_digest(stream, "sha256").hexdigest()
+    scales = [
+        {name: value for name, value in asdict(scale).items() if math.isfinite(value)}
+        for scale in found.scales
+    ]
+    return {
+        "deshake": __version__,
+        "command": "estimate-blind",
+        "options": options.provenance(),
+        "input_sha256": digest,
+        "camera": camera.source,
+        "scales": scales,
+    }

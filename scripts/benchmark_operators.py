@@ -1,0 +1,196 @@
+"""What the operators cost, against the bare FFTs of the same blocks, in one run.
+
+    python scripts/benchmark_operators.py [--megapixels 12] [--threads 4] [--repeats 5]
+
+Each map is timed in turn with rfft2 + irfft2 of the same blocks, in the same batches, by the same
+threads; the best of the repeats counts. Ratios tell what the maps cost beyond their FFTs. Memory
+is the peak of what NumPy allocates while a map runs, its result included.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import tracemalloc
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
+from deshake.geometry.rotations import grid_steps
+from deshake.operators.filter_flow import FilterFlow
+from deshake.operators.strips import Strip, available_threads
+from deshake.operators.warps import Warps
+
+Image = NDArray[np.float32]
+Work = Callable[[], object]
+
+
+def main() -> None:
+    """Run all the measurements and print them."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--megapixels", type=float, default=12.0)
+    parser.add_argument("--threads", type=int, default=available_threads())
+    parser.add_argument("--repeats", type=int, default=5)
+    args = parser.parse_args()
+    cv2.setNumThreads(args.threads)
+    width = round((args.megapixels * 1e6 * 4 / 3) ** 0.5)
+    camera = Camera.from_focal(width, round(width * 0.75), width)
+    print(f"{width} x {camera.height} pixels, {args.threads} threads, best of {args.repeats}")
+
+    print("\nby map (30 px, about 300 rotations)")
+    for channels in (1, 3):
+        print_maps(camera, shake(camera, 30, 300), channels, args)
+    print("\nby number of rotations (30 px, 1 channel)")
+    for count in (30, 300, 3000):
+        print_maps(camera, shake(camera, 30, count), 1, args)
+    print("\nby extent of the blur (about 300 rotations, 1 channel)")
+    for extent in (15, 30, 60, 120):
+        print_maps(camera, shake(camera, extent, 300), 1, args)
+    print("\nexact warps (30 px, 1 channel), time for each rotation")
+    print_warps(camera, shake(camera, 30, 300))
+    print("\nGram matrices of gradients (2 channels)")
+    for height, wide in ((240, 320), (480, 640)):
+        for count in (300, 1000, 2000):
+            print_gram(Camera.from_focal(wide, height, wide), count, args)
+
+
+def shake(camera: Camera, extent: float, count: int) -> RotationKernel:
+    """Make a curved three-axis shake of about so many pixels and so many rotations."""
+    t = np.linspace(0, 1, 400)
+    path = np.stack([np.sin(5 * t), 1.5 * t, 0.4 * np.sin(9 * t + 1)], 1)
+    path -= path.mean(0)
+    size = 1e-3
+    for _ in range(3):
+        kernel = RotationKernel.from_path(path * size, camera)
+        size *= extent / kernel.extent_px()
+    path *= size
+    # more rotations lie closer together, fewer further apart
+    low, high = 0.01, 100.0
+    for _ in range(40):
+        middle = (low * high) ** 0.5
+        kernel = RotationKernel.from_path(path, camera, steps=np.full(3, middle * 1e-3))
+        low, high = (middle, high) if len(kernel.weights) > count else (low, middle)
+        if abs(len(kernel.weights) - count) < 0.05 * count:
+            break
+    return kernel
+
+
+def print_maps(
+    camera: Camera, kernel: RotationKernel, channels: int, args: argparse.Namespace
+) -> None:
+    """Time A f, A^T g and B^T r against the FFTs of their blocks."""
+    flow = FilterFlow(camera, kernel.theta, channels=channels, threads=args.threads)
+    rng = np.random.default_rng(0)
+    tail = () if channels == 1 else (channels,)
+    f = rng.random((*flow.latent_shape, *tail), np.float32)
+    g = rng.random((*camera.shape, *tail), np.float32)
+    planes = f[None] if channels == 1 else np.moveaxis(f, -1, 0)
+    seen = g[None] if channels == 1 else np.moveaxis(g, -1, 0)
+    filters = flow.filters(kernel.weights)
+    works = {
+        "FFTs": bare_ffts(flow, channels),
+        "A f": lambda: filters.forward(planes),
+        "A^T g": lambda: filters.adjoint(seen),
+        "B^T r": lambda: flow.kernel_adjoint(f, g),
+    }
+    seconds = best_of(works, args.repeats)
+    bare = seconds.pop("FFTs")
+    costs = ", ".join(
+        f"{name} {took:.3f} s ({took / bare:.2f}x, {peak(works[name]):.0f} MB)"
+        for name, took in seconds.items()
+    )
+    grid = flow.grid
+    both = (seconds["A f"] + seconds["A^T g"]) / (2 * bare)
+    print(
+        f"  {channels} channel{'s'[: channels - 1]}, {kernel.extent_px():.0f} px, "
+        f"{len(kernel.weights)} rotations, hop {grid.hop}, blocks of {grid.block}: "
+        f"FFTs {bare:.3f} s, {costs}; forward + adjoint {both:.2f}x",
+        flush=True,
+    )
+
+
+def bare_ffts(flow: FilterFlow, channels: int) -> Work:
+    """Make the transforms there and back of as many blocks, in the same strips and batches."""
+    grid = flow.grid
+    n = grid.block
+    blocks = np.random.default_rng(0).random((channels, grid.batch, n, n), np.float32)
+
+    def work(strip: Strip) -> None:
+        for batch in grid.batches(strip):
+            grid.irfft(grid.rfft(blocks[:, : batch.stop - batch.start]))
+
+    def run() -> None:
+        for _ in grid.map_strips(work):
+            pass
+
+    return run
+
+
+def print_warps(camera: Camera, kernel: RotationKernel) -> None:
+    """Time exact warps on a few of a kernel's rotations."""
+    few = 5
+    warps = Warps(camera, kernel.theta[:few])
+    w = np.full(few, 1 / few)
+    rng = np.random.default_rng(0)
+    f = rng.random(warps.latent_shape, np.float32)
+    g = rng.random(camera.shape, np.float32)
+    works: dict[str, Work] = {
+        "A f": lambda: warps.blur(f, w),
+        "A^T g": lambda: warps.adjoint(g, w),
+        "B^T r": lambda: warps.kernel_adjoint(f, g),
+    }
+    seconds = best_of(works, 1)
+    costs = ", ".join(f"{name} {took / few * 1e3:.0f} ms" for name, took in seconds.items())
+    print(f"  {costs}", flush=True)
+
+
+def print_gram(camera: Camera, count: int, args: argparse.Namespace) -> None:
+    """Time the Gram matrix of the rotations nearest to the origin."""
+    reach = np.arange(-9, 10)
+    indices = np.stack(np.meshgrid(reach, reach, reach, indexing="ij"), -1).reshape(-1, 3)
+    indices = indices[np.argsort((indices**2).sum(1), kind="stable")[:count]]
+    f = np.random.default_rng(0).normal(size=(*camera.shape, 2)).astype(np.float32)
+    works: dict[str, Work] = {}
+    for hop in (24, 32):
+        flow = FilterFlow(
+            camera,
+            indices * grid_steps(camera),
+            margin=0,
+            hop=hop,
+            channels=2,
+            threads=args.threads,
+        )
+        works[f"hop {hop}"] = lambda flow=flow: flow.gram(f)
+    seconds = best_of(works, min(args.repeats, 3))
+    costs = ", ".join(f"{name} {took:.3f} s" for name, took in seconds.items())
+    print(f"  {camera.width} x {camera.height}, {count} rotations: {costs}", flush=True)
+
+
+def best_of(works: dict[str, Work], repeats: int) -> dict[str, float]:
+    """Time every work in turn, again and again; the shortest of each, in seconds."""
+    best = dict.fromkeys(works, np.inf)
+    for work in works.values():
+        work()  # the first run fills caches
+    for _ in range(repeats):
+        for name, work in works.items():
+            start = time.perf_counter()
+            work()
+            best[name] = min(best[name], time.perf_counter() - start)
+    return best
+
+
+def peak(work: Work) -> float:
+    """Megabytes that are allocated at once while a work runs."""
+    tracemalloc.start()
+    work()
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    return most / 1e6
+
+
+if __name__ == "__main__":
+    main()

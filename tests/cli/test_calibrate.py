@@ -1,0 +1,99 @@
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from deshake.io.kernel_file import read_camera
+
+
+@pytest.fixture
+def photo(tmp_path):
+    """A portrait of 300 x 400 that lies on its side, taken with a 35 mm equivalent."""
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    exif.get_ifd(0x8769)[0xA405] = 35
+    path = tmp_path / "portrait.jpg"
+    Image.new("RGB", (400, 300), "teal").save(path, exif=exif)
+    return path
+
+
+def test_writes_the_camera_of_the_upright_photo(deshake, photo, tmp_path):
+    outcome = deshake("calibrate", photo)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert "404.5 pixels, 35.0 mm-equivalent (EXIF FocalLengthIn35mmFilm = 35 mm)" in outcome.out
+    found = read_camera(tmp_path / "portrait.camera.npz")
+    assert found.camera.shape == (400, 300)
+    assert found.camera.focal_px == pytest.approx(35 * 500 / np.hypot(36, 24))
+    assert found.camera.matrix[:2, 2].tolist() == [149.5, 199.5]
+    assert found.source == "EXIF FocalLengthIn35mmFilm = 35 mm"
+
+
+def test_json_is_one_line_and_writes_nothing_unasked(deshake, photo, tmp_path):
+    outcome = deshake("calibrate", photo, "--json")
+    assert json.loads(outcome.out) == {
+        "input": str(photo),
+        "output": None,
+        "focal_px": 404.469,
+        "focal_35mm": 35,
+        "source": "EXIF FocalLengthIn35mmFilm = 35 mm",
+        "width": 300,
+        "height": 400,
+    }
+    assert list(tmp_path.iterdir()) == [photo]
+    out = tmp_path / "c.npz"
+    assert json.loads(deshake("calibrate", photo, "--json", "-o", out).out)["output"] == str(out)
+    assert out.exists()
+
+
+@pytest.mark.parametrize(
+    ("option", "focal"), [(("--focal-px", 800), 800), (("--focal-35mm", 50), 577.78)]
+)
+def test_options_come_first(deshake, photo, tmp_path, option, focal):
+    assert deshake("calibrate", photo, *option).code == 0
+    found = read_camera(tmp_path / "portrait.camera.npz")
+    assert found.camera.focal_px == pytest.approx(focal, rel=1e-4)
+    assert found.source == f"{option[0]} {option[1]}"
+
+
+def test_nothing_to_go_by_is_an_error_with_a_hint(deshake, tmp_path):
+    path = tmp_path / "bare.png"
+    Image.new("L", (40, 30)).save(path)
+    outcome = deshake("calibrate", path)
+    assert (outcome.code, outcome.out) == (1, "")
+    assert outcome.err.startswith(f"error: {path}: its metadata state no focal length\nhint: ")
+    assert "--focal-35mm" in outcome.err
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_absurd_length_is_an_error(deshake, photo):
+    outcome = deshake("calibrate", photo, "--focal-px", 3)
+    assert outcome.code == 1
+    assert outcome.err.startswith(f"error: {photo}: --focal-px 3 makes")
+
+
+def test_refuses_to_replace(deshake, photo, tmp_path):
+    out = tmp_path / "portrait.camera.npz"
+    out.write_text("mine")
+    assert "exists already" in deshake("calibrate", photo).err
+    assert out.read_text() == "mine"
+    assert deshake("calibrate", photo, "--overwrite").code == 0
+
+
+def test_quiet_says_nothing(deshake, photo):
+    assert deshake("calibrate", photo, "-q").out == ""
+
+
+def test_standard_output_takes_one_thing(deshake, photo):
+    done = subprocess.run(
+        [sys.executable, "-m", "deshake", "calibrate", photo, "-o", "-"],
+        capture_output=True,
+        check=True,
+    )
+    assert done.stdout.startswith(b"PK")
+    assert done.stderr == b""
+    assert deshake("calibrate", photo, "-o", "-", "--json").code == 2

@@ -1,0 +1,162 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
+from deshake.io.kernel_file import KernelFile, write_kernel
+
+
+@pytest.fixture
+def kernel(tmp_path):
+    """A pan along a slant, for photos of 100 x 80."""
+    path = tmp_path / "pan.npz"
+    turn = RotationKernel.from_path(
+        [(-0.012, -0.012, 0), (0.012, 0.012, 0)], Camera.from_focal(120, 80, 100)
+    )
+    write_kernel(path, KernelFile(turn))
+    return path
+
+
+def contrast(path):
+    grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE).astype(float)
+    return np.abs(np.diff(grey[10:-10, 10:-10], axis=1)).mean()
+
+
+def test_makes_a_sharper_photo_beside_the_first(deshake, shaken, kernel, tmp_path):
+    photo = shaken("a.jpg")
+    outcome = deshake("deblur", photo, kernel)
+    assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
+    out = tmp_path / "a.deshaken.jpg"
+    assert contrast(out) > 1.05 * contrast(photo)
+    with Image.open(out) as image:
+        assert (image.format, image.mode, image.size) == ("JPEG", "RGB", (100, 80))
+
+
+def test_depth_and_opacity_stay(deshake, kernel, tmp_path):
+    path, out = tmp_path / "a.png", tmp_path / "out.png"
+    codes = np.random.default_rng(1).integers(0, 65536, (80, 100, 4)).astype(np.uint16)
+    path.write_bytes(cv2.imencode(".png", codes)[1].tobytes())
+    assert deshake("deblur", path, kernel, "-o", out, "--iterations", 2).code == 0
+    found = cv2.imread(str(out), cv2.IMREAD_UNCHANGED)
+    assert found.dtype == np.uint16
+    assert np.array_equal(found[..., 3], codes[..., 3])
+    assert not np.array_equal(found[..., :3], codes[..., :3])
+
+
+def test_metadata_stay(deshake, shaken, kernel, tmp_path):
+    photo = shaken("a.jpg")
+    exif = Image.Exif()
+    exif[0x010F] = "a camera"
+    with Image.open(photo) as image:
+        image.load()
+        image.save(photo, exif=exif, icc_profile=b"x" * 200)
+    assert deshake("deblur", photo, kernel, "--iterations", 1).code == 0
+    with Image.open(tmp_path / "a.deshaken.jpg") as image:
+        assert image.getexif()[0x010F] == "a camera"
+        assert image.info["icc_profile"] == b"x" * 200
+
+
+def test_a_folder_takes_the_default_name(deshake, shaken, kernel, tmp_path):
+    (tmp_path / "sharp").mkdir()
+    args = ("--iterations", 1, "-o", tmp_path / "sharp")
+    assert deshake("deblur", shaken("a.jpg"), kernel, *args).code == 0
+    assert (tmp_path / "sharp" / "a.deshaken.jpg").exists()
+
+
+def test_the_kernel_fits_the_photo_at_another_size(deshake, shaken, kernel, tmp_path):
+    big = tmp_path / "big.jpg"
+    with Image.open(shaken("a.jpg")) as image:
+        image.resize((199, 160), Image.Resampling.BICUBIC).save(big)
+    assert deshake("deblur", big, kernel, "--iterations", 4).code == 0
+    assert contrast(tmp_path / "big.deshaken.jpg") > 1.02 * contrast(big)
+
+
+@pytest.mark.parametrize(
+    ("size", "hint"),
+    [((100, 90), "must not be cropped"), ((80, 100), "turned"), ((1, 9), "must not be cropped")],
+)
+def test_another_shape_is_an_error(deshake, kernel, tmp_path, size, hint):
+    photo = tmp_path / "other.png"
+    Image.new("RGB", size, "teal").save(photo)
+    outcome = deshake("deblur", photo, kernel)
+    assert outcome.code == 1
+    assert outcome.err.startswith(f"error: {kernel}: the kernel is for pictures of 100 x 80")
+    assert hint in outcome.err
+    assert not (tmp_path / "other.deshaken.png").exists()
+
+
+def test_iterations_and_transfer_shape_the_result(deshake, shaken, kernel, tmp_path):
+    photo = shaken("a.png")
+    found = set()
+    for args in (
+        ("--iterations", 2),
+        ("--iterations", 5),
+        ("--iterations", 2, "--transfer=linear"),
+    ):
+        assert deshake("deblur", photo, kernel, "--overwrite", *args).code == 0
+        found.add((tmp_path / "a.deshaken.png").read_bytes())
+    assert len(found) == 3
+
+
+def test_says_the_iterations_when_asked(deshake, shaken, kernel):
+    assert (
+        "deblurred in 3 iterations"
+        in deshake("-v", "deblur", shaken("a.jpg"), kernel, "--iterations", 3).err
+    )
+
+
+def test_threads_do_not_change_a_byte(deshake, shaken, kernel, tmp_path):
+    photo, found = shaken("a.png", 16), set()
+    for threads in (1, 3):
+        assert deshake("deblur", photo, kernel, "--overwrite", "--threads", threads).code == 0
+        found.add((tmp_path / "a.deshaken.png").read_bytes())
+    assert len(found) == 1
+
+
+def test_the_kernel_comes_from_standard_input_too(deshake, shaken, kernel, tmp_path):
+    photo, other = shaken("a.png"), tmp_path / "other.png"
+    assert deshake("deblur", photo, kernel, "--iterations", 2).code == 0
+    args = ["deblur", photo, "-", "--iterations", "2", "-o", other]
+    subprocess.run([sys.executable, "-m", "deshake", *args], input=kernel.read_bytes(), check=True)
+    assert other.read_bytes() == (tmp_path / "a.deshaken.png").read_bytes()
+
+
+def test_photos_do_not_go_to_standard_output(deshake, shaken, kernel):
+    outcome = deshake("deblur", shaken("a.jpg"), kernel, "-o", "-")
+    assert outcome.code == 1
+    assert "standard output" in outcome.err
+
+
+def test_the_kernel_is_never_the_output(deshake, shaken, kernel):
+    before = kernel.read_bytes()
+    outcome = deshake("deblur", shaken("a.jpg"), kernel, "-o", kernel, "--overwrite")
+    assert outcome.code == 1
+    assert "never touches" in outcome.err
+    assert kernel.read_bytes() == before
+
+
+def test_another_ending_is_another_format(deshake, shaken, kernel, tmp_path):
+    out = tmp_path / "out.tif"
+    assert deshake("deblur", shaken("a.jpg"), kernel, "-o", out, "--iterations", 1).code == 0
+    with Image.open(out) as image:
+        assert image.format == "TIFF"
+    for name, what in (("out.bmp", "no photo format ends in '.bmp'"), ("out", "no ending")):
+        outcome = deshake("deblur", shaken("a.jpg"), kernel, "-o", tmp_path / name)
+        assert outcome.code == 1
+        assert what in outcome.err
+
+
+def test_what_a_format_cannot_hold_is_told_before_the_work(deshake, kernel, tmp_path):
+    photo = tmp_path / "a.png"
+    Image.new("RGBA", (100, 80), (9, 99, 9, 99)).save(photo)
+    outcome = deshake("-v", "deblur", photo, kernel, "-o", tmp_path / "a.jpg")
+    assert outcome.code == 1
+    assert "a JPEG cannot hold transparency" in outcome.err
+    assert "iterations" not in outcome.err

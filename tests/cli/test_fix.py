@@ -1,0 +1,218 @@
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from PIL import Image
+
+from deshake.io.kernel_file import read_kernel
+from deshake.pipelines import batch
+
+LENS = ("--focal-35mm", 40)
+FAST = (*LENS, "--blur-size", 3, "--region", "20,10,60,50", "--iterations", 2)
+
+
+@pytest.mark.parametrize(("name", "depth"), [("a.jpg", 8), ("a.png", 16)])
+def test_gives_the_bytes_of_its_stages(deshake, shaken, tmp_path, name, depth):
+    photo = shaken(name, depth)
+    camera, kernel, sharp = tmp_path / "c.npz", tmp_path / "k.npz", tmp_path / f"sharp-{name}"
+    assert deshake("calibrate", photo, "--focal-35mm", 40, "-o", camera).code == 0
+    args = ("--camera", camera, "--blur-size", 3, "-o", kernel, "-q")
+    assert deshake("estimate-blind", photo, *args).code == 0
+    assert deshake("deblur", photo, kernel, "-o", sharp).code == 0
+    fixed, kernels = tmp_path / f"fixed-{name}", tmp_path / "kernels"
+    args = (*LENS, "--blur-size", 3, "--keep-kernels", kernels)
+    outcome = deshake("fix", photo, "-o", fixed, *args)
+    assert outcome.code == 0
+    assert outcome.out == ""
+    assert fixed.read_bytes() == sharp.read_bytes()
+    assert (kernels / "a.kernel.npz").read_bytes() == kernel.read_bytes()
+    assert fixed.read_bytes() != photo.read_bytes()
+
+
+def test_fixes_beside_the_photo_and_keeps_it(deshake, shaken, tmp_path):
+    photo = shaken("a.jpg")
+    before = photo.read_bytes(), photo.stat().st_mtime_ns
+    outcome = deshake("fix", photo, *FAST, "--json")
+    assert outcome.code == 0
+    report = json.loads(outcome.out)
+    assert report["status"] == "done"
+    assert report["output"] == str(tmp_path / "a.deshaken.jpg")
+    assert report["camera_source"] == "--focal-35mm 40"
+    assert {path.name for path in tmp_path.iterdir()} == {"a.jpg", "a.deshaken.jpg"}
+    assert (photo.read_bytes(), photo.stat().st_mtime_ns) == before
+
+
+def test_a_folder_and_a_photo_go_to_a_folder(deshake, shaken, tmp_path):
+    folder = tmp_path / "in"
+    (folder / "below").mkdir(parents=True)
+    one = shaken("one.jpg").rename(folder / "one.jpg")
+    for name in ("old.deshaken.jpg", ".hidden.jpg", "below/deep.jpg", "text.txt"):
+        shutil.copy(one, folder / name)
+    two = shaken("two.PNG")
+    out = tmp_path / "out"
+    outcome = deshake("fix", folder, two, "-o", out, "--keep-kernels", tmp_path / "k", *FAST)
+    assert (outcome.code, outcome.out) == (0, "")
+    assert {path.name for path in out.iterdir()} == {"one.deshaken.jpg", "two.deshaken.PNG"}
+    names = {path.name for path in (tmp_path / "k").iterdir()}
+    assert names == {"one.kernel.npz", "two.kernel.npz"}
+    kernel = read_kernel(tmp_path / "k" / "one.kernel.npz")
+    assert kernel.kernel.camera.shape == (80, 100)
+
+
+def test_one_bad_photo_does_not_stop_the_rest(deshake, shaken, tmp_path):
+    bad, empty = tmp_path / "bad.jpg", tmp_path / "empty.jpg"
+    bad.write_text("not a photo")
+    empty.touch()
+    good = shaken("good.jpg")
+    outcome = deshake("fix", bad, good, empty, "--json", *FAST)
+    assert outcome.code == 1
+    lines = [json.loads(line) for line in outcome.out.splitlines()]
+    assert [line["status"] for line in lines] == ["failed", "done", "failed"]
+    assert "not a JPEG" in lines[0]["error"]
+    assert f"error: {bad}: not a JPEG" in outcome.err
+    assert f"error: {empty}: the file is empty" in outcome.err
+    assert "warning: 2 of 3 photos failed" in outcome.err
+    assert (tmp_path / "good.deshaken.jpg").exists()
+
+
+def test_fail_fast_stops_at_the_first(deshake, shaken, tmp_path):
+    bad = tmp_path / "bad.jpg"
+    bad.touch()
+    outcome = deshake("fix", bad, shaken("good.jpg"), "--fail-fast", "--json", *FAST)
+    assert outcome.code == 1
+    assert len(outcome.out.splitlines()) == 1
+    assert not (tmp_path / "good.deshaken.jpg").exists()
+
+
+def test_a_bug_with_one_photo_does_not_stop_the_rest(deshake, shaken, tmp_path, monkeypatch):
+    bad, good = shaken("bad.jpg"), shaken("good.jpg")
+    real = batch.fix_file
+
+    def broken(source, *args, **options):
+        if source == bad:
+            raise ZeroDivisionError("by zero")
+        return real(source, *args, **options)
+
+    monkeypatch.setattr(batch, "fix_file", broken)
+    outcome = deshake("fix", bad, good, *FAST)
+    assert outcome.code == 1
+    assert f"error: {bad}: ZeroDivisionError: by zero\nhint: this is a bug" in outcome.err
+    assert (tmp_path / "good.deshaken.jpg").exists()
+
+
+def test_existing_outputs_are_refused_before_any_work(deshake, shaken, tmp_path):
+    one, two = shaken("one.jpg"), shaken("two.jpg")
+    out = tmp_path / "one.deshaken.jpg"
+    out.write_text("mine")
+    outcome = deshake("fix", one, two, *FAST)
+    assert outcome.code == 1
+    assert f"error: {out}: exists already\nhint: " in outcome.err
+    assert out.read_text() == "mine"
+    assert (tmp_path / "two.deshaken.jpg").exists()
+    assert deshake("fix", one, "--overwrite", *FAST).code == 0
+    assert out.read_bytes() == (tmp_path / "two.deshaken.jpg").read_bytes()
+
+
+def test_skip_existing_leaves_what_is_there(deshake, shaken, tmp_path):
+    one, two = shaken("one.jpg"), shaken("two.jpg")
+    out, kernels = tmp_path / "one.deshaken.jpg", tmp_path / "k"
+    out.write_text("mine")
+    kernels.mkdir()
+    (kernels / "two.kernel.npz").write_text("of an earlier run that was cut short")
+    args = ("--skip-existing", "--keep-kernels", kernels, "--json", *FAST)
+    outcome = deshake("fix", one, two, *args)
+    assert outcome.code == 0
+    assert [json.loads(line)["status"] for line in outcome.out.splitlines()] == ["skipped", "done"]
+    assert out.read_text() == "mine"
+    assert read_kernel(kernels / "two.kernel.npz").confidence >= 0
+    assert deshake("fix", one, "--skip-existing", "--overwrite").code == 2
+
+
+@pytest.mark.parametrize("case", ["twice", "link", "kernels", "same name"])
+def test_two_results_of_one_name_are_wrong_usage(deshake, shaken, tmp_path, case):
+    one, other = shaken("one.jpg"), tmp_path / "other"
+    other.mkdir()
+    args = {
+        "twice": (one, one),
+        "link": (one, other / "up" / "one.jpg"),
+        "kernels": (one, shaken("one.png"), "--keep-kernels", other),
+        "same name": (one, shutil.copy(one, other / "one.jpg"), "-o", tmp_path / "out"),
+    }[case]
+    (other / "up").symlink_to(tmp_path)
+    outcome = deshake("fix", *args)
+    assert outcome.code == 2
+    assert "would both be written to" in outcome.err
+    assert not list(tmp_path.glob("*.deshaken.*"))
+    assert not (tmp_path / "out").exists()
+
+
+def test_several_photos_do_not_go_to_one_file(deshake, shaken, tmp_path):
+    (tmp_path / "out.jpg").touch()
+    outcome = deshake("fix", shaken("a.jpg"), shaken("b.jpg"), "-o", tmp_path / "out.jpg")
+    assert outcome.code == 2
+    assert "for several photos, -o names a folder" in outcome.err
+    assert (tmp_path / "out.jpg").read_bytes() == b""
+
+
+def test_only_the_last_folder_is_made(deshake, shaken, tmp_path):
+    out = tmp_path / "new" / "out"
+    outcome = deshake("fix", shaken("a.jpg"), shaken("b.jpg"), "-o", out)
+    assert outcome.code == 1
+    assert outcome.err.startswith(f"error: {out}: the folder cannot be made: no such file")
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_result_is_never_another_input(deshake, shaken, tmp_path):
+    one = shaken("one.jpg")
+    before = shaken("one.deshaken.jpg").read_bytes()
+    outcome = deshake("fix", one, tmp_path / "one.deshaken.jpg", "--overwrite", *FAST)
+    assert outcome.code == 1
+    assert f"error: {tmp_path / 'one.deshaken.jpg'}: the output is the input itself" in outcome.err
+    assert (tmp_path / "one.deshaken.jpg").read_bytes() == before
+    assert (tmp_path / "one.deshaken.deshaken.jpg").exists()
+
+
+def test_a_folder_without_photos_is_an_error(deshake, tmp_path):
+    outcome = deshake("fix", tmp_path)
+    assert outcome.code == 1
+    assert outcome.err.startswith(f"error: {tmp_path}: there are no photos in this folder\nhint: ")
+
+
+def test_no_photo_is_wrong_usage(deshake):
+    assert deshake("fix").code == 2
+
+
+def test_the_progress_bar_tells_the_photo_and_the_time_left(deshake, shaken):
+    outcome = deshake("fix", shaken("a.jpg"), *FAST, "--progress")
+    assert outcome.code == 0
+    assert "a.jpg: scale" in outcome.err
+    assert " left" in outcome.err
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs POSIX signals")
+def test_an_interrupt_leaves_nothing(shaken, tmp_path):
+    photo = shaken("a.jpg")
+    with Image.open(photo) as image:
+        image.resize((400, 320)).save(photo)
+    args = ["fix", photo, "--keep-kernels", tmp_path / "k", "-v", "--progress"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "deshake", *map(str, args)], stderr=subprocess.PIPE
+    )
+    os.set_blocking(process.stderr.fileno(), False)
+    heard, deadline = b"", time.monotonic() + 60
+    while b"scale" not in heard and time.monotonic() < deadline:
+        heard += process.stderr.read() or b""
+        time.sleep(0.02)
+    assert b"scale" in heard
+    process.send_signal(signal.SIGINT)
+    assert process.wait(30) == 130
+    process.stderr.close()
+    assert {path.name for path in tmp_path.iterdir()} == {"a.jpg", "k"}
+    assert list((tmp_path / "k").iterdir()) == []

@@ -1,0 +1,35 @@
+from __future__ import annotations
+
+import struct
+
+import pytest
+
+from deshake.errors import PhotoError
+from deshake.io.encoding import MAX_PIXELS, check_size, decoding
+
+
+def test_large_cameras_fit_and_bombs_do_not() -> None:
+    check_size(1, 1)
+    check_size(12240, 16320)  # 200 MP
+    assert MAX_PIXELS < 10**9
+    with pytest.raises(PhotoError, match="pixels are more than"):
+        check_size(100_000, 10_000)
+    with pytest.raises(PhotoError, match="no pixels"):
+        check_size(0, 5)
+
+
+@pytest.mark.parametrize("error", [OSError("a\nb"), struct.error("x"), KeyError(3), MemoryError()])
+def test_whatever_a_decoder_raises_becomes_one_line(error: Exception) -> None:
+    with pytest.raises(PhotoError) as caught, decoding("PNG"):
+        raise error
+    assert "PNG" in caught.value.message
+    assert "\n" not in caught.value.message
+
+
+def test_interrupts_and_own_errors_pass() -> None:
+    with pytest.raises(KeyboardInterrupt), decoding("PNG"):
+        raise KeyboardInterrupt
+    own = PhotoError("own")
+    with pytest.raises(PhotoError) as caught, decoding("PNG"):
+        raise own
+    assert caught.value is own

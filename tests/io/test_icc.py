@@ -1,0 +1,84 @@
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from PIL import ImageCms
+
+from deshake.io.icc import profile_transfer
+from deshake.io.transfer import LINEAR, SRGB, Power, Table
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+def curv(*entries: float) -> bytes:
+    return struct.pack(f">4s4xI{len(entries)}H", b"curv", len(entries), *map(int, entries))
+
+
+def para(kind: int, *numbers: float) -> bytes:
+    fixed = [round(number * 65536) for number in numbers]
+    return struct.pack(f">4s4xHxx{len(fixed)}i", b"para", kind, *fixed)
+
+
+def test_littlecms_own_srgb_profile_is_srgb() -> None:
+    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+    assert profile_transfer(profile) is SRGB
+
+
+@pytest.mark.parametrize("grey", [False, True])
+def test_simple_curves(make_icc: Callable[..., bytes], *, grey: bool) -> None:
+    def read(curve: bytes) -> object:
+        return profile_transfer(make_icc(curve, grey=grey))
+
+    srgb = SRGB.to_linear(np.linspace(0, 1, 1024))
+    assert read(curv()) is LINEAR
+    assert read(curv(2.2 * 256)) == Power(563 / 256)
+    assert read(para(0, 1.8)) == Power(round(1.8 * 65536) / 65536)
+    assert read(para(3, 2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045)) is SRGB
+    assert read(curv(*np.rint(65535 * srgb))) is SRGB
+
+
+def test_a_table_with_a_flat_foot_is_known_as_the_power_it_samples(
+    make_icc: Callable[..., bytes],
+) -> None:
+    table = np.rint(65535 * np.linspace(0, 1, 4096) ** 2.2)
+    assert table[1] == table[2] == 0
+    assert profile_transfer(make_icc(curv(*table))) == Power(2.2)
+
+
+def test_any_other_rising_table_is_used_as_it_is(make_icc: Callable[..., bytes]) -> None:
+    x = np.linspace(0, 1, 256)
+    table = np.rint(65535 * (0.3 * x + 0.7 * x**3))
+    curve = profile_transfer(make_icc(curv(*table)))
+    assert isinstance(curve, Table)
+    assert np.array_equal(curve.light, table / 65535)
+
+
+def test_an_odd_parametric_curve_becomes_a_table(make_icc: Callable[..., bytes]) -> None:
+    a = 1.0992968  # BT.709: ((x + a - 1) / a) ** (1 / 0.45) above, x / 4.5 below
+    curve = profile_transfer(make_icc(para(3, 1 / 0.45, 1 / a, (a - 1) / a, 1 / 4.5, 0.0812429)))
+    assert isinstance(curve, Table)
+    half = curve.to_linear(np.array([0.5]))[0]
+    assert half == pytest.approx(((0.5 + a - 1) / a) ** (1 / 0.45), abs=1e-4)
+
+
+def test_what_is_no_simple_curve_is_none(make_icc: Callable[..., bytes]) -> None:
+    assert profile_transfer(b"") is None
+    assert profile_transfer(b"\0" * 200) is None
+    assert profile_transfer(make_icc(curv(2.2 * 256), blue=curv(1.8 * 256))) is None
+    assert profile_transfer(make_icc(curv(0))) is None
+    assert profile_transfer(make_icc(curv(65535, 0))) is None
+    assert profile_transfer(make_icc(curv(0, 100, 100, 65535))) is None
+    assert profile_transfer(make_icc(para(7, 1))) is None
+    assert profile_transfer(make_icc(para(1, 2, 0, 0))) is None
+    assert profile_transfer(make_icc(b"mft2")) is None
+    assert profile_transfer(make_icc(struct.pack(">4s4xI", b"curv", 1 << 31))) is None
+
+
+def test_damaged_profiles_do_no_harm(make_icc: Callable[..., bytes]) -> None:
+    profile = make_icc(curv(*range(0, 65536, 257)))
+    for size in range(len(profile)):
+        profile_transfer(profile[:size])

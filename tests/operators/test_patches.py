@@ -1,0 +1,108 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from deshake.operators.patches import PatchGrid
+
+
+def grid_of(
+    shape: tuple[int, int], *, radius: int = 5, hop: int = 12, margin: int = 5
+) -> PatchGrid:
+    return PatchGrid(shape, radius, hop, margin, threads=2)
+
+
+@pytest.mark.parametrize("shape", [(50, 70), (12, 12), (1, 1), (13, 200)])
+def test_windows_sum_to_one(shape: tuple[int, int]) -> None:
+    grid = grid_of(shape)
+    total = np.zeros((1, *shape), np.float32)
+    for strip in grid.strips:
+        windows = np.broadcast_to(grid.window, (1, strip.count, *grid.window.shape))
+        grid.add_observed(total, strip, grid.overlap_add(windows))
+    np.testing.assert_allclose(total, 1, atol=1e-6)
+
+
+def test_every_patch_is_in_one_strip_and_batch() -> None:
+    grid = grid_of((50, 9000))
+    seen = [
+        (strip.row, column)
+        for strip in grid.strips
+        for batch in grid.batches(strip)
+        for part in [strip.part(batch.start, batch.stop)]
+        for column in range(part.first, part.last)
+    ]
+    assert len(seen) == len(set(seen)) == grid.rows * grid.columns
+
+
+def test_strips_do_not_depend_on_the_threads() -> None:
+    a = PatchGrid((500, 900), 5, 12, 5, threads=1)
+    b = PatchGrid((500, 900), 5, 12, 5, threads=4)
+    assert a.strips == b.strips
+
+
+def test_blocks_are_what_patches_look_at() -> None:
+    grid = grid_of((50, 70), margin=0)
+    image = np.random.default_rng(0).random((2, 50, 70)).astype(np.float32)
+    strip = grid.strips[2]
+    blocks, patches = grid.blocks(image, strip), grid.patches(image, strip, grid.window)
+    n, p = grid.block, grid.patch
+    assert blocks.shape == (2, strip.count, n, n)
+    assert patches.shape == (2, strip.count, p, p)
+    column = 3
+    top, left = (strip.row - 1) * grid.hop, (column - 1) * grid.hop
+    inside = image[:, top : top + p, left : left + p]
+    np.testing.assert_allclose(patches[:, column], inside * grid.window, atol=1e-6)
+    r = grid.radius
+    np.testing.assert_array_equal(blocks[:, column, r : r + p, r : r + p], inside)
+    assert np.all(grid.blocks(image, grid.strips[0])[:, 0, : r + grid.hop] == 0)
+
+
+def test_transforms_are_those_of_two_dimensions() -> None:
+    grid = grid_of((50, 70))
+    n, p = grid.block, grid.patch
+    small = np.random.default_rng(0).random((3, p, p)).astype(np.float32)
+    spectra = np.fft.rfft2(small, (n, n))
+    np.testing.assert_allclose(grid.rfft(small), spectra, atol=1e-3)
+    np.testing.assert_allclose(grid.rfft(small, conjugate=True), spectra.conj(), atol=1e-3)
+    for conjugate in (False, True):
+        back = grid.irfft(grid.rfft(small, conjugate=conjugate), conjugate=conjugate)
+        assert back.dtype == np.float32
+        np.testing.assert_allclose(back[:, :p, :p], small, atol=1e-6)
+        np.testing.assert_allclose(back[:, p:], 0, atol=1e-6)
+        part = grid.irfft(grid.rfft(small, conjugate=conjugate), 7, conjugate=conjugate)
+        np.testing.assert_allclose(part, small[:, :7, :7], atol=1e-6)
+
+
+def test_cross_correlations_are_sums_over_pixels() -> None:
+    grid = grid_of((30, 40), radius=3, hop=10, margin=3)
+    rng = np.random.default_rng(0)
+    observed = rng.random((2, 30, 40)).astype(np.float32)
+    latent = rng.random((2, *grid.latent_shape)).astype(np.float32)
+    total = np.zeros((grid.reach, grid.reach))
+    for _, part in grid.cross_correlations(observed, latent, lambda _, c: c.sum(0)):
+        total += part
+    for dy, dx in ((0, 0), (-3, 2), (1, -3)):
+        seen = latent[:, 3 + dy : 33 + dy, 3 + dx : 43 + dx]
+        assert total[3 + dy, 3 + dx] == pytest.approx(float((observed * seen).sum()), rel=1e-5)
+
+
+def test_autocorrelations_are_sums_over_pixels() -> None:
+    grid = grid_of((30, 40), radius=3, hop=10, margin=3)
+    observed = np.random.default_rng(0).random((2, 30, 40)).astype(np.float32)
+    strip = grid.strips[1]
+    found = grid.autocorrelations(observed, strip)
+    assert found.shape == (strip.count, 13, 13)
+    seen = grid.patches(observed, strip, np.sqrt(grid.window))[:, 1]
+    for dy, dx in ((0, 0), (2, 5), (-6, 3)):
+        a = seen[:, max(0, -dy) : 20 - max(0, dy), max(0, -dx) : 20 - max(0, dx)]
+        b = seen[:, max(0, dy) : 20 + min(0, dy), max(0, dx) : 20 + min(0, dx)]
+        expected = float((a * b).sum())
+        assert found[1, 6 + dy, 6 + dx] == pytest.approx(expected, rel=1e-4)
+
+
+def test_centres_lie_within_the_frame() -> None:
+    grid = grid_of((50, 70))
+    centres = np.concatenate([grid.centres(strip) for strip in grid.strips])
+    assert len(centres) == grid.rows * grid.columns
+    assert centres.min() == 0
+    np.testing.assert_array_equal(centres.max(0), [69, 49])

@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from deshake.errors import OutputError, PhotoError
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
+from deshake.io.kernel_file import KernelFile, read_camera, read_kernel, write_kernel
+from deshake.pipelines import file_stages
+from deshake.pipelines.file_stages import (
+    calibrate_file,
+    deblur_file,
+    estimate_file,
+    fix_file,
+    kernel_name,
+)
+from deshake.pipelines.stages import EstimateOptions
+
+OPTIONS = EstimateOptions(focal_35mm=40, blur_size=3, uniform=True, region=(0, 0, 60, 50))
+
+
+@pytest.fixture
+def photo(tmp_path):
+    coarse = np.random.default_rng(2).integers(40, 220, (8, 10)).astype(np.uint8)
+    path = tmp_path / "a.png"
+    Image.fromarray(coarse).resize((80, 64), Image.Resampling.BILINEAR).save(path)
+    return path
+
+
+@pytest.fixture
+def kernel(tmp_path):
+    camera = Camera.from_focal(100, 64, 80)
+    turn = RotationKernel.from_path([(0, -0.01, 0), (0, 0.01, 0)], camera)
+    write_kernel(tmp_path / "k.npz", KernelFile(turn))
+    return tmp_path / "k.npz"
+
+
+def test_kernels_are_named_after_their_photos(tmp_path):
+    assert kernel_name(tmp_path / "a.b.jpg") == "a.b.kernel.npz"
+
+
+def test_calibration_is_written_where_it_is_wanted(photo, tmp_path):
+    found = calibrate_file(photo, None, focal_px=90)
+    assert not list(tmp_path.glob("*.npz"))
+    calibrate_file(photo, tmp_path / "c.npz", focal_px=90)
+    assert np.array_equal(read_camera(tmp_path / "c.npz").camera.matrix, found.camera.matrix)
+
+
+def test_fixing_is_estimating_and_deblurring(photo, tmp_path):
+    estimated = estimate_file(photo, tmp_path / "one.npz", OPTIONS)
+    deblur_file(photo, tmp_path / "one.npz", tmp_path / "one.png")
+    fixed = fix_file(photo, tmp_path / "two.png", tmp_path / "two.npz", OPTIONS)
+    assert (tmp_path / "one.npz").read_bytes() == (tmp_path / "two.npz").read_bytes()
+    assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
+    assert fixed.report() == estimated.report()
+    kernel = read_kernel(tmp_path / "two.npz").kernel
+    assert np.array_equal(kernel.weights, fixed.content.kernel.weights)
+
+
+def test_progress_rises_from_estimate_to_deblurring(photo, tmp_path):
+    told = []
+    fix_file(
+        photo,
+        tmp_path / "out.png",
+        None,
+        OPTIONS,
+        iterations=3,
+        progress=lambda share, text: told.append((share, text)),
+    )
+    shares = [share for share, _ in told]
+    assert shares == sorted(shares)
+    assert shares[0] < 0.2
+    assert shares[-1] == pytest.approx(1)
+    assert len({text for _, text in told}) > 2
+
+
+@pytest.mark.parametrize("existed", [False, True])
+def test_the_kernel_goes_if_the_photo_cannot_be_written(photo, tmp_path, monkeypatch, existed):
+    kernel = tmp_path / "k.npz"
+    if existed:
+        kernel.write_text("an older one")
+
+    def fail(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(file_stages, "write_photo", fail)
+    with pytest.raises(KeyboardInterrupt):
+        fix_file(photo, tmp_path / "o.png", kernel, OPTIONS, iterations=1, overwrite_kernel=existed)
+    assert kernel.exists() == existed
+
+
+@pytest.mark.parametrize(
+    ("name", "what"),
+    [
+        ("out.bmp", "no photo format"),
+        ("out", "no ending"),
+        ("a.png", "never touches"),
+        ("none/out.png", "no such folder"),
+    ],
+)
+def test_outputs_are_checked_before_any_work(photo, kernel, tmp_path, name, what):
+    told = []
+    tell = {"progress": lambda share, _: told.append(share), "overwrite": True}
+    with pytest.raises(OutputError, match=what):
+        deblur_file(photo, kernel, tmp_path / name, **tell)
+    with pytest.raises(OutputError, match=what):
+        fix_file(photo, tmp_path / name, None, OPTIONS, **tell)
+    assert told == []
+
+
+def test_a_format_that_cannot_hold_the_photo_is_told_before_any_work(kernel, tmp_path):
+    path, told = tmp_path / "clear.png", []
+    Image.new("RGBA", (80, 64), (1, 2, 3, 4)).save(path)
+    tell = {"progress": lambda share, _: told.append(share)}
+    with pytest.raises(PhotoError, match="transparency"):
+        deblur_file(path, kernel, tmp_path / "out.jpg", **tell)
+    with pytest.raises(PhotoError, match="transparency"):
+        fix_file(path, tmp_path / "out.jpg", None, OPTIONS, **tell)
+    assert told == []
+
+
+def test_kernel_and_photo_do_not_share_a_file(photo, tmp_path):
+    (tmp_path / "out.png").touch()
+    with pytest.raises(OutputError):
+        fix_file(
+            photo, tmp_path / "out.png", tmp_path / "out.png", OPTIONS,
+            overwrite=True, overwrite_kernel=True,
+        )  # fmt: skip

@@ -1,0 +1,124 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from deshake.errors import CalibrationError, EstimationError
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
+from deshake.io.kernel_file import CameraFile
+from deshake.io.photo import read_photo
+from deshake.operators.shake_blur import ShakeBlur
+from deshake.pipelines.stages import EstimateOptions, calibrate, deblur, estimate, luminance
+
+
+def texture(height, width, seed=5):
+    """Blobs with sharp edges, (height, width) from 0.1 to 0.9."""
+    coarse = np.random.default_rng(seed).random((height // 8 + 2, width // 8 + 2)) > 0.5
+    fine = np.kron(coarse, np.ones((8, 8)))[3 : height + 3, 5 : width + 5]
+    return (0.1 + 0.8 * fine).astype(np.float32)
+
+
+@pytest.fixture
+def shaken(tmp_path):
+    """A photo of 96 x 72 blurred by a pan, its kernel, and the sharp picture; all linear."""
+    camera = Camera.from_focal(100, 72, 96)
+    kernel = RotationKernel.from_path([(0, -0.02, 0), (0, 0.02, 0)], camera).centred()
+    blur = ShakeBlur(kernel)
+    sharp = texture(*blur.latent_shape)
+    codes = np.rint(np.stack([blur.forward(sharp)] * 3, -1) * 255).astype(np.uint8)
+    path = tmp_path / "shaken.png"
+    Image.fromarray(codes).save(path)
+    inner = slice(blur.margin, -blur.margin)
+    return read_photo(path, transfer="linear"), kernel, sharp[inner, inner]
+
+
+def test_luminance_weighs_the_colours():
+    colours = np.eye(3, dtype=np.float32)[None]
+    assert luminance(colours)[0] == pytest.approx([0.2126, 0.7152, 0.0722])
+    assert luminance(np.ones((2, 2, 3), np.float32)) == pytest.approx(np.ones((2, 2)))
+    grey = np.ones((4, 5), np.float32)
+    assert luminance(grey) is grey
+
+
+def test_calibration_tells_its_source(shaken):
+    photo, _, _ = shaken
+    found = calibrate(photo, focal_35mm=35)
+    assert found.source == "--focal-35mm 35"
+    assert found.camera.focal_px == pytest.approx(35 * 120 / np.hypot(36, 24))
+    with pytest.raises(CalibrationError) as caught:
+        calibrate(photo)
+    assert caught.value.file == str(photo.source)
+
+
+def test_the_estimate_finds_the_pan(shaken):
+    photo, truth, _ = shaken
+    camera = CameraFile(truth.camera, "made up")
+    found = estimate(photo, EstimateOptions(camera=camera, blur_size=6))
+    kernel = found.content.kernel
+    spread = np.sqrt(kernel.weights @ (kernel.theta - kernel.centroid) ** 2)
+    assert spread[1] > 1.3 * spread[0]
+    assert found.camera is camera
+    assert found.content.provenance["camera"] == "made up"
+    assert found.report()["rotations"] == len(kernel.weights)
+
+
+def test_an_angle_means_its_pixels(shaken):
+    photo, truth, _ = shaken
+    camera = CameraFile(truth.camera, "made up")
+    angle = 4.0
+    focal, half = 100, 95 / 2
+    wide = np.radians(angle) * (focal**2 + half**2) / focal  # tilts, at the frame's edge
+    same = [
+        estimate(photo, EstimateOptions(camera=camera, uniform=True, **bound)).content.kernel
+        for bound in ({"max_angle": angle}, {"blur_size": wide})
+    ]
+    assert np.array_equal(same[0].weights, same[1].weights)
+
+
+def test_an_assumed_lens_is_long_and_noted(shaken):
+    photo, _, _ = shaken
+    found = estimate(photo, EstimateOptions(blur_size=3, uniform=True))
+    assert found.camera.source == "assumed: 50 mm-equivalent"
+    assert "50 mm-equivalent is assumed" in found.notes[0]
+    assert found.content.provenance["notes"] == found.notes
+
+
+def test_what_cannot_be_estimated_names_the_photo(shaken):
+    photo, _, _ = shaken
+    flat = replace(photo, pixels=np.full_like(photo.pixels, 0.5))
+    with pytest.raises(EstimationError, match="no texture") as caught:
+        estimate(flat, EstimateOptions(blur_size=3))
+    assert caught.value.file == str(photo.source)
+
+
+def test_clipped_pixels_are_left_out_of_the_estimate(shaken):
+    photo, truth, _ = shaken
+    options = EstimateOptions(camera=CameraFile(truth.camera, "made up"), blur_size=3)
+    mask = np.zeros(photo.shape, bool)
+    mask[30:34, 40:44] = True
+    burnt = photo.pixels.copy()
+    burnt[mask] = 1
+    kernels = [
+        estimate(replace(photo, pixels=pixels, clipped=mask), options).content.kernel
+        for pixels in (photo.pixels, burnt)
+    ]
+    marked, unmarked = kernels[0].weights, estimate(photo, options).content.kernel.weights
+    assert marked.shape != unmarked.shape or not np.array_equal(marked, unmarked)
+
+
+def test_deblurring_comes_nearer_to_the_sharp_photo(shaken):
+    photo, truth, sharp = shaken
+    report = []
+    result = deblur(photo, truth, iterations=15, progress=lambda share, _: report.append(share))
+    before, after = (
+        np.sqrt(np.mean((p.pixels[8:-8, 8:-8, 0] - sharp[8:-8, 8:-8]) ** 2))
+        for p in (photo, result)
+    )
+    assert after < 0.75 * before
+    assert result.source == photo.source
+    assert result.encoding is photo.encoding
+    assert report == sorted(report)
