@@ -34,7 +34,7 @@ __all__ = ["BLUR_SHARES", "BlindEstimate", "ScaleReport", "blur_bound", "estimat
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-BLUR_SHARES = (0.015, 0.025, 0.04, 0.06, 0.1)
+BLUR_SHARES = (0.015, 0.025, 0.04, 0.06)
 """Bounds of the blur that are tried where none is given, in longer sides of the photo."""
 
 _TRIAL_SIDE = 200  # px, longer side of the scale at which a bound is found too small
@@ -45,13 +45,13 @@ _CONTRAST = 30.0  # rms gradient, of 0..256, that the photo is scaled to at 100 
 _CONTRAST_SIDE = 100  # px
 _LEAST_CONTRAST = 0.02  # of 0..256 at 100 px: below it there is nothing to go by
 _LEAST_OBSERVED = 0.05  # share of the pixels
-_NOISY = 0.3  # of 0..256, in the contrast of the priors: photos above it are smoothed first
+_NOISY = 2.0  # of 0..256, in the contrast of the priors: photos above it are smoothed first
 _SMOOTHING_PX = 1.0
 _ITERATIONS = 12
 _CUT = 0.05  # weights below this share of the largest are noise, between scales and at the end
 _PRUNE = 0.004  # weights below this share of the largest are given up within a scale
 _PRUNE_GAIN = 0.85
-_HOPS = (24, 16)  # patch distance at the finest scale and at the coarser ones, px
+_HOPS = (32, 16)  # patch distance at the finest scale and at the coarser ones, px
 _TOUCHING = 0.02  # share of the weight on the faces of the box that calls for a larger one
 _CLOSE = 0.005  # the same at a coarse scale, where a larger one costs little
 _STILL_PX = 1.5  # an extent below it at the working scale is no shake
@@ -100,7 +100,7 @@ def blur_bound(camera: Camera, max_angle: float) -> float:
     return float((max_angle / grid_steps(camera)).max())
 
 
-def estimate_blind(  # noqa: PLR0913
+def estimate_blind(
     grey: Image,
     camera: Camera,
     *,
@@ -108,6 +108,7 @@ def estimate_blind(  # noqa: PLR0913
     blur_px: float | None = None,
     region: tuple[int, int, int, int] | None = None,
     uniform: bool = False,
+    finest: bool = False,
     threads: int | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> BlindEstimate:
@@ -128,6 +129,9 @@ def estimate_blind(  # noqa: PLR0913
         The part of the photo to go by; by default all of it.
     uniform : bool
         Use the uniform model: theta_Z = 0 and a very long focal length.
+    finest : bool
+        Go on to the finest scale, however wide the blur is. By default the estimate ends at the
+        scale where it is wide enough to be known well.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
@@ -159,7 +163,7 @@ def estimate_blind(  # noqa: PLR0913
     usable = resize(1 - bad.astype(np.float32)[None], shape)[0] > 1 - 1e-3
     for trial, bound in enumerate(bounds):
         plan = PyramidPlan(whole.cropped(x, y, w, h).scaled(*shape), bound * scale, axes)
-        scales = _Scales(plan, gradients, usable, threads, progress)
+        scales = _Scales(plan, gradients, usable, finest=finest, threads=threads, progress=progress)
         if trial == len(bounds) - 1 or scales.fits():
             break
     kernel, confidence = scales.run()
@@ -176,12 +180,15 @@ class _Scales:
         plan: PyramidPlan,
         gradients: Image,
         usable: Mask,
+        *,
+        finest: bool,
         threads: int | None,
         progress: Callable[[float, str], None] | None,
     ) -> None:
         self.plan = plan
         self.gradients = gradients
         self.usable = usable
+        self.finest = finest
         self.threads = threads
         self.progress = progress or (lambda _share, _text: None)
         self.levels = plan.levels()
@@ -221,7 +228,9 @@ class _Scales:
         """Whether there is a finer scale, and the blur is not wide enough yet."""
         if len(self.reports) == len(self.levels):
             return False
-        return self.kernel is None or self.kernel.extent_px() * np.sqrt(2) <= _ENOUGH_BLUR
+        if self.kernel is None or self.finest:
+            return True
+        return self.kernel.extent_px() * np.sqrt(2) <= _ENOUGH_BLUR
 
     def _step(self) -> None:
         """Estimate at the next scale."""
@@ -272,15 +281,17 @@ class _Scales:
             q = model.update_noise(model.update_kernel(q, problem), problem)
             if i == rounds - 1:
                 energy = model.free_energy(q, problem)
-            elif i >= 2 and i % 2 == 0:  # noqa: PLR2004
+            elif i >= 2 and i % 2 == 0:
                 keep = q.w > _PRUNE * q.w.max()
                 if keep.mean() < _PRUNE_GAIN:
                     theta, q = theta[keep], _restricted(q, keep)
                     model = self._model(level, theta, g, mask)
         total = float(q.w.sum())
         noise = float(q.beta**-0.5)
-        self.reports.append(ScaleReport(*level.camera.shape, len(theta), noise, energy / model.count))
-        return RotationKernel(theta, q.w / total, level.steps, level.camera), q.f * np.float32(total)
+        per_gradient = energy / model.count
+        self.reports.append(ScaleReport(*level.camera.shape, len(theta), noise, per_gradient))
+        kernel = RotationKernel(theta, q.w / total, level.steps, level.camera)
+        return kernel, q.f * np.float32(total)
 
     def _model(
         self, level: Level, theta: NDArray[np.float64], g: Image, mask: Image

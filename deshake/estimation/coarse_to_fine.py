@@ -140,4 +140,5 @@ def resize(image: Image, shape: tuple[int, int]) -> Image:
     shrinks = shape[0] < image.shape[1]
     method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
     size = (shape[1], shape[0])
-    return np.stack([cv2.resize(np.ascontiguousarray(c), size, interpolation=method) for c in image])
+    planes = [np.ascontiguousarray(c) for c in image]
+    return np.stack([cv2.resize(c, size, interpolation=method) for c in planes])

@@ -9,9 +9,12 @@ of linear intensity on 0..256, taken at full resolution and then resized.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 __all__ = [
     "INTENSITY_RANGE",

@@ -22,13 +22,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import digamma, erfcx, gammaln
 
 from deshake.estimation.priors import KERNEL_PRIOR, ExponentialMixture, GaussianMixture
-from deshake.operators.patches import LocalFilters
+from deshake.operators.local_filters import LocalFilters
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from deshake.operators.filter_flow import FilterFlow
-    from deshake.operators.patches import Strip
+    from deshake.operators.strips import Strip
 
 __all__ = [
     "KernelProblem",
@@ -214,7 +214,7 @@ class VariationalModel:
         squares = self.flow.filters(q.w_var, power=2)
         gam, _ = gradient_precision(q.f * q.f + q.f_var, self.prior)
         beta = np.float32(q.beta)
-        # x2_j = beta [D1_j + D2_j] + Gam_j
+        # the precisions are beta (D1 + D2) + Gam
         d1 = _squared(blur).adjoint(self.mask[None])
         d2 = squares.adjoint(self.mask[None])
         x2 = beta * np.maximum(d1 + d2, 0) + gam
@@ -224,9 +224,7 @@ class VariationalModel:
             # [beta (A'mA + sum_k var_k W_k'mW_k) + Gam] f
             out = blur.adjoint(self.mask * blur.forward(f))
             for c in range(len(f)):
-                out[c] += self.mask * cv2.filter2D(
-                    f[c], -1, spread, borderType=cv2.BORDER_CONSTANT
-                )
+                out[c] += self.mask * cv2.filter2D(f[c], -1, spread, borderType=cv2.BORDER_CONSTANT)
             out *= beta
             out += gam * f
             return out
@@ -242,9 +240,7 @@ class VariationalModel:
         f, variance = np.moveaxis(q.f, 0, -1), np.moveaxis(q.f_var, 0, -1)
         return KernelProblem(self.flow.gram(f, self.mask, variance), local)
 
-    def update_kernel(
-        self, q: Posterior, problem: KernelProblem, *, sweeps: int = 10
-    ) -> Posterior:
+    def update_kernel(self, q: Posterior, problem: KernelProblem, *, sweeps: int = 10) -> Posterior:
         """Update q(w) by Gauss-Seidel sweeps, each weight's factor exactly in turn.
 
         ``x2_k = beta G_kk`` and ``x1_k = beta (h_k - sum_{l != k} G_kl W_l) - R_k``, where R_k
@@ -362,5 +358,5 @@ def _conjugate_gradients(
         residual = residual - step * image
         z = inverse * residual
         previous, product = product, float(np.vdot(residual, z))
-        direction = z + np.float32(product / previous) * direction
+        direction = z + direction * np.float32(product / previous)
     return x

@@ -49,6 +49,19 @@ _STRIP_BYTES = 4 << 20  # the blocks of a strip, one channel, fill at most this 
 _BATCH_BYTES = 1 << 20  # the blocks that are transformed at once, all channels: they stay in cache
 
 
+def _keep_freed_memory() -> None:
+    """Let batches find their memory again, which saves up to a third of their time.
+
+    The C library of Linux returns freed arrays to the kernel, and takes them anew page by page,
+    until it has seen one of nearly 32 MiB freed: this one is never touched. Elsewhere it is vain.
+    """
+    piece = np.empty((32 << 20) - (64 << 10), np.uint8)
+    del piece
+
+
+_keep_freed_memory()
+
+
 class PatchGrid:
     """The patches of a frame and the blocks of the latent image that they see.
 

@@ -13,6 +13,9 @@ import pytest
 from PIL import Image
 
 from deshake.cli import main, options
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
+from deshake.io.kernel_file import KernelFile, write_kernel
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -67,3 +70,52 @@ def shaken(tmp_path: Path) -> Callable[..., Path]:
         return path
 
     return save
+
+
+@pytest.fixture
+def pan(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write the kernel of a slanting pan, for photos of 100 x 80, outside the test's folder."""
+    path = tmp_path_factory.mktemp("kernel") / "pan.npz"
+    camera = Camera.from_focal(120, 80, 100)
+    turn = RotationKernel.from_path([(-0.01, -0.01, 0), (0.01, 0.01, 0)], camera)
+    write_kernel(path, KernelFile(turn))
+    return path
+
+
+@pytest.fixture
+def contents() -> Callable[[Path], dict[Path, tuple[int, bytes]]]:
+    """Read all files below a folder, with their times."""
+
+    def read(folder: Path) -> dict[Path, tuple[int, bytes]]:
+        return {
+            path: (path.lstat().st_mtime_ns, path.read_bytes())
+            for path in folder.rglob("*")
+            if path.is_file()
+        }
+
+    return read
+
+
+@pytest.fixture
+def refused(deshake: Callable, contents: Callable, tmp_path: Path, pan: Path) -> Callable[..., str]:
+    """Run a command on a photo in the test's folder, where it must fail and leave all as it is."""
+
+    def run(command: str, path: Path, *args: object, kernel: Path = pan) -> str:
+        before = contents(tmp_path)
+        words = {
+            "fix": (path, "--blur-size", 3, "--iterations", 2),
+            "calibrate": (path,),
+            "estimate-blind": (path, "--blur-size", 3),
+            "deblur": (path, kernel),
+        }[command]
+        outcome = deshake(command, *words, *args)
+        assert outcome.code == 1
+        assert outcome.out == ""
+        assert contents(tmp_path) == before
+        lines = outcome.err.splitlines()
+        [error] = [line for line in lines if line.startswith("error: ")]
+        assert all(line.startswith(("error: ", "hint: ", "warning: ")) for line in lines)
+        assert "bug" not in outcome.err
+        return error
+
+    return run
