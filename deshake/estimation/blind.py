@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import sqrt
 from typing import TYPE_CHECKING
 
 import cv2
@@ -109,6 +110,7 @@ def estimate_blind(
     region: tuple[int, int, int, int] | None = None,
     uniform: bool = False,
     finest: bool = False,
+    roll_rate: float = priors.ROLL_RATE,
     threads: int | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> BlindEstimate:
@@ -123,8 +125,8 @@ def estimate_blind(
     clipped : (h, w) array of bool, optional
         Pixels that are not to be believed.
     blur_px : float, optional
-        Bound of the blur in pixels of the photo. By default the smallest of `BLUR_SHARES` that
-        the kernel fits into.
+        Bound of the blur in pixels of the photo. By default the smallest of `BLUR_SHARES` whose
+        bounds the kernel does not touch at a coarse scale, or the one that it touches least.
     region : (x, y, width, height), optional
         The part of the photo to go by; by default all of it.
     uniform : bool
@@ -132,6 +134,9 @@ def estimate_blind(
     finest : bool
         Go on to the finest scale, however wide the blur is. By default the estimate ends at the
         scale where it is wide enough to be known well.
+    roll_rate : float
+        Rate of the prior on turns about the optical axis, `priors.ROLL_RATE`; 0 for none, where
+        the camera was not in a hand.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
@@ -161,11 +166,25 @@ def estimate_blind(
     shape = round(h * scale), round(w * scale)
     gradients = _gradients(_without_noise(resize(_scaled_contrast(picture)[None], shape)[0]))
     usable = resize(1 - bad.astype(np.float32)[None], shape)[0] > 1 - 1e-3
-    for trial, bound in enumerate(bounds):
+    tell = _rising(progress)
+    trials = []
+    for bound in bounds:
         plan = PyramidPlan(whole.cropped(x, y, w, h).scaled(*shape), bound * scale, axes)
-        scales = _Scales(plan, gradients, usable, finest=finest, threads=threads, progress=progress)
-        if trial == len(bounds) - 1 or scales.fits():
+        trials.append(
+            _Scales(
+                plan,
+                gradients,
+                usable,
+                finest=finest,
+                roll_rate=roll_rate,
+                threads=threads,
+                progress=tell,
+            )
+        )
+        if len(bounds) == 1 or trials[-1].try_coarse() <= _CLOSE:
             break
+    # where every kernel touches its bounds, the one that does so least is the least wrong
+    scales = min(reversed(trials), key=lambda tried: tried.outermost)
     kernel, confidence = scales.run()
     notes = scales.notes
     final = RotationKernel(kernel.theta, kernel.weights, kernel.steps, whole).centred()
@@ -182,15 +201,17 @@ class _Scales:
         usable: Mask,
         *,
         finest: bool,
+        roll_rate: float,
         threads: int | None,
-        progress: Callable[[float, str], None] | None,
+        progress: Callable[[float, str], None],
     ) -> None:
         self.plan = plan
         self.gradients = gradients
         self.usable = usable
         self.finest = finest
+        self.roll_rate = roll_rate
         self.threads = threads
-        self.progress = progress or (lambda _share, _text: None)
+        self.progress = progress
         self.levels = plan.levels()
         costs = np.array([lev.camera.height * lev.camera.width + 20000 for lev in self.levels])
         self.shares = costs / costs.sum()
@@ -200,13 +221,13 @@ class _Scales:
         self.kernel: RotationKernel | None = None
         self.latent: Image | None = None
 
-    def fits(self) -> bool:
-        """Work through the coarse scales; tell whether the kernel keeps off its bounds."""
+    def try_coarse(self) -> float:
+        """Work through the coarse scales; return the weight that touches the bounds."""
         while self._goes_on():
             self._step()
             if max(self.levels[len(self.reports) - 1].camera.shape) >= _TRIAL_SIDE:
                 break
-        return self._outermost() <= _CLOSE
+        return self.outermost
 
     def run(self) -> tuple[RotationKernel, float]:
         """Work through the scales left; return the last kernel and how far to trust it."""
@@ -217,7 +238,7 @@ class _Scales:
         kept = self.kernel.above(_CUT)
         if kept.extent_px() < _STILL_PX:
             self.notes.append("no shake was found: the kernel is a single point")
-        outermost = self._outermost()
+        outermost = self.outermost
         if outermost > _TOUCHING:
             self.notes.append("the kernel touches its bounds: try a larger --blur-size")
         if self.before is None:
@@ -230,7 +251,7 @@ class _Scales:
             return False
         if self.kernel is None or self.finest:
             return True
-        return self.kernel.extent_px() * np.sqrt(2) <= _ENOUGH_BLUR
+        return self.kernel.extent_px() * sqrt(2) <= _ENOUGH_BLUR
 
     def _step(self) -> None:
         """Estimate at the next scale."""
@@ -250,7 +271,8 @@ class _Scales:
             level, active, f, lambda part: self.progress(done + share * part, name)
         )
 
-    def _outermost(self) -> float:
+    @property
+    def outermost(self) -> float:
         """Share of the weight on the faces of the box."""
         if self.kernel is None:
             return 0.0
@@ -305,7 +327,7 @@ class _Scales:
             g,
             mask,
             priors.gradients(level.index),
-            roll_rate=priors.ROLL_RATE,
+            roll_rate=self.roll_rate,
             roll_step=level.steps[2],
         )
 
@@ -320,6 +342,19 @@ class _Scales:
             msg = "too few pixels are left that are neither clipped nor near the border"
             raise EstimationError(msg, hint="give a smaller --blur-size, or another --region")
         return mask
+
+
+def _rising(progress: Callable[[float, str], None] | None) -> Callable[[float, str], None]:
+    """Tell of progress that never falls, however often the work starts anew."""
+    highest = 0.0
+
+    def tell(share: float, text: str) -> None:
+        nonlocal highest
+        highest = max(highest, share)
+        if progress is not None:
+            progress(highest, text)
+
+    return tell
 
 
 def _check_size(height: int, width: int, bound: float) -> None:

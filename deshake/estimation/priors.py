@@ -111,7 +111,7 @@ KERNEL_PRIOR = ExponentialMixture(
 """Prior of the kernel's weights: rates of the published code, shares to start from."""
 
 
-ROLL_RATE = 0.01
+ROLL_RATE = 0.02
 """Rate of the prior on turns about the optical axis, in nats per gradient and grid step.
 
 Hands turn a camera less about Z than about X and Y, and a roll leaves no trace in the middle of

@@ -219,12 +219,16 @@ class VariationalModel:
         d2 = squares.adjoint(self.mask[None])
         x2 = beta * np.maximum(d1 + d2, 0) + gam
         spread = self._kernel_spread(q.w_var)
+        # the part of the kernel's variances has D2 as its diagonal, and stays symmetric
+        root = np.sqrt(np.maximum(d2, 0) / max(float(spread[1, 1]), 1e-30))[0]
 
         def system(f: Image) -> Image:
             # [beta (A'mA + sum_k var_k W_k'mW_k) + Gam] f
             out = blur.adjoint(self.mask * blur.forward(f))
             for c in range(len(f)):
-                out[c] += self.mask * cv2.filter2D(f[c], -1, spread, borderType=cv2.BORDER_CONSTANT)
+                out[c] += root * cv2.filter2D(
+                    root * f[c], -1, spread, borderType=cv2.BORDER_CONSTANT
+                )
             out *= beta
             out += gam * f
             return out
@@ -303,6 +307,7 @@ class VariationalModel:
             + float(q.w_entropy.sum())
             + prior_w
             + float(self.roll @ q.w)
+            - float(np.log(q.rho).sum())  # the shares' Dirichlet prior, of exponent 1
         )
 
     def _residual(self, q: Posterior) -> Image:
@@ -345,7 +350,7 @@ def _conjugate_gradients(
 ) -> Image:
     """Solve ``system(x) = target`` from x with a Jacobi preconditioner."""
     residual = target - system(x)
-    z = inverse * residual
+    z: Image = inverse * residual
     direction = z
     product = float(np.vdot(residual, z))
     for _ in range(iterations):
@@ -358,5 +363,5 @@ def _conjugate_gradients(
         residual = residual - step * image
         z = inverse * residual
         previous, product = product, float(np.vdot(residual, z))
-        direction = z + direction * np.float32(product / previous)
+        direction = z + np.float32(product / previous) * direction
     return x

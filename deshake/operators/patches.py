@@ -241,9 +241,11 @@ class PatchGrid:
         """
         spectrum = self.rfft(self.patches(observed, strip, np.sqrt(self.window)))
         power = (spectrum.real**2 + spectrum.imag**2).sum(0)
-        lags = 2 * self.radius
+        lags = min(2 * self.radius, self.patch - 1)  # beyond a patch's width there is nothing
         rolled = np.roll(self.irfft(power.astype(np.complex64)), (lags, lags), (1, 2))
-        return rolled[:, : 2 * lags + 1, : 2 * lags + 1]
+        beyond = 2 * self.radius - lags
+        within = rolled[:, : 2 * lags + 1, : 2 * lags + 1]
+        return np.pad(within, ((0, 0), (beyond, beyond), (beyond, beyond)))
 
     def _origin(self, strip: Strip, offset: int) -> tuple[int, int]:
         """Row and column where a strip begins, plus an offset."""

@@ -86,18 +86,22 @@ def test_cross_correlations_are_sums_over_pixels() -> None:
         assert total[3 + dy, 3 + dx] == pytest.approx(float((observed * seen).sum()), rel=1e-5)
 
 
-def test_autocorrelations_are_sums_over_pixels() -> None:
-    grid = grid_of((30, 40), radius=3, hop=10, margin=3)
+@pytest.mark.parametrize("radius", [3, 14, 40])  # lags within a patch, and far beyond it
+def test_autocorrelations_are_sums_over_pixels(radius: int) -> None:
+    grid = grid_of((30, 40), radius=radius, hop=10, margin=3)
     observed = np.random.default_rng(0).random((2, 30, 40)).astype(np.float32)
     strip = grid.strips[1]
     found = grid.autocorrelations(observed, strip)
-    assert found.shape == (strip.count, 13, 13)
+    assert found.shape == (strip.count, 4 * radius + 1, 4 * radius + 1)
     seen = grid.patches(observed, strip, np.sqrt(grid.window))[:, 1]
-    for dy, dx in ((0, 0), (2, 5), (-6, 3)):
+    lags = range(-2 * radius, 2 * radius + 1)
+    for dy, dx in [(0, 0), (2, 5), (-6, 3), *zip(lags, reversed(lags), strict=True)]:
         a = seen[:, max(0, -dy) : 20 - max(0, dy), max(0, -dx) : 20 - max(0, dx)]
         b = seen[:, max(0, dy) : 20 + min(0, dy), max(0, dx) : 20 + min(0, dx)]
-        expected = float((a * b).sum())
-        assert found[1, 6 + dy, 6 + dx] == pytest.approx(expected, rel=1e-4)
+        expected = float((a * b).sum()) if max(abs(dy), abs(dx)) < 20 else 0.0
+        assert found[1, 2 * radius + dy, 2 * radius + dx] == pytest.approx(
+            expected, rel=1e-4, abs=1e-3
+        )
 
 
 def test_centres_lie_within_the_frame() -> None:

@@ -1,0 +1,322 @@
+"""Fast blind estimation: sharp edges and least squares in turn, from coarse to fine.
+
+At each scale the latent picture (`latent_edges`) and the kernel (`kernel_step`) are estimated in
+turn, as by Cho & Lee (2009) and Xu & Jia (2010), on the rotational model. The kernel grows at the
+coarsest scale and by one grid step at each finer one: no size need be known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import scipy.ndimage
+from numpy.typing import NDArray
+
+from deshake.estimation.kernel_step import nonnegative, normal_equations
+from deshake.estimation.latent_edges import (
+    Observation,
+    contrast_scaled,
+    differences,
+    edge_gradients,
+    l0_picture,
+)
+from deshake.geometry.kernel import ALL_AXES, RotationKernel
+from deshake.geometry.rotations import grid_steps
+from deshake.operators.filter_flow import reach
+from deshake.operators.patch_solve import PatchFrame, PatchSolver, patch_size
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from deshake.geometry.camera import Camera
+
+__all__ = ["SETTINGS", "EdgeSetting", "estimate_edges"]
+
+Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+Vector = NDArray[np.float64]
+
+_RATIO = 2**0.5  # of one scale to the next
+_COARSEST_SIDE = 48  # px, the shorter side of the coarsest scale
+_ITERATIONS = 5  # at each scale
+_BETA_MAX = 16.0
+_RIDGE = 0.005
+_CUT = 0.05  # weights below this share of the largest are noise
+_ISLAND = 0.03  # connected pieces of the kernel with less of its mass are noise
+_CARRIED = 0.08  # weights that a finer scale begins with, of the largest
+_CARRIED_UNIFORM = 0.02
+_MOST_CARRIED = 150  # rotations
+_START_HALF = (2, 2, 1)  # grid steps
+_GROWTH_LIMIT = 6  # the kernel grows up to one over this of the shorter side
+_ROOM_STEPS = 2  # grid steps that the box is wider than the bound of the blur
+
+
+@dataclass(frozen=True)
+class EdgeSetting:
+    """How strong the edges are that count: the one choice no single value of which suits all.
+
+    Too low a price and the kernel collapses to a point; too high, or too much of the shock
+    filter, and it widens.
+
+    Parameters
+    ----------
+    name : str
+        What to call it.
+    first, last : float
+        Price `lam` of an edge pixel at the first and the last iteration; geometric in between.
+    shocks : int
+        Iterations of each scale, the first ones, that see shock-filtered edges.
+
+    """
+
+    name: str
+    first: float
+    last: float
+    shocks: int
+
+
+SETTINGS = (
+    EdgeSetting("strong", 3e-2, 1.2e-2, 4),
+    EdgeSetting("medium", 4e-2, 5e-3, 3),
+    EdgeSetting("fine", 4e-2, 1.5e-3, 2),
+)
+"""Settings that cover the range, for a judge to choose between the kernels they lead to."""
+
+
+def estimate_edges(
+    grey: Image,
+    camera: Camera,
+    *,
+    usable: Mask | None = None,
+    blur_px: float | None = None,
+    axes: tuple[bool, bool, bool] = ALL_AXES,
+    setting: EdgeSetting = SETTINGS[1],
+    threads: int | None = None,
+    progress: Callable[[float, str], None] | None = None,
+) -> RotationKernel:
+    """Estimate the blur kernel of one photo from its sharp edges.
+
+    Parameters
+    ----------
+    grey : (h, w) array of float32
+        The photo in linear light, at the size to work at: 640 px or so.
+    camera : Camera
+        Its camera; of the uniform model with `Camera.uniform` and no roll.
+    usable : (h, w) array of bool, optional
+        Pixels to be believed; by default all.
+    blur_px : float, optional
+        Bound of the blur in pixels of `grey`. By default the kernel grows as the edges ask.
+    axes : three bools
+        The axes that the camera may turn about.
+    setting : EdgeSetting
+        Which edges count.
+    threads : int, optional
+        Threads to use; by default all processors. The result does not depend on it.
+    progress : callable, optional
+        Called with the share done, 0..1, and a text.
+
+    Returns
+    -------
+    RotationKernel
+        For `camera`, its centroid at the origin.
+
+    Raises
+    ------
+    EstimationError
+        If the photo is flat.
+
+    """
+    run = _Run(
+        grey,
+        camera,
+        usable=usable,
+        blur_px=blur_px,
+        axes=axes,
+        setting=setting,
+        threads=threads,
+    )
+    return run.kernel(progress)
+
+
+class _Run:
+    """One estimate under way."""
+
+    def __init__(
+        self,
+        grey: Image,
+        camera: Camera,
+        *,
+        usable: Mask | None,
+        blur_px: float | None,
+        axes: tuple[bool, bool, bool],
+        setting: EdgeSetting,
+        threads: int | None,
+    ) -> None:
+        self.grey, _ = contrast_scaled(grey)
+        self.camera = camera
+        self.usable = usable
+        self.blur_px = blur_px
+        self.axes = axes
+        self.setting = setting
+        self.threads = threads
+        shorter = min(grey.shape)
+        self.scales = max(int(np.log(shorter / _COARSEST_SIDE) / np.log(_RATIO)), 0) + 1
+
+    def kernel(self, progress: Callable[[float, str], None] | None) -> RotationKernel:
+        """Work through the scales."""
+        shares = np.cumsum([0.0] + [2.0**-level for level in range(self.scales - 1, -1, -1)])
+        active: RotationKernel | None = None
+        for done, level in enumerate(range(self.scales - 1, -1, -1)):
+            if progress is not None:
+                progress(shares[done] / shares[-1], f"scale {done + 1} of {self.scales}")
+            size = [round(n / _RATIO**level) for n in self.camera.shape]
+            camera = self.camera.scaled(*size)
+            active = self._start(camera) if active is None else self._finer(active, camera)
+            active = self._estimate(active, level)
+        assert active is not None  # noqa: S101 - there is at least one scale
+        if progress is not None:
+            progress(1.0, "kernel estimated")
+        return active.above(_CUT).centred()
+
+    def _start(self, camera: Camera) -> RotationKernel:
+        """A little cube: half of the weight at rest, half beside it, to break the symmetry."""
+        halves = [n if axis else 0 for n, axis in zip(_START_HALF, self.axes, strict=True)]
+        grids = np.meshgrid(*(np.arange(-n, n + 1) for n in halves), indexing="ij")
+        indices = np.stack(grids, -1).reshape(-1, 3)
+        beside = np.array([0, 1, 0]) if self.axes[1] else np.array(self.axes, int)
+        rest = np.all(indices == 0, 1) | np.all(indices == beside, 1)
+        return RotationKernel.from_indices(indices, rest, grid_steps(camera), camera)
+
+    def _finer(self, kernel: RotationKernel, camera: Camera) -> RotationKernel:
+        """Carry the kernel to the next scale: resample, cut, recentre, give it room."""
+        finer = kernel.above(_CUT).resampled(grid_steps(camera), self.axes).for_camera(camera)
+        finer = finer.above(_CARRIED_UNIFORM if camera.is_uniform else _CARRIED)
+        if len(finer.weights) > _MOST_CARRIED:
+            floor = np.sort(finer.weights)[-_MOST_CARRIED]
+            finer = finer.above(floor / finer.weights.max())
+        finer = finer.shifted(-np.rint(finer.centroid / finer.steps).astype(np.int64))
+        return self._inside(finer.dilated(self.axes))
+
+    def _inside(self, kernel: RotationKernel) -> RotationKernel:
+        """Drop rotations beyond the bound of the blur."""
+        if self.blur_px is None:
+            return kernel
+        shrink = kernel.camera.width / self.camera.width
+        half = int(np.ceil(self.blur_px * shrink / 2)) + _ROOM_STEPS
+        keep = np.all(np.abs(kernel.indices) <= half, 1)
+        if not kernel.weights[keep].sum() > 0:
+            return kernel
+        return RotationKernel.from_indices(
+            kernel.indices[keep], kernel.weights[keep], kernel.steps, kernel.camera
+        )
+
+    def _estimate(self, kernel: RotationKernel, level: int) -> RotationKernel:
+        """Estimate picture and kernel in turn at one scale."""
+        camera = kernel.camera
+        grey, usable = self._resized(camera)
+        total = self.scales * _ITERATIONS
+        setting = self.setting
+        patches = _Patches(kernel, grey, usable, self.threads)
+        for i in range(_ITERATIONS):
+            done = (self.scales - 1 - level) * _ITERATIONS + i
+            lam = setting.first * (setting.last / setting.first) ** (done / max(total - 1, 1))
+            edges = patches.edges(kernel, lam, shock=i < setting.shocks)
+            kernel = _refined(kernel, patches, edges)
+            if level == self.scales - 1 and i < _ITERATIONS - 1:
+                grown = self._grown(kernel)
+                if len(grown.weights) > len(kernel.weights):
+                    kernel = grown
+                    patches = _Patches(kernel, grey, usable, self.threads)
+        return kernel
+
+    def _grown(self, kernel: RotationKernel) -> RotationKernel:
+        """Give the kernel room around its non-zero weights, where it may still grow."""
+        around = kernel.above(1e-9).dilated(self.axes)
+        indices = np.concatenate([kernel.indices, around.indices])
+        weights = np.concatenate([kernel.weights, np.zeros(len(around.weights))])
+        grown = self._inside(
+            RotationKernel.from_indices(indices, weights, kernel.steps, kernel.camera)
+        )
+        limit = max(3, min(kernel.camera.shape) // _GROWTH_LIMIT)
+        return grown if np.abs(grown.indices).max() <= limit else kernel
+
+    def _resized(self, camera: Camera) -> tuple[Image, Mask | None]:
+        if camera.shape == self.camera.shape:
+            return self.grey, self.usable
+        size = camera.width, camera.height
+        grey = cv2.resize(self.grey, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+        if self.usable is None:
+            return grey, None
+        part = cv2.resize(self.usable.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        return grey, np.asarray(part > 1 - 1e-3)
+
+
+class _Patches:
+    """A scale's picture, cut up for solves and for correlations."""
+
+    def __init__(
+        self, kernel: RotationKernel, grey: Image, usable: Mask | None, threads: int | None
+    ) -> None:
+        camera = kernel.camera
+        far = reach(camera, kernel.theta)
+        self.seen = Observation.of(grey, max(2 * far, 8), usable)
+        patch = None if camera.is_uniform else patch_size(camera, kernel.theta)
+        margin = self.seen.margin
+        self.solving = PatchFrame(camera, margin=margin, room=far + 4, patch=patch, threads=threads)
+        self.fitting = PatchFrame(camera, margin=margin, room=2 * far, patch=patch, threads=threads)
+        self.filled = self.seen.picture
+        square = np.ones((2, 2), np.uint8)  # a difference needs both its pixels
+        known = cv2.erode(self.seen.known.astype(np.uint8), square, anchor=(0, 0))
+        across, down = differences(self.seen.picture)
+        self.gradients = across * known, down * known
+        inner = min(max(far // 2, 1), min(camera.shape) // 8)
+        kept = np.zeros(self.filled.shape, np.float32)
+        edge = margin + inner
+        kept[edge:-edge, edge:-edge] = 1
+        self.interior = kept
+
+    def edges(self, kernel: RotationKernel, lam: float, *, shock: bool) -> tuple[Image, Image]:
+        """Gradients of the latent picture under a kernel; fill in what is not known."""
+        used = kernel.weights > 0
+        solver = PatchSolver(self.solving, kernel.theta[used], kernel.weights[used])
+        picture, across, down = l0_picture(solver, self.filled, lam, beta_max=_BETA_MAX)
+        self.filled = self.seen.filled(solver.forward(picture))
+        if shock:
+            across, down = edge_gradients(picture, lam)
+        return across * self.interior, down * self.interior
+
+
+def _refined(
+    kernel: RotationKernel, patches: _Patches, edges: tuple[Image, Image]
+) -> RotationKernel:
+    """Estimate the weights anew from the edges; the same kernel where there are none."""
+    indices = kernel.indices
+    fit = normal_equations(patches.fitting, indices, kernel.steps, edges, patches.gradients)
+    if not fit.energy > 1e-9:
+        return kernel
+    roll = indices[:, 2] - kernel.weights @ indices[:, 2]
+    ridge = _RIDGE * (1 + roll**2)
+    found = nonnegative(
+        fit.gram / fit.energy + np.diag(ridge), fit.right / fit.energy, kernel.weights
+    )
+    if not found.sum() > 1e-6:
+        return kernel
+    kept = _without_islands(indices, np.where(found < _CUT * found.max(), 0.0, found))
+    return RotationKernel(kernel.theta, kept / kept.sum(), kernel.steps, kernel.camera)
+
+
+def _without_islands(indices: NDArray[np.int64], weights: Vector) -> Vector:
+    """Drop the connected pieces of the kernel that hold little of its mass."""
+    low = indices.min(0)
+    box = np.zeros(indices.max(0) - low + 1)
+    place = tuple((indices - low).T)
+    box[place] = weights
+    labels, count = scipy.ndimage.label(box > 0, np.ones((3, 3, 3)))
+    mass = np.bincount(labels.ravel(), box.ravel(), count + 1)
+    small = mass < _ISLAND * weights.sum()
+    if small[1:].all():
+        return weights
+    return np.where(small[labels[place]], 0.0, weights)
