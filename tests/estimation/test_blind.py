@@ -1,0 +1,275 @@
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import pytest
+
+from deshake.deconvolution.richardson_lucy import richardson_lucy
+from deshake.errors import EstimationError
+from deshake.estimation import blind, priors
+from deshake.estimation.blind import BlindEstimate, blur_bound, estimate_blind
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
+from deshake.geometry.rotations import grid_steps
+from deshake.operators.shake_blur import ShakeBlur
+
+BORDER = 14
+TURNS = {"Y": (0, 9, 0), "Z": (0, 0, 10)}  # grid steps from end to end
+RATES = {"Y": priors.ROLL_RATE, "Z": 0.0}
+
+
+class Shot(NamedTuple):
+    """A sharp photo, the shaken one, and how it was shaken."""
+
+    sharp: np.ndarray
+    photo: np.ndarray
+    true: RotationKernel
+
+
+def shoot(sharp: np.ndarray, camera: Camera, turn: tuple[int, int, int]) -> Shot:
+    """Turn at uniform speed, add a little noise, and round to 8 bits of linear light."""
+    path = np.array([[-0.5], [0.5]]) * turn * grid_steps(camera)
+    true = RotationKernel.from_path(path, camera)
+    blur = ShakeBlur(true, kind="warps")
+    photo = blur.forward(np.pad(sharp, blur.margin, mode="edge"))
+    photo += np.random.default_rng(0).normal(0, 0.002, photo.shape).astype(np.float32)
+    return Shot(sharp, (np.round(np.clip(photo, 0, 1) * 255) / 255).astype(np.float32), true)
+
+
+@pytest.fixture(scope="module")
+def shots(sharp: np.ndarray) -> dict[str, Shot]:
+    camera = Camera.from_focal(260.0, *sharp.shape)
+    return {name: shoot(sharp, camera, turn) for name, turn in TURNS.items()}
+
+
+@pytest.fixture(scope="module")
+def small(sharp: np.ndarray) -> Shot:
+    """A shot that takes little time."""
+    reduced = cv2.resize(sharp, (130, 100), interpolation=cv2.INTER_AREA)
+    return shoot(reduced, Camera.from_focal(130.0, 100, 130), (0, 6, 0))
+
+
+@pytest.fixture(scope="module")
+def estimates(shots: dict[str, Shot]) -> dict[str, BlindEstimate]:
+    return {
+        name: estimate_blind(
+            shot.photo, shot.true.camera, blur_px=12, roll_rate=RATES[name], threads=2
+        )
+        for name, shot in shots.items()
+    }
+
+
+def psnr(restored: np.ndarray, sharp: np.ndarray) -> float:
+    """PSNR of the interior in dB, the sharp photo moved to where it fits best."""
+    motion = np.eye(2, 3, dtype=np.float32)
+    stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-7)
+    _, motion = cv2.findTransformECC(restored, sharp, motion, cv2.MOTION_EUCLIDEAN, stop, None, 5)
+    way = cv2.INTER_LANCZOS4 | cv2.WARP_INVERSE_MAP
+    moved = cv2.warpAffine(sharp, motion, sharp.shape[::-1], flags=way)
+    inner = (slice(BORDER, -BORDER), slice(BORDER, -BORDER))
+    return float(-10 * np.log10(np.mean((restored - moved)[inner] ** 2)))
+
+
+def gain(shot: Shot, kernel: RotationKernel) -> float:
+    """How much nearer to the sharp photo a kernel brings the shaken one, in dB."""
+    done = richardson_lucy(shot.photo, kernel, iterations=25, accelerated=False, threads=2)
+    return psnr(done.pixels, shot.sharp) - psnr(shot.photo, shot.sharp)
+
+
+def cosine(a: RotationKernel, b: RotationKernel) -> float:
+    """Agreement of two kernels on a grid twice as coarse, centred."""
+    weights = []
+    for kernel in (a, b):
+        onto = kernel.centred().resampled(2 * a.steps)
+        weights.append(dict(zip(map(tuple, onto.indices.tolist()), onto.weights, strict=True)))
+    dot = sum(w * weights[1].get(i, 0.0) for i, w in weights[0].items())
+    norms = [np.linalg.norm(list(each.values())) for each in weights]
+    return float(dot / norms[0] / norms[1])
+
+
+@pytest.mark.parametrize("name", TURNS)
+def test_a_known_kernel_is_recovered(
+    name: str, shots: dict[str, Shot], estimates: dict[str, BlindEstimate]
+) -> None:
+    shot, found = shots[name], estimates[name]
+    assert found.kernel.camera is shot.true.camera
+    assert cosine(shot.true, found.kernel) > 0.85
+    assert gain(shot, found.kernel) > 2
+    assert found.confidence > 0.8
+    assert found.notes == []
+
+
+def test_the_kernel_is_centred(estimates: dict[str, BlindEstimate]) -> None:
+    for found in estimates.values():
+        assert np.all(np.abs(found.kernel.centroid) < 1e-6)
+
+
+def test_scales_are_reported_from_coarse_to_fine(estimates: dict[str, BlindEstimate]) -> None:
+    scales = estimates["Y"].scales
+    assert (scales[-1].height, scales[-1].width) == (200, 260)
+    widths = [scale.width for scale in scales]
+    assert widths == sorted(widths)
+    assert len(widths) > 4
+    assert all(scale.rotations > 0 and scale.noise > 0 for scale in scales)
+    assert np.isfinite([scale.free_energy for scale in scales]).all()
+
+
+def test_a_uniform_kernel_is_recovered_by_the_uniform_model(sharp: np.ndarray) -> None:
+    camera = Camera.from_focal(260.0, *sharp.shape)
+    shot = shoot(sharp, Camera.uniform(*sharp.shape), (4, 8, 0))
+    found = estimate_blind(shot.photo, camera, blur_px=10, uniform=True, threads=2)
+    assert np.all(np.abs(found.kernel.theta[:, 2]) < 1e-9)
+    assert found.kernel.camera.is_uniform
+    assert cosine(shot.true, found.kernel) > 0.85
+    assert gain(shot, found.kernel) > 2
+
+
+def test_threads_do_not_change_a_byte(small: Shot) -> None:
+    runs = [
+        estimate_blind(small.photo, small.true.camera, blur_px=8, threads=threads)
+        for threads in (1, 2)
+    ]
+    for name in ("theta", "weights", "steps"):
+        one, two = (getattr(run.kernel, name) for run in runs)
+        assert one.tobytes() == two.tobytes()
+    assert runs[0].confidence == runs[1].confidence
+    assert runs[0].scales == runs[1].scales
+
+
+def test_the_kernel_of_a_reduced_photo_belongs_to_the_whole(
+    shots: dict[str, Shot], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(blind, "_LONGEST_SIDE", 208)
+    shot = shots["Y"]
+    found = estimate_blind(shot.photo, shot.true.camera, blur_px=12, threads=2)
+    assert found.scales[-1].width == 208
+    assert found.kernel.camera is shot.true.camera
+    spread = [np.sqrt(k.weights @ k.theta[:, 1] ** 2) for k in (found.kernel, shot.true)]
+    assert spread[0] == pytest.approx(spread[1], rel=0.25)
+    assert cosine(shot.true, found.kernel) > 0.75
+    assert gain(shot, found.kernel) > 0.5
+
+
+def test_a_region_speaks_for_the_whole_photo(shots: dict[str, Shot]) -> None:
+    shot = shots["Y"]
+    spoilt = shot.photo.copy()
+    spoilt[:, :90] = np.random.default_rng(0).random((200, 90))
+    region = (110, 40, 120, 120)
+    found = estimate_blind(spoilt, shot.true.camera, blur_px=12, region=region, threads=2)
+    same = estimate_blind(shot.photo, shot.true.camera, blur_px=12, region=region, threads=2)
+    assert found.kernel.camera is shot.true.camera
+    assert found.scales == same.scales
+    assert found.scales[-1].width == 120
+    assert cosine(shot.true, found.kernel) > 0.75
+
+
+def test_clipped_pixels_are_not_believed(small: Shot) -> None:
+    clipped = np.zeros(small.photo.shape, bool)
+    clipped[30:50, 50:75] = True
+    photo = np.where(clipped, np.float32(1), small.photo)
+    told = estimate_blind(photo, small.true.camera, clipped=clipped, blur_px=8, threads=2)
+    untold = estimate_blind(photo, small.true.camera, blur_px=8, threads=2)
+    assert cosine(small.true, told.kernel) > 0.7
+    assert cosine(small.true, told.kernel) > cosine(small.true, untold.kernel)
+
+
+def test_the_bound_is_found_where_none_is_given(small: Shot) -> None:
+    shares: list[float] = []
+    found = estimate_blind(
+        small.photo,
+        small.true.camera,
+        threads=2,
+        progress=lambda share, _text: shares.append(share),
+    )
+    assert cosine(small.true, found.kernel) > 0.75
+    assert shares == sorted(shares)
+    assert shares[-1] == 1
+
+
+def test_the_prior_on_rolls_takes_them_away(sharp: np.ndarray) -> None:
+    reduced = cv2.resize(sharp, (130, 100), interpolation=cv2.INTER_AREA)
+    shot = shoot(reduced, Camera.from_focal(130.0, 100, 130), (0, 0, 6))
+    spreads = []
+    for rate in (0.0, 1.0):
+        found = estimate_blind(shot.photo, shot.true.camera, blur_px=8, roll_rate=rate, threads=2)
+        spreads.append(float(np.sqrt(found.kernel.weights @ found.kernel.theta[:, 2] ** 2)))
+    assert spreads[0] > 0.6 * np.sqrt(shot.true.weights @ shot.true.theta[:, 2] ** 2)
+    assert spreads[1] < 0.2 * spreads[0]
+
+
+def test_wide_blur_ends_at_a_coarser_scale_unless_the_finest_is_asked_for(
+    small: Shot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(blind, "_ENOUGH_BLUR", 5.0)
+    sizes = []
+    for finest in (False, True):
+        found = estimate_blind(small.photo, small.true.camera, blur_px=8, finest=finest, threads=2)
+        sizes.append(found.scales[-1].width)
+        assert found.kernel.camera is small.true.camera
+    assert sizes[0] < sizes[1] == 130
+
+
+def test_progress_rises_to_one(small: Shot) -> None:
+    told: list[tuple[float, str]] = []
+    estimate_blind(
+        small.photo,
+        small.true.camera,
+        blur_px=8,
+        threads=2,
+        progress=lambda share, text: told.append((share, text)),
+    )
+    shares = [share for share, _ in told]
+    assert shares == sorted(shares)
+    assert shares[0] >= 0
+    assert shares[-1] == 1
+    assert len(shares) > 50
+    assert all(text for _, text in told)
+
+
+def test_a_bound_too_small_is_told(shots: dict[str, Shot]) -> None:
+    shot = shots["Z"]
+    region = (160, 0, 100, 100)
+    found = estimate_blind(shot.photo, shot.true.camera, blur_px=1, region=region, threads=2)
+    assert any("--blur-size" in note for note in found.notes)
+
+
+def test_the_bound_of_an_angle_is_that_of_the_axis_that_moves_most() -> None:
+    camera = Camera.from_focal(400.0, 300, 400)
+    steps = grid_steps(camera)
+    assert blur_bound(camera, 7 * steps.min()) == pytest.approx(7)
+
+
+@pytest.mark.parametrize(
+    ("shape", "blur", "words"),
+    [
+        ((40, 200), 8.0, "too few to estimate"),
+        ((200, 47), 8.0, "too few to estimate"),
+        ((100, 120), 51.0, "does not fit"),
+        ((100, 120), 0.5, "does not fit"),
+    ],
+)
+def test_photos_and_bounds_must_fit(shape: tuple[int, int], blur: float, words: str) -> None:
+    photo = np.random.default_rng(0).random(shape, np.float32)
+    with pytest.raises(EstimationError, match=words) as caught:
+        estimate_blind(photo, Camera.from_focal(200.0, *shape), blur_px=blur)
+    assert caught.value.hint
+
+
+@pytest.mark.parametrize("value", [0.0, 0.5, 1.0])
+def test_a_flat_photo_has_nothing_to_go_by(value: float) -> None:
+    photo = np.full((100, 120), value, np.float32)
+    with pytest.raises(EstimationError, match="no texture"):
+        estimate_blind(photo, Camera.from_focal(120.0, 100, 120), blur_px=8)
+
+
+def test_a_photo_all_clipped_has_nothing_to_go_by(small: Shot) -> None:
+    clipped = np.ones(small.photo.shape, bool)
+    with pytest.raises(EstimationError, match="clipped"):
+        estimate_blind(small.photo, small.true.camera, clipped=clipped, blur_px=8)
+
+
+def test_a_region_too_small_is_an_error(small: Shot) -> None:
+    with pytest.raises(EstimationError, match="too few"):
+        estimate_blind(small.photo, small.true.camera, blur_px=8, region=(5, 5, 40, 60))
