@@ -13,14 +13,20 @@ minimises the free energy C_KL over one of the factors.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import exp, log, pi, sqrt
+from math import log, pi
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.special import digamma, erfcx, gammaln
+from numpy.typing import NDArray
+from scipy.special import digamma, gammaln
 
+from deshake.estimation.posterior import (
+    Posterior,
+    gradient_precision,
+    rectified_moments,
+    weight_rate,
+)
 from deshake.estimation.priors import KERNEL_PRIOR, ExponentialMixture, GaussianMixture
 from deshake.operators.local_filters import LocalFilters
 
@@ -30,124 +36,12 @@ if TYPE_CHECKING:
     from deshake.operators.filter_flow import FilterFlow
     from deshake.operators.strips import Strip
 
-__all__ = [
-    "KernelProblem",
-    "Posterior",
-    "VariationalModel",
-    "gradient_precision",
-    "rectified_moments",
-    "start",
-    "weight_rate",
-]
+__all__ = ["KernelProblem", "VariationalModel"]
 
 Image = NDArray[np.float32]
 Vector = NDArray[np.float64]
 
-_FAR = 25.0  # beyond it the moments of a rectified Gaussian are taken from their series
 _SHAPE = _SCALE = 1e-3  # p(beta) = Gamma(a0, b0)
-
-
-@dataclass(frozen=True, eq=False)
-class Posterior:
-    """The approximate posterior q of one scale.
-
-    Parameters
-    ----------
-    f, f_var : (C, h, w) arrays
-        Mean and variance of the sharp gradients.
-    w, w_var : (K,) arrays
-        Mean and variance of the kernel's weights.
-    w_entropy : (K,) array
-        Minus the entropy of each q(w_k).
-    beta : float
-        Mean of the noise precision.
-    rho : (D,) array
-        Shares of the kernel prior.
-
-    """
-
-    f: Image
-    f_var: Image
-    w: Vector
-    w_var: Vector
-    w_entropy: Vector
-    beta: float
-    rho: Vector
-
-
-def start(f: Image, w: ArrayLike, *, f_var: float = 1e-4, w_var: float = 1e-8) -> Posterior:
-    """Begin a scale with certain means: the blurred gradients or those of the scale before."""
-    mean = np.asarray(w, np.float64)
-    entropy = np.full(mean.shape, -0.5 * log(2 * pi * np.e * w_var))
-    return Posterior(
-        f.astype(np.float32),
-        np.full(f.shape, f_var, np.float32),
-        mean,
-        np.full(mean.shape, w_var),
-        entropy,
-        1.0,
-        KERNEL_PRIOR.rho,
-    )
-
-
-def rectified_moments(x1: float, x2: float) -> tuple[float, float, float]:
-    """Mean, second moment and minus entropy of ``q(w) ~ exp(-x2 w^2/2 + x1 w)``, w >= 0.
-
-    With ``t = -x1 / sqrt(2 x2)``; far in the tails (|t| > 25) by asymptotic series.
-    """
-    t = -x1 / sqrt(2 * x2)
-    if t > _FAR:
-        y = -x1
-        s = x2 / (y * y)
-        mean = (1 - 2 * s + 10 * s * s) / y
-        second = (2 - 10 * s + 74 * s * s) / (y * y)
-        return mean, second, log(y) - 1 + 2 * s - 7.5 * s * s
-    if t < -_FAR:
-        mean = x1 / x2
-        return mean, mean * mean + 1 / x2, -0.5 * log(2 * pi * exp(1) / x2)
-    tail = float(erfcx(t))
-    mean = x1 / x2 + sqrt(2 / (pi * x2)) / tail
-    second = x1 * mean / x2 + 1 / x2
-    log_z = log(sqrt(pi / (2 * x2)) * tail)
-    return mean, second, -x2 * second / 2 + x1 * mean - log_z
-
-
-def gradient_precision(second: Image, prior: GaussianMixture) -> tuple[Image, float]:
-    """Expected prior precision of each gradient, and the prior's part of C_KL.
-
-    The responsibilities are ``lam_ja ~ pi_a sqrt(gamma_a) exp(-gamma_a <f_j^2> / 2)``; returned are
-    ``Gam_j = sum_a lam_ja gamma_a`` and
-    ``sum_ja lam_ja [ln lam_ja - ln pi_a - ln(gamma_a / 2 pi) / 2 + gamma_a <f_j^2> / 2]``.
-    """
-    gamma = prior.gamma.astype(np.float32)
-    level = np.log(prior.pi * np.sqrt(prior.gamma / (2 * pi))).astype(np.float32)
-    top = np.full(second.shape, -np.inf, np.float32)
-    for a in range(len(gamma)):
-        np.maximum(top, level[a] - gamma[a] / 2 * second, out=top)
-    total = np.zeros_like(second)
-    weighted = np.zeros_like(second)
-    for a in range(len(gamma)):
-        part = np.exp(level[a] - gamma[a] / 2 * second - top)
-        total += part
-        weighted += gamma[a] * part
-    bound = -float((np.log(total) + top).sum(dtype=np.float64))
-    weighted /= total
-    return weighted, bound
-
-
-def weight_rate(w: Vector, prior: ExponentialMixture) -> tuple[Vector, Vector, float]:
-    """Expected prior rate of each weight, new shares, and the prior's part of C_KL.
-
-    ``kap_kd ~ rho_d r_d exp(-r_d W_k)``, ``R_k = sum_d kap_kd r_d``, ``rho_d ~ 1 + sum_k kap_kd``.
-    """
-    log_part = np.log(prior.rho * prior.rate) - w[:, None] * prior.rate
-    top = log_part.max(1, keepdims=True)
-    part = np.exp(log_part - top)
-    total = part.sum(1, keepdims=True)
-    kappa = part / total
-    shares = 1 + kappa.sum(0)
-    bound = -float((np.log(total) + top).sum())
-    return kappa @ prior.rate, shares / shares.sum(), bound
 
 
 @dataclass(frozen=True, eq=False)

@@ -199,18 +199,6 @@ def test_the_prior_on_rolls_takes_them_away(sharp: np.ndarray) -> None:
     assert spreads[1] < 0.2 * spreads[0]
 
 
-def test_wide_blur_ends_at_a_coarser_scale_unless_the_finest_is_asked_for(
-    small: Shot, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(blind, "_ENOUGH_BLUR", 5.0)
-    sizes = []
-    for finest in (False, True):
-        found = estimate_blind(small.photo, small.true.camera, blur_px=8, finest=finest, threads=2)
-        sizes.append(found.scales[-1].width)
-        assert found.kernel.camera is small.true.camera
-    assert sizes[0] < sizes[1] == 130
-
-
 def test_progress_rises_to_one(small: Shot) -> None:
     told: list[tuple[float, str]] = []
     estimate_blind(

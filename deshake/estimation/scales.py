@@ -1,0 +1,227 @@
+"""The variational estimate of one photo, scale by scale (Secs. 5 and 7)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import sqrt
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from deshake.errors import EstimationError
+from deshake.estimation import priors
+from deshake.estimation.coarse_to_fine import (
+    Level,
+    PyramidPlan,
+    first_kernel,
+    next_kernel,
+    resize,
+    turn,
+)
+from deshake.estimation.posterior import Posterior, start
+from deshake.estimation.variational import VariationalModel
+from deshake.geometry.kernel import RotationKernel
+from deshake.operators.filter_flow import FilterFlow
+from deshake.operators.shake_blur import observation_mask
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["ScaleByScale", "ScaleReport"]
+
+Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+_TRIAL_SIDE = 200  # px, longer side of the scale at which a bound is found too small
+_ENOUGH_BLUR = 22.0  # px: a blur this wide is fine enough, no larger scale is worked on
+_LEAST_OBSERVED = 0.05  # share of the pixels
+_ITERATIONS = 12
+_CUT = 0.05  # weights below this share of the largest are noise, between scales and at the end
+_PRUNE = 0.004  # weights below this share of the largest are given up within a scale
+_PRUNE_GAIN = 0.85
+_HOPS = (32, 16)  # patch distance at the finest scale and at the coarser ones, px
+_TOUCHING = 0.02  # share of the weight on the faces of the box that calls for a larger one
+_STILL_PX = 1.5  # an extent below it at the working scale is no shake
+
+
+@dataclass(frozen=True)
+class ScaleReport:
+    """How one scale ended: its size, rotations left, noise (of 0..256) and C_KL per gradient."""
+
+    height: int
+    width: int
+    rotations: int
+    noise: float
+    free_energy: float
+
+
+class ScaleByScale:
+    """The estimate under way, scale by scale."""
+
+    def __init__(
+        self,
+        plan: PyramidPlan,
+        gradients: Image,
+        usable: Mask,
+        *,
+        finest: bool,
+        roll_rate: float,
+        threads: int | None,
+        progress: Callable[[float, str], None],
+    ) -> None:
+        self.plan = plan
+        self.gradients = gradients
+        self.usable = usable
+        self.finest = finest
+        self.roll_rate = roll_rate
+        self.threads = threads
+        self.progress = progress
+        self.levels = plan.levels()
+        costs = np.array([lev.camera.height * lev.camera.width + 20000 for lev in self.levels])
+        self.shares = costs / costs.sum()
+        self.reports: list[ScaleReport] = []
+        self.notes: list[str] = []
+        self.before: RotationKernel | None = None
+        self.kernel: RotationKernel | None = None
+        self.latent: Image | None = None
+
+    def try_coarse(self) -> float:
+        """Work through the coarse scales; return the weight that touches the bounds."""
+        while self._goes_on():
+            self._step()
+            if max(self.levels[len(self.reports) - 1].camera.shape) >= _TRIAL_SIDE:
+                break
+        return self.outermost
+
+    def run(self) -> tuple[RotationKernel, float]:
+        """Work through the scales left; return the last kernel and how far to trust it."""
+        while self._goes_on():
+            self._step()
+        self.progress(1.0, "kernel estimated")
+        assert self.kernel is not None  # noqa: S101 - there is at least one level
+        kept = self.kernel.above(_CUT)
+        if kept.extent_px() < _STILL_PX:
+            self.notes.append("no shake was found: the kernel is a single point")
+        outermost = self.outermost
+        if outermost > _TOUCHING:
+            self.notes.append("the kernel touches its bounds: try a larger --blur-size")
+        if self.before is None:
+            return kept, 0.0
+        return kept, _agreement(self.before.above(_CUT), kept) * (1 - outermost)
+
+    def _goes_on(self) -> bool:
+        """Whether there is a finer scale, and the blur is not wide enough yet."""
+        if len(self.reports) == len(self.levels):
+            return False
+        if self.kernel is None or self.finest:
+            return True
+        return self.kernel.extent_px() * sqrt(2) <= _ENOUGH_BLUR
+
+    def _step(self) -> None:
+        """Estimate at the next scale."""
+        number = len(self.reports)
+        level = self.levels[number]
+        if self.kernel is None or self.latent is None:
+            active, f = first_kernel(level), resize(self.gradients, level.camera.shape)
+        else:
+            coarser = self.levels[number - 1]
+            active, offset = next_kernel(self.kernel, level, self.plan.axes, cut=_CUT)
+            turned = turn(self.latent, coarser.camera, -offset * coarser.steps)
+            f = resize(turned, level.camera.shape)
+        name = f"scale {number + 1} of {len(self.levels)}"
+        self.before = self.kernel
+        done, share = float(self.shares[:number].sum()), float(self.shares[number])
+        self.kernel, self.latent = self._estimate(
+            level, active, f, lambda part: self.progress(done + share * part, name)
+        )
+
+    @property
+    def outermost(self) -> float:
+        """Share of the weight on the faces of the box."""
+        if self.kernel is None:
+            return 0.0
+        half = self.levels[len(self.reports) - 1].half
+        faces = np.any((np.abs(self.kernel.indices) >= half) & (half > 0), 1)
+        return float(self.kernel.weights[faces].sum())
+
+    def _estimate(
+        self,
+        level: Level,
+        active: RotationKernel,
+        f: Image,
+        advance: Callable[[float], None],
+    ) -> tuple[RotationKernel, Image]:
+        """Infer kernel and gradients at one scale."""
+        g = resize(self.gradients, level.camera.shape)
+        mask = self._mask(level, active)
+        theta = active.theta
+        model = self._model(level, theta, g, mask)
+        q = model.update_latent(start(f, active.weights))
+        rounds = _ITERATIONS + (0 if self.reports else 2)
+        energy = np.inf
+        for i in range(rounds):
+            advance(i / rounds)
+            if i > 0:
+                q = model.update_latent(q)
+            problem = model.kernel_problem(q)
+            q = model.update_noise(model.update_kernel(q, problem), problem)
+            if i == rounds - 1:
+                energy = model.free_energy(q, problem)
+            elif i >= 2 and i % 2 == 0:
+                keep = q.w > _PRUNE * q.w.max()
+                if keep.mean() < _PRUNE_GAIN:
+                    theta, q = theta[keep], _restricted(q, keep)
+                    model = self._model(level, theta, g, mask)
+        total = float(q.w.sum())
+        noise = float(q.beta**-0.5)
+        per_gradient = energy / model.count
+        self.reports.append(ScaleReport(*level.camera.shape, len(theta), noise, per_gradient))
+        kernel = RotationKernel(theta, q.w / total, level.steps, level.camera)
+        return kernel, q.f * np.float32(total)
+
+    def _model(
+        self, level: Level, theta: NDArray[np.float64], g: Image, mask: Image
+    ) -> VariationalModel:
+        hop = _HOPS[min(level.index, len(_HOPS) - 1)]
+        flow = FilterFlow(
+            level.camera, theta, margin=0, hop=hop, channels=len(g), threads=self.threads
+        )
+        return VariationalModel(
+            flow,
+            g,
+            mask,
+            priors.gradients(level.index),
+            roll_rate=self.roll_rate,
+            roll_step=level.steps[2],
+        )
+
+    def _mask(self, level: Level, active: RotationKernel) -> Image:
+        """Observed pixels: they saw only the frame, and no clipped pixel is near."""
+        mask = observation_mask(level.camera, active.theta)
+        if not self.usable.all():
+            usable = resize(self.usable.astype(np.float32)[None], level.camera.shape)[0] > 1 - 1e-3
+            # a difference needs both its pixels; further away the linear model holds
+            mask *= cv2.erode(usable.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1)
+        if mask.mean() < _LEAST_OBSERVED:
+            msg = "too few pixels are left that are neither clipped nor near the border"
+            raise EstimationError(msg, hint="give a smaller --blur-size, or another --region")
+        return mask
+
+
+def _restricted(q: Posterior, keep: Mask) -> Posterior:
+    return replace(q, w=q.w[keep], w_var=q.w_var[keep], w_entropy=q.w_entropy[keep])
+
+
+def _agreement(coarse: RotationKernel, fine: RotationKernel) -> float:
+    """Cosine between a kernel and the one of the scale before, on the coarser grid."""
+
+    def smooth(kernel: RotationKernel) -> dict[tuple[int, ...], float]:
+        onto = kernel.centred().resampled(coarse.steps * 1.5)
+        return {tuple(i): w for i, w in zip(onto.indices.tolist(), onto.weights, strict=True)}
+
+    a, b = smooth(coarse), smooth(fine)
+    dot = sum(w * b.get(i, 0.0) for i, w in a.items())
+    norms = sum(w * w for w in a.values()) * sum(w * w for w in b.values())
+    return float(min(dot / np.sqrt(norms), 1.0))

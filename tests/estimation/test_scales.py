@@ -1,0 +1,84 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from deshake.errors import EstimationError
+from deshake.estimation import scales
+from deshake.estimation.coarse_to_fine import PyramidPlan
+from deshake.estimation.scales import ScaleByScale
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
+from deshake.geometry.rotations import grid_steps
+from deshake.operators.shake_blur import ShakeBlur
+
+SHAPE = 100, 130
+CAMERA = Camera.from_focal(130.0, *SHAPE)
+
+
+@pytest.fixture(scope="module")
+def gradients(sharp: np.ndarray) -> np.ndarray:
+    """Gradients, (2, h, w), of a photo turned by six grid steps about Y."""
+    reduced = cv2.resize(sharp, SHAPE[::-1], interpolation=cv2.INTER_AREA)
+    path = np.array([[0, -3, 0], [0, 3, 0]]) * grid_steps(CAMERA)
+    blur = ShakeBlur(RotationKernel.from_path(path, CAMERA), kind="warps")
+    photo = 256 * blur.forward(np.pad(reduced, blur.margin, mode="edge"))
+    out = np.zeros((2, *SHAPE), np.float32)
+    out[0, :, :-1] = np.diff(photo, axis=1)
+    out[1, :-1] = np.diff(photo, axis=0)
+    return out
+
+
+def under_way(
+    gradients: np.ndarray, blur_px: float, *, finest: bool = False, usable: np.ndarray | None = None
+) -> ScaleByScale:
+    return ScaleByScale(
+        PyramidPlan(CAMERA, blur_px),
+        gradients,
+        np.ones(SHAPE, bool) if usable is None else usable,
+        finest=finest,
+        roll_rate=0.01,
+        threads=2,
+        progress=lambda _share, _text: None,
+    )
+
+
+def test_wide_blur_ends_at_a_coarser_scale_unless_the_finest_is_asked_for(
+    gradients: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(scales, "_ENOUGH_BLUR", 5.0)
+    widths = []
+    for finest in (False, True):
+        work = under_way(gradients, 8, finest=finest)
+        work.run()
+        widths.append(work.reports[-1].width)
+    assert widths[0] < widths[1] == SHAPE[1]
+
+
+def test_a_trial_stops_at_a_coarse_scale_and_goes_on_from_there(
+    gradients: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(scales, "_TRIAL_SIDE", 60)
+    work, straight = under_way(gradients, 8), under_way(gradients, 8)
+    assert work.try_coarse() == work.outermost
+    assert 60 <= work.reports[-1].width < 60 * 1.5
+    kernel, confidence = work.run()
+    expected, same = straight.run()
+    np.testing.assert_array_equal(kernel.theta, expected.theta)
+    np.testing.assert_array_equal(kernel.weights, expected.weights)
+    assert confidence == same
+
+
+def test_a_box_too_small_is_touched(gradients: np.ndarray) -> None:
+    tight, wide = under_way(gradients, 1), under_way(gradients, 12)
+    for work in (tight, wide):
+        work.run()
+    assert tight.outermost > wide.outermost
+
+
+def test_too_few_pixels_are_an_error(gradients: np.ndarray) -> None:
+    usable = np.zeros(SHAPE, bool)
+    usable[:4] = True
+    with pytest.raises(EstimationError, match="too few pixels"):
+        under_way(gradients, 8, usable=usable).run()
