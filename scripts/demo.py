@@ -18,7 +18,7 @@ from PIL import Image, ImageDraw, ImageFont, ImageOps
 
 from deshake import read_kernel, render_comparison, render_filters, render_kernel
 
-PHOTO = "coffee"
+PHOTO = "astronaut"
 SEED = 3
 BLUR_PX = 14
 FILM_MM = 35
