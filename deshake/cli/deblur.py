@@ -8,11 +8,11 @@ import click
 
 from deshake.cli.options import (
     general_options,
-    iterations_option,
     kernel_argument,
     output_option,
     overwrite_option,
     photo_argument,
+    restoration_options,
     transfer_option,
 )
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from deshake.cli.context import Context
     from deshake.io.transfer import TransferName
+    from deshake.pipelines.stages import Method
 
 __all__ = ["command"]
 
@@ -29,7 +30,7 @@ __all__ = ["command"]
 @photo_argument
 @kernel_argument
 @output_option("PHOTO's name with .deshaken before its ending")
-@iterations_option("by the photo's noise", what="Iterations of Richardson-Lucy")
+@restoration_options
 @transfer_option
 @overwrite_option
 @general_options
@@ -41,6 +42,7 @@ def command(
     photo: Path,
     kernel: Path,
     output: Path | None,
+    method: Method,
     iterations: int | None,
     transfer: TransferName | None,
     overwrite: bool,
@@ -58,6 +60,7 @@ def command(
             kernel,
             output,
             transfer=transfer,
+            method=method,
             iterations=iterations,
             overwrite=overwrite,
             threads=context.threads,

@@ -13,10 +13,10 @@ from deshake.cli.options import (
     FILE,
     estimate_options,
     general_options,
-    iterations_option,
     json_option,
     output_option,
     overwrite_option,
+    restoration_options,
 )
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from deshake.cli.context import Context, Progress
     from deshake.pipelines.batch import Job
+    from deshake.pipelines.stages import Method
 
 __all__ = ["command"]
 
@@ -45,7 +46,7 @@ _log = logging.getLogger(__name__)
     help="Write each photo's kernel file into this folder.",
 )
 @estimate_options
-@iterations_option("by the photo's noise", what="Iterations of Richardson-Lucy")
+@restoration_options
 @json_option
 @overwrite_option
 @click.option(
@@ -62,6 +63,7 @@ def command(
     output: Path | None,
     keep_kernels: Path | None,
     camera: Path | None,
+    method: Method,
     iterations: int | None,
     as_json: bool,
     overwrite: bool,
@@ -96,6 +98,7 @@ def command(
                 found = run(
                     job,
                     options,
+                    method=method,
                     iterations=iterations,
                     threads=context.threads,
                     progress=_titled(bar, text),

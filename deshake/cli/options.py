@@ -28,13 +28,13 @@ __all__ = [
     "estimate_options",
     "focal_options",
     "general_options",
-    "iterations_option",
     "json_option",
     "kernel_argument",
     "output_option",
     "overwrite_option",
     "photo_argument",
     "region_option",
+    "restoration_options",
     "transfer_option",
     "uniform_option",
 ]
@@ -143,14 +143,22 @@ def output_option(default: str, *, metavar: str = "FILE", note: str = "") -> Cal
     )
 
 
-def iterations_option(default: str, *, what: str = "Iterations") -> Callable[[F], F]:
-    """Add --iterations; `default` says in words how many there are without it."""
-    return click.option(
+def restoration_options(command: F) -> F:
+    """Add --method and --iterations: how a photo is deblurred once its kernel is known."""
+    method = click.option(
+        "--method",
+        type=click.Choice(["sparse", "rl"]),
+        default="sparse",
+        show_default=True,
+        help="How to deblur: by sparse gradients, or by Richardson-Lucy.",
+    )
+    iterations = click.option(
         "--iterations",
         type=click.IntRange(1, 10_000),
         metavar="N",
-        help=f"{what}.  [default: {default}]",
+        help="Iterations of the method.  [default: 4 for sparse, for rl by the photo's noise]",
     )
+    return method(iterations(command))
 
 
 def focal_options(command: F) -> F:

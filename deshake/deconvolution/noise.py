@@ -9,6 +9,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.ndimage import uniform_filter
+from scipy.optimize import nnls
 
 from deshake.operators.planes import channels_first
 
@@ -17,12 +19,13 @@ if TYPE_CHECKING:
 
     Image = NDArray[np.float32]
 
-__all__ = ["coarse_noise", "pair_means"]
+__all__ = ["coarse_noise", "noise_model", "pair_means", "smoothed"]
 
 _BLOCK = 6  # means a side
 _LEVELS = 8
 _QUANTILE = 0.01
 _BIAS = 2.5  # of the quantile; measured together with the stopping rule that goes by it
+_LEAST = 1e-7  # that is taken for noise: the rounding to 8 bits of mid greys makes a few times this
 
 
 def pair_means(image: Image) -> Image:
@@ -31,6 +34,30 @@ def pair_means(image: Image) -> Image:
     rows = image[:height:2] + image[1:height:2]
     means: Image = (rows[:, :width:2] + rows[:, 1:width:2]) * np.float32(0.25)
     return means
+
+
+def noise_model(g: Image) -> tuple[float, float]:
+    """Estimate how the variance of noise grows with the light: ``slope x + floor``.
+
+    Parameters
+    ----------
+    g : (h, w) or (h, w, C) array of float32
+        The photo, linear light.
+
+    Returns
+    -------
+    slope, floor : float
+        In squared shares of the clip level; the floor is above 0.
+
+    """
+    levels, variances = _by_level(g)
+    if not len(levels):
+        return 0.0, _LEAST
+    # the line that is nearest in proportion: dark levels count as much as bright ones
+    variances = np.maximum(variances, _LEAST)
+    design = np.stack([levels, np.ones_like(levels)], 1) / variances[:, None]
+    slope, floor = nnls(design, np.ones_like(levels))[0]
+    return float(slope), max(float(floor), _LEAST)
 
 
 def coarse_noise(g: Image) -> float:
@@ -51,6 +78,12 @@ def coarse_noise(g: Image) -> float:
         In squared shares of the clip level; 0 for a photo smaller than a block.
 
     """
+    _, variances = _by_level(g)
+    return float(variances.mean()) if len(variances) else 0.0
+
+
+def _by_level(g: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return up to eight brightnesses, from dark to bright, and the variance of noise at each."""
     levels: list[NDArray[np.float64]] = []
     variances: list[NDArray[np.float64]] = []
     for channel in channels_first(g):
@@ -63,7 +96,16 @@ def coarse_noise(g: Image) -> float:
             blocks = blocks.reshape(down, _BLOCK, across, _BLOCK)
             found.append(blocks.mean((1, 3), dtype=np.float64).ravel())
     level, variance = np.concatenate(levels), np.concatenate(variances)
-    groups = [group for group in np.array_split(variance[np.argsort(level)], _LEVELS) if group.size]
-    if not groups:
-        return 0.0
-    return _BIAS * float(np.mean([np.quantile(group, _QUANTILE) for group in groups]))
+    order = np.argsort(level, kind="stable")
+    groups = [part for part in np.array_split(order, _LEVELS) if part.size]
+    return (
+        np.array([level[part].mean() for part in groups]),
+        np.array([_BIAS * np.quantile(variance[part], _QUANTILE) for part in groups]),
+    )
+
+
+def smoothed(image: Image, reach: int) -> Image:
+    """Average an image (h, w) under a tent that reaches twice as many pixels each way."""
+    once = uniform_filter(image, 2 * reach + 1, mode="nearest")
+    twice: Image = uniform_filter(once, 2 * reach + 1, mode="nearest")
+    return twice

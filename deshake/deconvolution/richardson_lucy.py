@@ -22,7 +22,6 @@ References
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
@@ -31,6 +30,7 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from deshake.deconvolution.noise import coarse_noise, pair_means
+from deshake.deconvolution.restoration import Restoration, check_photo
 from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import ShakeBlur
 from deshake.operators.strips import available_threads
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
     from deshake.geometry.kernel import RotationKernel
 
-__all__ = ["Restoration", "richardson_lucy"]
+__all__ = ["latent_start", "richardson_lucy"]
 
 Image = NDArray[np.float32]
 T = TypeVar("T")
@@ -55,27 +55,6 @@ _FEWEST, _MOST = 2, 40
 _STALLED = {True: 0.085, False: 0.02}  # by acceleration: falls of the residual to stop at
 _STALLING = 1 / 1.6  # the falls shrink about as iterations^-1.6
 _BAND = 128
-
-
-@dataclass(frozen=True, eq=False)
-class Restoration:
-    """A restored photo.
-
-    Parameters
-    ----------
-    pixels : (h, w[, C]) array of float32
-        Linear light, >= 0; lights that had clipped exceed 1.
-    iterations : int
-        How many were done.
-    residual : float
-        Root mean square of what the model left unexplained of the unclipped pixels, in shares
-        of the clip level, as the last iteration found it.
-
-    """
-
-    pixels: Image
-    iterations: int
-    residual: float
 
 
 def richardson_lucy(
@@ -123,8 +102,8 @@ def richardson_lucy(
         the iterations are fewer than 1.
 
     """
-    _check(g, kernel, clipped, iterations)
-    descent = _Descent(g, kernel, clipped, accelerated=accelerated, threads=threads)
+    check_photo(g, kernel, clipped, iterations)
+    descent = _Descent(g, kernel.centred(), clipped, accelerated=accelerated, threads=threads)
     noise = coarse_noise(g) if iterations is None else 0.0
     stalled = _STALLED[accelerated]
     most = iterations or _MOST
@@ -141,6 +120,39 @@ def richardson_lucy(
         if progress is not None:
             progress(part, f"deblurring, iteration {done}")
     return Restoration(descent.frame(), done, float(np.sqrt(squared)))
+
+
+def latent_start(
+    g: Image,
+    kernel: RotationKernel,
+    *,
+    clipped: NDArray[np.bool_] | None,
+    iterations: int,
+    threads: int | None,
+    progress: Callable[[float, str], None],
+) -> Image:
+    """Give another method something to start from, with lights that shine above the clip level.
+
+    Parameters
+    ----------
+    g, kernel, clipped, threads
+        As for `richardson_lucy`, but the kernel is centred already.
+    iterations : int
+        How many accelerated ones to do.
+    progress : callable
+        Told the fraction done, 0 to 1, and what is being done, after each iteration.
+
+    Returns
+    -------
+    (C, H, W) array of float32
+        The latent image with its margin, which is the reach of the kernel.
+
+    """
+    descent = _Descent(g, kernel, clipped, accelerated=True, threads=threads)
+    for done in range(1, iterations + 1):
+        descent.step()
+        progress(done / iterations, f"deblurring lights, iteration {done}")
+    return descent.f
 
 
 class _Descent:
@@ -165,7 +177,7 @@ class _Descent:
         self.g = channels_first(g)
         self.clipped = clipped if clipped is not None and clipped.any() else None
         self.unclipped = g.size - (0 if self.clipped is None else self.clipped.sum() * len(self.g))
-        self.blur = ShakeBlur(kernel.centred(), threads=threads)
+        self.blur = ShakeBlur(kernel, threads=threads)
         self.seen = self.blur.adjoint(np.ones(self.blur.observed_shape, np.float32))
         self.f = np.empty((len(self.g), *self.blur.latent_shape), np.float32)
         for c in range(len(self.g)):
@@ -258,18 +270,3 @@ class _Descent:
         bands = [slice(top, top + _BAND) for top in range(0, height, _BAND)]
         with ThreadPoolExecutor(self.threads) as pool:
             return list(pool.map(work, bands))
-
-
-def _check(
-    g: Image, kernel: RotationKernel, clipped: NDArray[np.bool_] | None, iterations: int | None
-) -> None:
-    """Refuse what cannot be deblurred."""
-    shape = kernel.camera.shape
-    if g.ndim not in {2, 3} or g.shape[:2] != shape:
-        raise ValueError(f"a photo of shape {g.shape} does not fit a kernel for {shape}")
-    if clipped is not None and clipped.shape != shape:
-        raise ValueError(f"clipped pixels of shape {clipped.shape} do not fit a photo of {shape}")
-    if not (np.isfinite(g.min()) and np.isfinite(g.max())):
-        raise ValueError("a photo's pixels are finite")
-    if iterations is not None and iterations < 1:
-        raise ValueError("at least one iteration is needed")

@@ -2,10 +2,11 @@
 
 For ``M = A^T A + rho D^T D``, with D the differences of neighbouring pixels:
 
-    P = sum_p block_p' sqrt(win_p) F^-1[ 1 / (|F h_p|^2 + rho |F D|^2 + floor) ] F sqrt(win_p) block_p
+    P = sum_p block_p' v_p F^-1[ 1 / (|F h_p|^2 + rho |F D|^2 + floor) ] F v_p block_p
 
-is symmetric and positive. Were the blur the same all over the frame and the frame a torus, it
-would be the inverse; as a preconditioner one step with it does the work of many without.
+with v_p the root of patch p's window, is symmetric and positive. Were the blur the same all over
+the frame, and the frame a torus, it would be the inverse; as a preconditioner one step with it does
+the work of many without.
 """
 
 from __future__ import annotations
@@ -49,9 +50,7 @@ class PatchInverse:
         ramp = np.sqrt(np.clip(1 - np.abs(away), 0, 1)).astype(np.float32)
         # by row or column: inner ones fade both ways, the first and the last reach on outwards
         self._ramps = {
-            (first, last): np.where(
-                (first & (away < 0)) | (last & (away > 0)), np.float32(1), ramp
-            )
+            (first, last): np.where((first & (away < 0)) | (last & (away > 0)), np.float32(1), ramp)
             for first in (False, True)
             for last in (False, True)
         }

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from deshake.pipelines.stages import Estimate, EstimateOptions
+    from deshake.pipelines.stages import Estimate, EstimateOptions, Method
 
 __all__ = ["Job", "PlanError", "find_photos", "plan", "run"]
 
@@ -170,6 +170,7 @@ def run(
     job: Job,
     options: EstimateOptions,
     *,
+    method: Method = "sparse",
     iterations: int | None = None,
     threads: int | None = None,
     progress: Callable[[float, str], None] | None = None,
@@ -192,6 +193,7 @@ def run(
         job.output,
         job.kernel,
         options,
+        method=method,
         iterations=iterations,
         overwrite=job.overwrite,
         overwrite_kernel=job.overwrite_kernel,

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from deshake.io.kernel_file import CameraFile
     from deshake.io.photo import Photo
     from deshake.io.transfer import TransferName
-    from deshake.pipelines.stages import Estimate, EstimateOptions
+    from deshake.pipelines.stages import Estimate, EstimateOptions, Method
 
     Progress = Callable[[float, str], None]
 
@@ -97,6 +97,7 @@ def deblur_file(
     output: Path | None,
     *,
     transfer: TransferName | None = None,
+    method: Method = "sparse",
     iterations: int | None = None,
     overwrite: bool = False,
     threads: int | None = None,
@@ -122,7 +123,9 @@ def deblur_file(
     photo = read_photo(source, transfer=transfer)
     _check_encoding(photo, path)
     kernel = fitting_kernel(content, photo, kernel_file)
-    photo = deblur(photo, kernel, iterations=iterations, threads=threads, progress=progress)
+    photo = deblur(
+        photo, kernel, method=method, iterations=iterations, threads=threads, progress=progress
+    )
     write_photo(path, photo, overwrite=overwrite)
     return path
 
@@ -133,6 +136,7 @@ def fix_file(
     kernel_file: Path | None,
     options: EstimateOptions,
     *,
+    method: Method = "sparse",
     iterations: int | None = None,
     overwrite: bool = False,
     overwrite_kernel: bool = False,
@@ -161,7 +165,9 @@ def fix_file(
     first, second = _part(progress, 0, share), _part(progress, share, 1)
     found = estimate(photo, options, threads=threads, progress=first)
     kernel = found.content.kernel
-    photo = deblur(photo, kernel, iterations=iterations, threads=threads, progress=second)
+    photo = deblur(
+        photo, kernel, method=method, iterations=iterations, threads=threads, progress=second
+    )
     with contextlib.ExitStack() as outputs:
         if kernel_file is not None:
             outputs.enter_context(_gone_on_failure(kernel_file))

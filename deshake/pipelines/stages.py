@@ -10,12 +10,13 @@ import hashlib
 import logging
 import math
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
 from deshake import __version__
 from deshake.deconvolution.richardson_lucy import richardson_lucy
+from deshake.deconvolution.sparse_gradients import sparse_gradients
 from deshake.errors import CalibrationError, DeshakeError
 from deshake.estimation.blind import blur_bound, estimate_blind
 from deshake.geometry.camera import Camera
@@ -38,11 +39,15 @@ if TYPE_CHECKING:
 __all__ = [
     "Estimate",
     "EstimateOptions",
+    "Method",
     "calibrate",
     "deblur",
     "estimate",
     "luminance",
 ]
+
+Method = Literal["sparse", "rl"]
+"""How a photo is deblurred: by sparse gradients or by Richardson-Lucy."""
 
 _log = logging.getLogger(__name__)
 
@@ -200,15 +205,32 @@ def deblur(
     photo: Photo,
     kernel: RotationKernel,
     *,
+    method: Method = "sparse",
     iterations: int | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Photo:
-    """Deblur a photo with a kernel for its size, by Richardson-Lucy (Eq. 11).
+    """Deblur a photo with a kernel for its size.
 
     Format, depth, opacity and metadata stay as they are.
+
+    Parameters
+    ----------
+    photo : Photo
+        The photo.
+    kernel : RotationKernel
+        Its blur.
+    method : {"sparse", "rl"}
+        By sparse gradients, or by Richardson-Lucy (Eq. 11).
+    iterations : int, optional
+        How many the method does.
+    threads : int, optional
+        Threads to use; by default all processors.
+    progress : callable, optional
+        Told the fraction done and what is being done.
+
     """
-    restored = richardson_lucy(
+    restored = {"sparse": sparse_gradients, "rl": richardson_lucy}[method](
         photo.pixels,
         kernel,
         clipped=photo.clipped,

@@ -92,17 +92,28 @@ def test_another_shape_is_an_error(deshake, kernel, tmp_path, size, hint):
     assert not (tmp_path / "other.deshaken.png").exists()
 
 
-def test_iterations_and_transfer_shape_the_result(deshake, shaken, kernel, tmp_path):
+def test_method_iterations_and_transfer_shape_the_result(deshake, shaken, kernel, tmp_path):
     photo = shaken("a.png")
     found = set()
     for args in (
         ("--iterations", 2),
         ("--iterations", 5),
         ("--iterations", 2, "--transfer=linear"),
+        ("--iterations", 2, "--method=rl"),
+        ("--method=rl",),
     ):
         assert deshake("deblur", photo, kernel, "--overwrite", *args).code == 0
         found.add((tmp_path / "a.deshaken.png").read_bytes())
-    assert len(found) == 3
+    assert len(found) == 5
+
+
+def test_the_default_is_sparse(deshake, shaken, kernel, tmp_path):
+    photo, found = shaken("a.png"), set()
+    for args in ((), ("--method", "sparse")):
+        assert deshake("deblur", photo, kernel, "--overwrite", *args).code == 0
+        found.add((tmp_path / "a.deshaken.png").read_bytes())
+    assert len(found) == 1
+    assert "'wiener' is not one of" in deshake("deblur", photo, kernel, "--method", "wiener").err
 
 
 def test_says_the_iterations_when_asked(deshake, shaken, kernel):
@@ -112,10 +123,12 @@ def test_says_the_iterations_when_asked(deshake, shaken, kernel):
     )
 
 
-def test_threads_do_not_change_a_byte(deshake, shaken, kernel, tmp_path):
+@pytest.mark.parametrize("method", ["sparse", "rl"])
+def test_threads_do_not_change_a_byte(deshake, shaken, kernel, tmp_path, method):
     photo, found = shaken("a.png", 16), set()
     for threads in (1, 3):
-        assert deshake("deblur", photo, kernel, "--overwrite", "--threads", threads).code == 0
+        args = ("--overwrite", "--method", method, "--threads", threads)
+        assert deshake("deblur", photo, kernel, *args).code == 0
         found.add((tmp_path / "a.deshaken.png").read_bytes())
     assert len(found) == 1
 

@@ -36,6 +36,15 @@ def test_gives_the_bytes_of_its_stages(deshake, shaken, tmp_path, name, depth):
     assert fixed.read_bytes() != photo.read_bytes()
 
 
+def test_the_method_is_that_of_deblur(deshake, shaken, tmp_path):
+    photo, kernels, out = shaken("a.png"), tmp_path / "k", tmp_path / "out.png"
+    args = (*FAST, "--method", "rl")
+    assert deshake("fix", photo, "--keep-kernels", kernels, *args).code == 0
+    args = ("--method", "rl", "--iterations", 2, "-o", out)
+    assert deshake("deblur", photo, kernels / "a.kernel.npz", *args).code == 0
+    assert out.read_bytes() == (tmp_path / "a.deshaken.png").read_bytes()
+
+
 def test_fixes_beside_the_photo_and_keeps_it(deshake, shaken, tmp_path):
     photo = shaken("a.jpg")
     before = photo.read_bytes(), photo.stat().st_mtime_ns

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 from skimage import data
 
-from deshake.deconvolution.noise import coarse_noise, pair_means
+from deshake.deconvolution.noise import coarse_noise, noise_model, pair_means, smoothed
 
 
 def jpeg(image, quality=90):
@@ -63,3 +63,39 @@ def test_photos_smaller_than_a_block_have_none(shape):
 def test_pair_means():
     image = np.arange(15, dtype=np.float32).reshape(3, 5)
     np.testing.assert_array_equal(pair_means(image), [[3, 5]])
+
+
+@pytest.mark.parametrize("photons", [300, 3000])
+@pytest.mark.parametrize("compressed", [False, True])
+def test_the_model_follows_the_light(photo, photons, compressed):
+    rng = np.random.default_rng(5)
+    g = np.clip(rng.poisson(photo * photons) / photons, 0, 1).astype(np.float32)
+    slope, floor = noise_model(jpeg(g) if compressed else g)
+    assert (0.2 if compressed else 0.4) / photons < slope < 2 / photons
+    assert 0 < floor < 0.1 / photons
+
+
+def test_the_model_of_even_noise_is_flat():
+    rng = np.random.default_rng(6)
+    ramp = np.linspace(0.1, 0.9, 400)
+    slope, floor = noise_model((ramp + rng.normal(0, 0.02, (320, 400))).astype(np.float32))
+    assert floor == pytest.approx(0.02**2, rel=0.6)
+    assert slope < 0.3 * floor
+
+
+def test_the_model_of_a_photo_too_small_or_even_is_hardly_any():
+    for g in (np.ones((3, 4), np.float32), np.full((60, 60), 0.3, np.float32)):
+        slope, floor = noise_model(g)
+        assert slope == pytest.approx(0, abs=1e-6)
+        assert 0 < floor < 1e-6
+
+
+def test_smoothing_is_a_tent():
+    point = np.zeros((21, 21), np.float32)
+    point[10, 10] = 1
+    tent = smoothed(point, 3)
+    assert tent.sum() == pytest.approx(1, rel=1e-5)
+    np.testing.assert_allclose(
+        tent[10, 10::2], [1 / 49, 5 / 343, 3 / 343, 1 / 343, 0, 0], atol=1e-6
+    )
+    np.testing.assert_allclose(smoothed(point + 2, 3) - tent, 2, rtol=1e-5)
