@@ -7,15 +7,14 @@ coarsest scale and by one grid step at each finer one: no size need be known.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-import scipy.ndimage
 from numpy.typing import NDArray
 
-from deshake.estimation.kernel_step import nonnegative, normal_equations
+from deshake.estimation.edge_settings import FAINT, SETTINGS, EdgeSetting
+from deshake.estimation.kernel_step import fitted_weights, normal_equations
 from deshake.estimation.latent_edges import (
     Observation,
     contrast_scaled,
@@ -33,57 +32,21 @@ if TYPE_CHECKING:
 
     from deshake.geometry.camera import Camera
 
-__all__ = ["SETTINGS", "EdgeSetting", "estimate_edges"]
+__all__ = ["FAINT", "SETTINGS", "EdgeSetting", "estimate_edges"]
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
-Vector = NDArray[np.float64]
 
 _RATIO = 2**0.5  # of one scale to the next
 _COARSEST_SIDE = 48  # px, the shorter side of the coarsest scale
 _ITERATIONS = 5  # at each scale
 _BETA_MAX = 16.0
-_RIDGE = 0.005
-_CUT = 0.05  # weights below this share of the largest are noise
-_ISLAND = 0.03  # connected pieces of the kernel with less of its mass are noise
-_CARRIED = 0.08  # weights that a finer scale begins with, of the largest
-_CARRIED_UNIFORM = 0.02
-_MOST_CARRIED = 150  # rotations
+_CARRIED_UNIFORM = 0.02  # weights that a finer scale begins with, of the largest
 _START_HALF = (2, 2, 1)  # grid steps
 _GROWTH_LIMIT = 6  # the kernel grows up to one over this of the shorter side
+_MOST_GROWN = 500  # rotations: an estimate's cost grows with their square
+_BELIEVED = 0.5  # share of a pixel that must be usable when the photo is reduced
 _ROOM_STEPS = 2  # grid steps that the box is wider than the bound of the blur
-
-
-@dataclass(frozen=True)
-class EdgeSetting:
-    """How strong the edges are that count: the one choice no single value of which suits all.
-
-    Too low a price and the kernel collapses to a point; too high, or too much of the shock
-    filter, and it widens.
-
-    Parameters
-    ----------
-    name : str
-        What to call it.
-    first, last : float
-        Price `lam` of an edge pixel at the first and the last iteration; geometric in between.
-    shocks : int
-        Iterations of each scale, the first ones, that see shock-filtered edges.
-
-    """
-
-    name: str
-    first: float
-    last: float
-    shocks: int
-
-
-SETTINGS = (
-    EdgeSetting("strong", 3e-2, 1.2e-2, 4),
-    EdgeSetting("medium", 4e-2, 5e-3, 3),
-    EdgeSetting("fine", 4e-2, 1.5e-3, 2),
-)
-"""Settings that cover the range, for a judge to choose between the kernels they lead to."""
 
 
 def estimate_edges(
@@ -93,7 +56,7 @@ def estimate_edges(
     usable: Mask | None = None,
     blur_px: float | None = None,
     axes: tuple[bool, bool, bool] = ALL_AXES,
-    setting: EdgeSetting = SETTINGS[1],
+    setting: EdgeSetting = SETTINGS[0],
     threads: int | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> RotationKernel:
@@ -106,7 +69,7 @@ def estimate_edges(
     camera : Camera
         Its camera; of the uniform model with `Camera.uniform` and no roll.
     usable : (h, w) array of bool, optional
-        Pixels to be believed; by default all.
+        Pixels to be believed; by default all. Others are filled in with what the estimate says.
     blur_px : float, optional
         Bound of the blur in pixels of `grey`. By default the kernel grows as the edges ask.
     axes : three bools
@@ -159,7 +122,7 @@ class _Run:
         self.camera = camera
         self.usable = usable
         self.blur_px = blur_px
-        self.axes = axes
+        self.axes = (axes[0], axes[1], axes[2] and not camera.is_uniform)
         self.setting = setting
         self.threads = threads
         shorter = min(grey.shape)
@@ -179,7 +142,7 @@ class _Run:
         assert active is not None  # noqa: S101 - there is at least one scale
         if progress is not None:
             progress(1.0, "kernel estimated")
-        return active.above(_CUT).centred()
+        return active.above(self.setting.cut).centred()
 
     def _start(self, camera: Camera) -> RotationKernel:
         """A little cube: half of the weight at rest, half beside it, to break the symmetry."""
@@ -192,10 +155,15 @@ class _Run:
 
     def _finer(self, kernel: RotationKernel, camera: Camera) -> RotationKernel:
         """Carry the kernel to the next scale: resample, cut, recentre, give it room."""
-        finer = kernel.above(_CUT).resampled(grid_steps(camera), self.axes).for_camera(camera)
-        finer = finer.above(_CARRIED_UNIFORM if camera.is_uniform else _CARRIED)
-        if len(finer.weights) > _MOST_CARRIED:
-            floor = np.sort(finer.weights)[-_MOST_CARRIED]
+        finer = (
+            kernel.above(self.setting.cut)
+            .resampled(grid_steps(camera), self.axes)
+            .for_camera(camera)
+        )
+        carried = self.setting.carried
+        finer = finer.above(min(carried, _CARRIED_UNIFORM) if camera.is_uniform else carried)
+        if len(finer.weights) > self.setting.most:
+            floor = np.sort(finer.weights)[-self.setting.most]
             finer = finer.above(floor / finer.weights.max())
         finer = finer.shifted(-np.rint(finer.centroid / finer.steps).astype(np.int64))
         return self._inside(finer.dilated(self.axes))
@@ -224,7 +192,7 @@ class _Run:
             done = (self.scales - 1 - level) * _ITERATIONS + i
             lam = setting.first * (setting.last / setting.first) ** (done / max(total - 1, 1))
             edges = patches.edges(kernel, lam, shock=i < setting.shocks)
-            kernel = _refined(kernel, patches, edges)
+            kernel = patches.refined(kernel, edges, cut=setting.cut)
             if level == self.scales - 1 and i < _ITERATIONS - 1:
                 grown = self._grown(kernel)
                 if len(grown.weights) > len(kernel.weights):
@@ -234,14 +202,15 @@ class _Run:
 
     def _grown(self, kernel: RotationKernel) -> RotationKernel:
         """Give the kernel room around its non-zero weights, where it may still grow."""
-        around = kernel.above(1e-9).dilated(self.axes)
+        around = kernel.above(self.setting.cut).dilated(self.axes)
         indices = np.concatenate([kernel.indices, around.indices])
         weights = np.concatenate([kernel.weights, np.zeros(len(around.weights))])
         grown = self._inside(
             RotationKernel.from_indices(indices, weights, kernel.steps, kernel.camera)
         )
         limit = max(3, min(kernel.camera.shape) // _GROWTH_LIMIT)
-        return grown if np.abs(grown.indices).max() <= limit else kernel
+        fits = np.abs(grown.indices).max() <= limit and len(grown.weights) <= _MOST_GROWN
+        return grown if fits else kernel
 
     def _resized(self, camera: Camera) -> tuple[Image, Mask | None]:
         if camera.shape == self.camera.shape:
@@ -251,7 +220,7 @@ class _Run:
         if self.usable is None:
             return grey, None
         part = cv2.resize(self.usable.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-        return grey, np.asarray(part > 1 - 1e-3)
+        return grey, np.asarray(part > _BELIEVED)
 
 
 class _Patches:
@@ -268,15 +237,16 @@ class _Patches:
         self.solving = PatchFrame(camera, margin=margin, room=far + 4, patch=patch, threads=threads)
         self.fitting = PatchFrame(camera, margin=margin, room=2 * far, patch=patch, threads=threads)
         self.filled = self.seen.picture
-        square = np.ones((2, 2), np.uint8)  # a difference needs both its pixels
-        known = cv2.erode(self.seen.known.astype(np.uint8), square, anchor=(0, 0))
+        # Gradients count beside pixels that are not to be believed, too: without them the strongest
+        # edges, those of lights, would be missed, and kernels collapse.
+        frame = np.zeros(self.filled.shape, np.float32)
+        frame[margin : -margin - 1, margin : -margin - 1] = 1
         across, down = differences(self.seen.picture)
-        self.gradients = across * known, down * known
-        inner = min(max(far // 2, 1), min(camera.shape) // 8)
-        kept = np.zeros(self.filled.shape, np.float32)
-        edge = margin + inner
-        kept[edge:-edge, edge:-edge] = 1
-        self.interior = kept
+        self.gradients = across * frame, down * frame
+        # edges whose blur is not wholly within it would be missed
+        inner = margin + min(max(far // 2, 1), min(camera.shape) // 8)
+        self.interior = np.zeros(self.filled.shape, np.float32)
+        self.interior[inner:-inner, inner:-inner] = 1
 
     def edges(self, kernel: RotationKernel, lam: float, *, shock: bool) -> tuple[Image, Image]:
         """Gradients of the latent picture under a kernel; fill in what is not known."""
@@ -288,35 +258,11 @@ class _Patches:
             across, down = edge_gradients(picture, lam)
         return across * self.interior, down * self.interior
 
-
-def _refined(
-    kernel: RotationKernel, patches: _Patches, edges: tuple[Image, Image]
-) -> RotationKernel:
-    """Estimate the weights anew from the edges; the same kernel where there are none."""
-    indices = kernel.indices
-    fit = normal_equations(patches.fitting, indices, kernel.steps, edges, patches.gradients)
-    if not fit.energy > 1e-9:
-        return kernel
-    roll = indices[:, 2] - kernel.weights @ indices[:, 2]
-    ridge = _RIDGE * (1 + roll**2)
-    found = nonnegative(
-        fit.gram / fit.energy + np.diag(ridge), fit.right / fit.energy, kernel.weights
-    )
-    if not found.sum() > 1e-6:
-        return kernel
-    kept = _without_islands(indices, np.where(found < _CUT * found.max(), 0.0, found))
-    return RotationKernel(kernel.theta, kept / kept.sum(), kernel.steps, kernel.camera)
-
-
-def _without_islands(indices: NDArray[np.int64], weights: Vector) -> Vector:
-    """Drop the connected pieces of the kernel that hold little of its mass."""
-    low = indices.min(0)
-    box = np.zeros(indices.max(0) - low + 1)
-    place = tuple((indices - low).T)
-    box[place] = weights
-    labels, count = scipy.ndimage.label(box > 0, np.ones((3, 3, 3)))
-    mass = np.bincount(labels.ravel(), box.ravel(), count + 1)
-    small = mass < _ISLAND * weights.sum()
-    if small[1:].all():
-        return weights
-    return np.where(small[labels[place]], 0.0, weights)
+    def refined(
+        self, kernel: RotationKernel, edges: tuple[Image, Image], *, cut: float
+    ) -> RotationKernel:
+        """Estimate the weights anew from the edges; the same kernel where there are none."""
+        indices = kernel.indices
+        fit = normal_equations(self.fitting, indices, kernel.steps, edges, self.gradients)
+        weights = fitted_weights(fit, indices, kernel.weights, cut=cut)
+        return RotationKernel(kernel.theta, weights, kernel.steps, kernel.camera)

@@ -16,6 +16,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import scipy.ndimage
 from numpy.typing import NDArray
 
 from deshake.geometry.rotations import displacements, homographies
@@ -25,15 +26,19 @@ if TYPE_CHECKING:
     from deshake.operators.patch_solve import PatchFrame
     from deshake.operators.strips import Strip
 
-__all__ = ["NormalEquations", "nonnegative", "normal_equations"]
+__all__ = ["NormalEquations", "fitted_weights", "nonnegative", "normal_equations"]
 
 Image = NDArray[np.float32]
 Spectrum = NDArray[np.complex64]
 Vector = NDArray[np.float64]
 
+_RIDGE = 0.005  # of the energy of the edges
+_ISLAND = 0.03  # connected pieces of the kernel with less of its mass are noise
+_LEAST_ENERGY = 1e-9  # below that of any edge
+_LEAST_SUM = 1e-6  # of the weights, below which the edges explain nothing
 _ITERATIONS = 300
 _POWER_STEPS = 15
-_SMALL_CHANGE = 1e-7
+_SMALL_CHANGE = 1e-6
 
 
 class NormalEquations(NamedTuple):
@@ -102,6 +107,43 @@ def _correlations(
     return auto, windowed
 
 
+def fitted_weights(
+    fit: NormalEquations, indices: NDArray[np.int64], weights: Vector, *, cut: float
+) -> Vector:
+    """Solve for the weights, and drop what is likely to be noise.
+
+    A ridge keeps them small, and the smaller the farther they roll: a roll moves little of the
+    picture, and what it explains is easily chance.
+
+    Parameters
+    ----------
+    fit : NormalEquations
+        The least squares.
+    indices : (K, 3) array of int
+        The rotations, in grid steps.
+    weights : (K,) array
+        The weights so far; they are returned where there are no edges to go by.
+    cut : float
+        Weights below this share of the largest are dropped.
+
+    Returns
+    -------
+    (K,) array
+        Weights that sum to one.
+
+    """
+    if not fit.energy > _LEAST_ENERGY:
+        return weights
+    roll = indices[:, 2] - weights @ indices[:, 2]
+    ridge = _RIDGE * (1 + roll**2)
+    found = nonnegative(fit.gram / fit.energy + np.diag(ridge), fit.right / fit.energy, weights)
+    if not found.sum() > _LEAST_SUM:
+        return weights
+    kept = _without_islands(indices, np.where(found < cut * found.max(), 0.0, found))
+    normed: Vector = kept / kept.sum()
+    return normed
+
+
 def nonnegative(gram: Vector, right: Vector, start: Vector) -> Vector:
     """Minimise ``w' G w / 2 - b' w`` over w >= 0 by accelerated projected gradients.
 
@@ -118,7 +160,7 @@ def nonnegative(gram: Vector, right: Vector, start: Vector) -> Vector:
     v = np.random.default_rng(0).random(len(right))
     bound = 1.0
     for _ in range(_POWER_STEPS):
-        v = gram @ v
+        v = _times(gram, v)
         bound = float(np.linalg.norm(v))
         if bound == 0:
             return np.zeros_like(right)
@@ -126,7 +168,7 @@ def nonnegative(gram: Vector, right: Vector, start: Vector) -> Vector:
     bound *= 1.02
     w, ahead, momentum = start.copy(), start.copy(), 1.0
     for _ in range(_ITERATIONS):
-        new = np.maximum(ahead - (gram @ ahead - right) / bound, 0)
+        new = np.maximum(ahead - (_times(gram, ahead) - right) / bound, 0)
         if np.dot(ahead - new, new - w) > 0:  # it overshot: begin again from here
             momentum, ahead = 1.0, w.copy()
             continue
@@ -137,6 +179,12 @@ def nonnegative(gram: Vector, right: Vector, start: Vector) -> Vector:
         if change < _SMALL_CHANGE * max(w.max(), 1e-12):
             break
     return w
+
+
+def _times(gram: Vector, v: Vector) -> Vector:
+    """``G v`` on one thread: so small a product loses by more, and its last bits with them."""
+    product: Vector = np.einsum("kl,l->k", gram, v)
+    return product
 
 
 def _index_differences(
@@ -156,3 +204,17 @@ def _index_differences(
     first, rest = np.divmod(used, base[1] * base[2])
     lags = np.stack([first, *np.divmod(rest, base[2])], 1) - span
     return lags, place
+
+
+def _without_islands(indices: NDArray[np.int64], weights: Vector) -> Vector:
+    """Drop the connected pieces of the kernel that hold little of its mass."""
+    low = indices.min(0)
+    box = np.zeros(indices.max(0) - low + 1)
+    place = tuple((indices - low).T)
+    box[place] = weights
+    labels, count = scipy.ndimage.label(box > 0, np.ones((3, 3, 3)))
+    mass = np.bincount(labels.ravel(), box.ravel(), count + 1)
+    small = mass < _ISLAND * weights.sum()
+    if small[1:].all():
+        return weights
+    return np.where(small[labels[place]], 0.0, weights)

@@ -1,0 +1,186 @@
+"""Candidate kernels of one photo, and the choice between them.
+
+No one setting of the estimate by edges suits all photos: kernels are estimated with each of
+several, and a judge that knows nothing of the truth takes the best. The camera that stood still
+is always among the candidates, and tells how far the choice is to be trusted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from deshake.estimation import judge
+from deshake.estimation.edges import SETTINGS, EdgeSetting, estimate_edges
+from deshake.geometry.kernel import ALL_AXES, RotationKernel
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from deshake.geometry.camera import Camera
+
+__all__ = ["ESTIMATE_SIDE", "JUDGE_SIDE", "STILL", "Choice", "choose", "edge_candidates", "reduced"]
+
+Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+ESTIMATE_SIDE = 640
+"""Longer side in pixels that photos are reduced to for the estimate."""
+
+JUDGE_SIDE = 400
+"""Longer side in pixels that photos are reduced to for the judge."""
+
+STILL = "still"
+"""Name of the camera that stood still among the scores."""
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The kernel that was chosen.
+
+    Parameters
+    ----------
+    name : str
+        Its name among the candidates.
+    kernel : RotationKernel
+        For the camera of the photo.
+    confidence : float
+        Chance, 0..1, that deblurring with it makes the photo better; below a half it is better
+        left alone.
+    scores : dict
+        Of all candidates, by name, and of the camera that stood still; smaller is better.
+
+    """
+
+    name: str
+    kernel: RotationKernel
+    confidence: float
+    scores: dict[str, float]
+
+
+def reduced(
+    grey: Image, camera: Camera, usable: Mask | None, side: int
+) -> tuple[Image, Camera, Mask | None]:
+    """Reduce a photo (h, w), its camera and its mask to a longer side of `side` pixels or less."""
+    shrink = side / max(grey.shape)
+    if shrink >= 1:
+        return grey, camera, usable
+    smaller = camera.scaled(*(max(round(n * shrink), 1) for n in grey.shape))
+    size = smaller.width, smaller.height
+    small = cv2.resize(grey, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+    if usable is None:
+        return small, smaller, None
+    part = cv2.resize(usable.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    return small, smaller, np.asarray(part > 1 - 1e-3)
+
+
+def edge_candidates(
+    grey: Image,
+    camera: Camera,
+    *,
+    usable: Mask | None = None,
+    blur_px: float | None = None,
+    axes: tuple[bool, bool, bool] = ALL_AXES,
+    settings: Sequence[EdgeSetting] = SETTINGS,
+    threads: int | None = None,
+    progress: Callable[[float, str], None] | None = None,
+) -> dict[str, RotationKernel]:
+    """Estimate a kernel with each of several settings.
+
+    Parameters
+    ----------
+    grey : (h, w) array of float32
+        The photo in linear light, of any size.
+    camera : Camera
+        Its camera.
+    usable : (h, w) array of bool, optional
+        Pixels to be believed; by default all.
+    blur_px : float, optional
+        Bound of the blur in pixels of the photo.
+    axes : three bools
+        The axes that the camera may turn about.
+    settings : sequence of EdgeSetting
+        What to try.
+    threads : int, optional
+        Threads to use; by default all processors.
+    progress : callable, optional
+        Called with the share done, 0..1, and a text.
+
+    Returns
+    -------
+    dict
+        Kernels for `camera`, centred, by the settings' names.
+
+    Raises
+    ------
+    EstimationError
+        If the photo is flat.
+
+    """
+    picture, smaller, known = reduced(grey, camera, usable, ESTIMATE_SIDE)
+    bound = None if blur_px is None else blur_px * smaller.width / camera.width
+    kernels: dict[str, RotationKernel] = {}
+    for done, setting in enumerate(settings):
+
+        def advance(share: float, text: str, done: int = done) -> None:
+            if progress is not None:
+                progress((done + share) / len(settings), f"try {done + 1}, {text}")
+
+        found = estimate_edges(
+            picture,
+            smaller,
+            usable=known,
+            blur_px=bound,
+            axes=axes,
+            setting=setting,
+            threads=threads,
+            progress=advance,
+        )
+        kernels[setting.name] = found.for_camera(camera)
+    return kernels
+
+
+def choose(
+    grey: Image,
+    kernels: Mapping[str, RotationKernel],
+    *,
+    usable: Mask | None = None,
+    threads: int | None = None,
+) -> Choice:
+    """Choose the kernel that explains a photo best.
+
+    Parameters
+    ----------
+    grey : (h, w) array of float32
+        The photo in linear light, of any size.
+    kernels : mapping
+        The candidates by name, at least one, all for one camera, that of the photo.
+    usable : (h, w) array of bool, optional
+        Pixels to be believed; by default all.
+    threads : int, optional
+        Threads to use; by default all processors.
+
+    Raises
+    ------
+    EstimationError
+        If the photo is flat.
+    ValueError
+        If there is no candidate.
+
+    """
+    if not kernels:
+        msg = "there is no kernel to choose"
+        raise ValueError(msg)
+    camera = next(iter(kernels.values())).camera
+    picture, smaller, known = reduced(grey, camera, usable, JUDGE_SIDE)
+    trials = {STILL: RotationKernel.delta(camera), **kernels}
+    scores = {
+        name: judge.score(picture, kernel.for_camera(smaller), usable=known, threads=threads)
+        for name, kernel in trials.items()
+    }
+    best = min(kernels, key=lambda name: scores[name])
+    return Choice(best, kernels[best], judge.confidence(scores[best], scores[STILL]), scores)

@@ -1,0 +1,52 @@
+"""Settings of the estimate by sharp edges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["FAINT", "SETTINGS", "EdgeSetting"]
+
+
+@dataclass(frozen=True)
+class EdgeSetting:
+    """How strong the edges are that count: the one choice no single value of which suits all.
+
+    Too low a price and the kernel collapses to a point; too high, or too much of the shock
+    filter, and it widens.
+
+    Parameters
+    ----------
+    name : str
+        What to call it.
+    first, last : float
+        Price `lam` of an edge pixel at the first and the last iteration; geometric in between.
+    shocks : int
+        Iterations of each scale, the first ones, that see shock-filtered edges.
+    cut : float
+        Weights below this share of the largest are noise.
+    carried : float
+        Weights that a finer scale begins with, of the largest.
+    most : int
+        Rotations that a finer scale begins with, before it is given room.
+
+    """
+
+    name: str
+    first: float
+    last: float
+    shocks: int
+    cut: float = 0.05
+    carried: float = 0.08
+    most: int = 150
+
+
+SETTINGS = (
+    EdgeSetting("fine", 8e-2, 2e-3, 3),
+    EdgeSetting("medium", 8e-2, 5e-3, 4),
+    EdgeSetting("strong", 8e-2, 1.2e-2, 5),
+)
+"""Settings that cover the range, for a judge to choose between the kernels they lead to."""
+
+FAINT = EdgeSetting("faint", 4e-2, 5e-3, 3, cut=0.01, carried=0.01, most=300)
+"""For shakes that rest for most of the exposure and rush for the rest of it: faint tails are
+kept, at several times the cost."""

@@ -1,0 +1,143 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from skimage import data
+
+from deshake.errors import EstimationError
+from deshake.estimation.edges import FAINT, SETTINGS, EdgeSetting, estimate_edges
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
+from deshake.geometry.rotations import grid_steps
+from deshake.operators.shake_blur import ShakeBlur
+
+
+def photograph() -> np.ndarray:
+    """A face and a rocket in linear light, (256, 256)."""
+    grey = data.astronaut() @ np.array([0.3, 0.59, 0.11]) / 255
+    return (cv2.resize(grey, (256, 256), interpolation=cv2.INTER_AREA) ** 2.2).astype(np.float32)
+
+
+def shaken(camera: Camera, path: np.ndarray) -> tuple[np.ndarray, RotationKernel]:
+    """Blur the photograph by a path in grid steps; cut off what saw beyond it; add noise."""
+    sharp = photograph()
+    margin = (sharp.shape[0] - camera.height) // 2
+    kernel = RotationKernel.from_path(path * grid_steps(camera), camera).centred()
+    blurred = ShakeBlur(kernel, margin=margin, kind="warps").forward(sharp)
+    noise = np.random.default_rng(0).normal(scale=0.003, size=blurred.shape)
+    return (blurred + noise).astype(np.float32), kernel
+
+
+def blur_of(kernel: RotationKernel, margin: int) -> np.ndarray:
+    return ShakeBlur(kernel, margin=margin, kind="warps").forward(photograph())
+
+
+def misfit(found: RotationKernel, true: RotationKernel) -> float:
+    """How differently two kernels blur, in what the true one blurs; over small turns the least."""
+    margin = (256 - true.camera.height) // 2
+    want = blur_of(true, margin)
+    still = blur_of(RotationKernel.delta(true.camera), margin)
+    turns = [np.array([x, y, 0]) * true.steps for x in (-1, 0, 1) for y in (-1, 0, 1)]
+    got = [
+        blur_of(RotationKernel(found.theta + t, found.weights, found.steps, found.camera), margin)
+        for t in turns
+    ]
+    least = min(np.square(g - want).mean() for g in got)
+    return float(np.sqrt(least / np.square(still - want).mean()))
+
+
+@pytest.fixture(scope="module")
+def uniform() -> tuple[np.ndarray, RotationKernel]:
+    path = np.array([[-3.0, -4, 0], [0, -1, 0], [1, 2, 0], [-1, 4, 0]])
+    return shaken(Camera.uniform(232, 232), path)
+
+
+@pytest.fixture(scope="module")
+def rolled() -> tuple[np.ndarray, RotationKernel]:
+    path = np.array([[-1.0, -3, -4], [0, 0, -1], [2, 1, 1], [1, 3, 4]])
+    return shaken(Camera.from_focal(250.0, 232, 232), path)
+
+
+def test_finds_a_uniform_blur(uniform) -> None:
+    grey, true = uniform
+    found = estimate_edges(grey, true.camera, axes=(True, True, False), threads=1)
+    assert np.abs(found.theta[:, 2]).max() < 1e-9
+    assert misfit(found, true) < 0.3
+    np.testing.assert_allclose(found.weights @ found.theta, 0, atol=1e-3 * found.steps.max())
+
+
+def test_finds_a_rotation_about_all_axes(rolled) -> None:
+    grey, true = rolled
+    found = estimate_edges(grey, true.camera, threads=1)
+    assert found.camera.shape == grey.shape
+    assert misfit(found, true) < 0.4
+    roll = np.sqrt(found.weights @ found.theta[:, 2] ** 2)
+    assert 0.6 < roll / np.sqrt(true.weights @ true.theta[:, 2] ** 2) < 1.4
+
+
+def test_threads_and_exposure_change_nothing(rolled) -> None:
+    grey, true = rolled
+    small = cv2.resize(grey, (120, 120), interpolation=cv2.INTER_AREA)
+    camera = true.camera.scaled(120, 120)
+    one = estimate_edges(small, camera, threads=1)
+    three = estimate_edges(small, camera, threads=3)
+    assert one.theta.tobytes() == three.theta.tobytes()
+    assert one.weights.tobytes() == three.weights.tobytes()
+    darker = estimate_edges(small / 4, camera, threads=1)  # by a power of two, exactly
+    assert darker.weights.tobytes() == one.weights.tobytes()
+
+
+def test_the_blur_stays_within_its_bound(rolled) -> None:
+    grey, true = rolled
+    found = estimate_edges(grey, true.camera, blur_px=2, threads=1)
+    assert np.ptp(np.rint(found.theta / found.steps), axis=0).max() <= 2 * 3
+
+
+def test_clipped_lights_are_left_out(rolled) -> None:
+    grey, true = rolled
+    most = np.quantile(grey, 0.97)
+    clipped = (grey >= most).astype(np.uint8)
+    usable = cv2.dilate(clipped, np.ones((3, 3), np.uint8)) == 0
+    found = estimate_edges(np.minimum(grey, most), true.camera, usable=usable, threads=1)
+    assert misfit(found, true) < 0.45
+
+
+def test_a_steady_photo_has_no_shake() -> None:
+    camera = Camera.from_focal(280.0, 256, 256)
+    found = estimate_edges(photograph(), camera, threads=1)
+    assert found.extent_px() < 4
+
+
+def test_faint_tails_are_kept() -> None:
+    camera = Camera.uniform(232, 232)
+    rest = np.repeat([[0.0, 2, 0]], 24, 0)  # three steps in four at rest, then away
+    path = np.concatenate([rest, [[0.0, 1, 0], [0, -8, 0]]]) * grid_steps(camera)
+    durations = np.concatenate([np.ones(24), [8.0]])
+    true = RotationKernel.from_path(path, camera, durations=durations).centred()
+    blurred = ShakeBlur(true, margin=12, kind="warps").forward(photograph())
+    plain, faint = (
+        estimate_edges(blurred, camera, setting=setting, threads=1)
+        for setting in (SETTINGS[0], FAINT)
+    )
+    assert misfit(faint, true) < misfit(plain, true)
+
+
+def test_progress_runs_to_one(uniform) -> None:
+    grey, true = uniform
+    small = cv2.resize(grey, (100, 100), interpolation=cv2.INTER_AREA)
+    seen: list[tuple[float, str]] = []
+    setting = EdgeSetting("any", 4e-2, 5e-3, 1)
+    camera = true.camera.scaled(100, 100)
+    estimate_edges(
+        small, camera, setting=setting, threads=1, progress=lambda *now: seen.append(now)
+    )
+    shares = [share for share, _ in seen]
+    assert shares[0] == 0
+    assert shares[-1] == 1
+    assert shares == sorted(shares)
+
+
+def test_flat_photos_are_refused() -> None:
+    with pytest.raises(EstimationError):
+        estimate_edges(np.zeros((64, 64), np.float32), Camera.from_focal(64.0, 64, 64))

@@ -1,0 +1,95 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from skimage import data
+
+from deshake.errors import EstimationError
+from deshake.estimation.judge import confidence, score
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
+from deshake.geometry.rotations import grid_steps
+from deshake.operators.shake_blur import ShakeBlur
+
+MARGIN = 20
+PATHS = (
+    ([-2.0, -6, -4], [0, -1, 0], [3, 1, 1], [1, 5, 5]),
+    ([-5.0, 2, 3], [-1, 3, 0], [1, 0, 0], [6, -4, -3]),
+)
+
+
+@pytest.fixture(scope="module", params=[0, 1])
+def case(request) -> tuple[np.ndarray, dict[str, RotationKernel]]:
+    """A shaken photo and kernels: true, nearly, a wrong one, a long one, and none."""
+    photo = (data.astronaut(), data.coffee()[:, 40:560])[request.param]
+    grey = photo @ np.array([0.3, 0.59, 0.11]) / 255
+    sharp = cv2.resize(grey, (340, 300), interpolation=cv2.INTER_AREA) ** 2.2
+    camera = Camera.from_focal(320.0, 300 - 2 * MARGIN, 340 - 2 * MARGIN)
+    steps = grid_steps(camera)
+    path = np.array(PATHS[request.param]) * steps
+    true = RotationKernel.from_path(path, camera).centred()
+    blurred = ShakeBlur(true, margin=MARGIN, kind="warps").forward(sharp.astype(np.float32))
+    noise = np.random.default_rng(0).normal(scale=0.004, size=blurred.shape)
+    kernels = {
+        "true": true,
+        "near": RotationKernel.from_path(path * 0.85, camera).centred(),
+        "short": RotationKernel.from_path(path * 0.5, camera).centred(),
+        "still": RotationKernel.delta(camera),
+        "long": RotationKernel.from_path(path * 1.7, camera).centred(),
+        "wrong": RotationKernel.from_path(path * [-1, 1, 1], camera).centred(),
+    }
+    return (blurred + noise).astype(np.float32), kernels
+
+
+def test_the_better_kernel_scores_less(case) -> None:
+    grey, kernels = case
+    scores = {name: score(grey, kernel, threads=1) for name, kernel in kernels.items()}
+    assert scores["true"] < scores["short"] < scores["still"]
+    assert scores["near"] < scores["short"]
+    assert scores["true"] < scores["long"]
+    assert scores["true"] < scores["wrong"]
+    assert scores["wrong"] > scores["near"]
+    assert confidence(scores["true"], scores["still"]) > 0.9
+
+
+def test_exposure_and_threads_do_not_count(case) -> None:
+    grey, kernels = case
+    one = score(grey, kernels["near"], threads=1)
+    assert score(grey, kernels["near"], threads=3) == one
+    assert score(grey * np.float32(0.3), kernels["near"], threads=1) == pytest.approx(one, abs=1e-3)
+
+
+def test_rotations_without_weight_do_not_count(case) -> None:
+    grey, kernels = case
+    near = kernels["near"]
+    theta = np.concatenate([near.theta, near.theta * 5 + 0.01])
+    weights = np.concatenate([near.weights, np.zeros(len(near.weights))])
+    padded = RotationKernel(theta, weights, near.steps, near.camera)
+    assert score(grey, padded, threads=1) == score(grey, near, threads=1)
+
+
+def test_clipped_pixels_are_left_out(case) -> None:
+    grey, kernels = case
+    spoilt = grey.copy()
+    spoilt[100:130, 100:160] = 1.0
+    usable = np.ones(grey.shape, bool)
+    usable[98:132, 98:162] = False
+    scores = {
+        name: score(spoilt, kernels[name], usable=usable, threads=1) for name in ("true", "still")
+    }
+    assert scores["true"] < scores["still"]
+
+
+def test_confidence_rises_with_the_margin() -> None:
+    values = [confidence(-7.0, -7.0 + margin) for margin in (-9, 0, 0.02, 0.04, 9)]
+    assert values == sorted(values)
+    assert values[2] == pytest.approx(0.5)
+    assert values[0] < 1e-9
+    assert values[-1] > 1 - 1e-9
+
+
+def test_flat_photos_cannot_be_judged() -> None:
+    camera = Camera.from_focal(60.0, 60, 60)
+    with pytest.raises(EstimationError):
+        score(np.ones((60, 60), np.float32), RotationKernel.delta(camera))
