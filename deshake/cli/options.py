@@ -26,6 +26,7 @@ __all__ = [
     "blur_options",
     "camera_option",
     "estimate_options",
+    "estimator_option",
     "focal_options",
     "general_options",
     "json_option",
@@ -228,10 +229,20 @@ uniform_option = click.option(
 )
 
 
+estimator_option = click.option(
+    "--estimator",
+    type=click.Choice(["auto", "edges", "variational"]),
+    default="auto",
+    show_default=True,
+    help="Estimate by sharp edges, by variational inference, or by both and take the better.",
+)
+
+
 def estimate_options(command: F) -> F:
     """Add all that a blind estimate goes by; the names are those of `EstimateOptions`."""
     for option in (
         transfer_option,
+        estimator_option,
         uniform_option,
         region_option,
         blur_options,

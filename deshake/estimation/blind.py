@@ -20,7 +20,7 @@ from deshake.geometry.rotations import grid_steps
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["BLUR_SHARES", "BlindEstimate", "blur_bound", "estimate_blind"]
+__all__ = ["BLUR_SHARES", "BlindEstimate", "blur_bound", "check_size", "estimate_blind"]
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -53,6 +53,8 @@ class BlindEstimate:
         What the user should know, in plain words.
     scales : list of ScaleReport
         From coarse to fine.
+    name : str
+        What estimated it.
 
     """
 
@@ -60,6 +62,7 @@ class BlindEstimate:
     confidence: float
     notes: list[str]
     scales: list[ScaleReport]
+    name: str = "variational"
 
 
 def blur_bound(camera: Camera, max_angle: float) -> float:
@@ -129,7 +132,7 @@ def estimate_blind(
         bad = clipped[y : y + h, x : x + w]
     bounds = [share * max(w, h) for share in BLUR_SHARES] if blur_px is None else [blur_px]
     bounds = [b for b in bounds if b <= min(w, h) / 2] or bounds[:1]
-    _check_size(h, w, bounds[0])
+    check_size(h, w, bounds[0])
     axes = (True, True, False) if uniform else ALL_AXES
     scale = min(1.0, _LONGEST_SIDE / max(h, w))
     shape = round(h * scale), round(w * scale)
@@ -173,7 +176,8 @@ def _rising(progress: Callable[[float, str], None] | None) -> Callable[[float, s
     return tell
 
 
-def _check_size(height: int, width: int, bound: float) -> None:
+def check_size(height: int, width: int, bound: float) -> None:
+    """Raise EstimationError where a photo is too small, or a bound (px) does not fit it."""
     if min(height, width) < _SMALLEST_PHOTO:
         msg = f"{width}x{height} pixels are too few to estimate a blur kernel from"
         hint = f"the shorter side must have at least {_SMALLEST_PHOTO} pixels"

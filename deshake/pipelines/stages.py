@@ -18,7 +18,8 @@ from deshake import __version__
 from deshake.deconvolution.richardson_lucy import richardson_lucy
 from deshake.deconvolution.sparse_gradients import sparse_gradients
 from deshake.errors import CalibrationError, DeshakeError
-from deshake.estimation.blind import blur_bound, estimate_blind
+from deshake.estimation.blind import blur_bound
+from deshake.estimation.methods import estimate_kernel
 from deshake.geometry.camera import Camera
 from deshake.io.kernel_file import CameraFile, KernelFile
 from deshake.io.sensors import assumed_focal_length, focal_length
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from deshake.estimation.blind import BlindEstimate
+    from deshake.estimation.methods import Estimator
     from deshake.geometry.kernel import RotationKernel
     from deshake.io.photo import Photo
     from deshake.io.transfer import TransferName
@@ -74,6 +76,8 @@ class EstimateOptions:
         The part of the photo to go by.
     uniform : bool
         Whether the blur is taken to be the same all over the frame.
+    estimator : {"auto", "edges", "variational"}
+        How the kernel is estimated.
 
     """
 
@@ -85,10 +89,11 @@ class EstimateOptions:
     max_angle: float | None = None
     region: tuple[int, int, int, int] | None = None
     uniform: bool = False
+    estimator: Estimator = "auto"
 
     def provenance(self) -> dict[str, Any]:
         """Return what shapes the kernel, for its file; the camera is told apart."""
-        names = ("transfer", "blur_size", "max_angle", "region", "uniform")
+        names = ("transfer", "blur_size", "max_angle", "region", "uniform", "estimator")
         return {name: getattr(self, name) for name in names}
 
 
@@ -180,9 +185,10 @@ def estimate(
     camera, notes = _camera(photo, options)
     check_region(photo, options.region)
     try:
-        found = estimate_blind(
+        found = estimate_kernel(
             luminance(photo.pixels),
             camera.camera,
+            estimator=options.estimator,
             clipped=photo.clipped,
             blur_px=_blur_px(camera.camera, options),
             region=options.region,
@@ -278,5 +284,6 @@ def _provenance(
         "options": options.provenance(),
         "input_sha256": digest,
         "camera": camera.source,
+        "estimated_by": found.name,
         "scales": scales,
     }

@@ -1,0 +1,102 @@
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import pytest
+
+from deshake.deconvolution.richardson_lucy import richardson_lucy
+from deshake.errors import EstimationError
+from deshake.estimation.methods import Estimator, estimate_kernel
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
+from deshake.geometry.rotations import grid_steps
+from deshake.operators.shake_blur import ShakeBlur
+
+if TYPE_CHECKING:
+    from deshake.estimation.blind import BlindEstimate
+
+SHAPE = 120, 156
+CAMERA = Camera.from_focal(156.0, *SHAPE)
+ESTIMATORS: tuple[Estimator, ...] = ("auto", "edges", "variational")
+
+
+@pytest.fixture(scope="module")
+def truth(sharp: np.ndarray) -> np.ndarray:
+    return cv2.resize(sharp, SHAPE[::-1], interpolation=cv2.INTER_AREA)
+
+
+@pytest.fixture(scope="module")
+def photo(truth: np.ndarray) -> np.ndarray:
+    """Turn evenly by eight pixels about Y, with a little noise."""
+    path = np.array([[0, -4, 0], [0, 4, 0]]) * grid_steps(CAMERA)
+    blur = ShakeBlur(RotationKernel.from_path(path, CAMERA), kind="warps")
+    shaken = blur.forward(np.pad(truth, blur.margin, mode="edge"))
+    shaken += np.random.default_rng(0).normal(0, 0.002, SHAPE).astype(np.float32)
+    return np.clip(shaken, 0, 1)
+
+
+@pytest.fixture(scope="module")
+def found(photo: np.ndarray) -> dict[str, BlindEstimate]:
+    return {
+        name: estimate_kernel(photo, CAMERA, estimator=name, blur_px=12, threads=2)
+        for name in ESTIMATORS
+    }
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_every_estimator_betters_the_photo(
+    found: dict[str, BlindEstimate], photo: np.ndarray, truth: np.ndarray, name: str
+) -> None:
+    restored = richardson_lucy(photo, found[name].kernel, threads=2).pixels
+    inner = np.s_[14:-14, 14:-14]
+
+    def error(picture: np.ndarray) -> float:
+        shifts = [(dy, dx) for dy in range(-2, 3) for dx in range(-2, 3)]
+        return min(
+            float(((np.roll(picture, s, (0, 1)) - truth)[inner] ** 2).mean()) for s in shifts
+        )
+
+    assert error(restored) < 0.8 * error(photo)
+    assert found[name].kernel.camera is CAMERA
+
+
+def test_auto_takes_one_of_the_candidates(found: dict[str, BlindEstimate]) -> None:
+    kernel = found["auto"].kernel
+    others = [found["edges"], found["variational"]]
+    same = [o for o in others if np.array_equal(o.kernel.weights, kernel.weights)]
+    assert [o.name for o in same] == [found["auto"].name]
+    assert found["auto"].confidence == max(o.confidence for o in others)
+
+
+def test_the_confidence_speaks_for_a_real_shake_and_against_none(
+    found: dict[str, BlindEstimate], truth: np.ndarray
+) -> None:
+    assert found["auto"].confidence > 0.9
+    still = estimate_kernel(truth, CAMERA, estimator="edges", blur_px=12, threads=2)
+    assert still.confidence < found["auto"].confidence
+    assert any("doubtful" in note for note in still.notes) == (still.confidence < 0.5)
+
+
+def test_uniform_kernels_do_not_roll(photo: np.ndarray) -> None:
+    found = estimate_kernel(photo, CAMERA, estimator="edges", blur_px=12, uniform=True, threads=2)
+    assert found.kernel.camera.is_uniform
+    assert np.ptp(found.kernel.theta[:, 2]) < 1e-9
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_small_and_flat_photos_are_errors(name: Estimator) -> None:
+    with pytest.raises(EstimationError, match="too few"):
+        estimate_kernel(np.ones((20, 30), np.float32), CAMERA, estimator=name)
+    with pytest.raises(EstimationError, match="texture"):
+        estimate_kernel(np.full(SHAPE, 0.5, np.float32), CAMERA, estimator=name)
+
+
+def test_progress_rises_to_one(photo: np.ndarray) -> None:
+    told: list[float] = []
+    estimate_kernel(
+        photo, CAMERA, blur_px=8, threads=2, progress=lambda share, _text: told.append(share)
+    )
+    assert told == sorted(told)
+    assert told[-1] == 1
