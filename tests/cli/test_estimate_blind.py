@@ -33,6 +33,7 @@ def test_writes_a_kernel_with_its_provenance(deshake, shaken, tmp_path):
         "max_angle": None,
         "region": None,
         "uniform": False,
+        "estimator": "auto",
     }
     assert provenance["input_sha256"] == hashlib.sha256(photo.read_bytes()).hexdigest()
     assert provenance["camera"] == "--focal-35mm 40"

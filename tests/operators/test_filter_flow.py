@@ -111,7 +111,7 @@ def test_dot_test_in_the_kernel(
     size=st.floats(0, 8),
     seed=st.integers(0, 1000),
 )
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30, deadline=None, derandomize=True)
 def test_adjoint_of_any_frame(
     *, height: int, width: int, hop: int, margin: int, size: float, seed: int
 ) -> None:
@@ -122,9 +122,10 @@ def test_adjoint_of_any_frame(
     f = rng.random(flow.latent_shape).astype(np.float32)
     g, w = rng.random(camera.shape).astype(np.float32), rng.random(4)
     blurred = flow.blur(f, w).astype(np.float64)
-    scale = np.linalg.norm(blurred) * np.linalg.norm(g) + 1e-6
-    assert abs(np.vdot(blurred, g) - np.vdot(f, flow.adjoint(g, w))) <= 1e-5 * scale
-    assert abs(np.vdot(blurred, g) - flow.kernel_adjoint(f, g) @ w) <= 1e-5 * scale
+    # against the operator's norm: a frame of one pixel may see nothing but the FFTs' rounding
+    scale = np.linalg.norm(f) * np.linalg.norm(g) * w.sum()
+    assert abs(np.vdot(blurred, g) - np.vdot(f, flow.adjoint(g, w))) <= 2e-6 * scale
+    assert abs(np.vdot(blurred, g) - flow.kernel_adjoint(f, g) @ w) <= 2e-6 * scale
 
 
 @pytest.mark.parametrize("kind", [FilterFlow, Warps])
