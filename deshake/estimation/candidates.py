@@ -61,6 +61,11 @@ class Choice:
     confidence: float
     scores: dict[str, float]
 
+    def instead(self, name: str, kernel: RotationKernel) -> Choice:
+        """Return the choice of another candidate, that was scored with this one."""
+        confidence = judge.confidence(self.scores[name], self.scores[STILL])
+        return Choice(name, kernel, confidence, self.scores)
+
 
 def reduced(
     grey: Image, camera: Camera, usable: Mask | None, side: int

@@ -110,8 +110,7 @@ def estimate_kernel(
     choice = choose(picture, kernels, usable=usable, threads=threads)
     if both and found is not None and choice.confidence < _CONVINCING:
         # edges that are too faint for their thresholds let kernels collapse; inference does not
-        only = {"variational": kernels["variational"]}
-        choice = choose(picture, only, usable=usable, threads=threads)
+        choice = choice.instead("variational", kernels["variational"])
     tell(1.0, "kernel estimated")
     kernel = choice.kernel.for_camera(whole)
     if found is None or choice.name != "variational":
