@@ -198,7 +198,8 @@ def score(case: Case, logs: Sequence[Path], methods: Sequence[str], seed: int) -
             results[method] = Result(won, won, method, found.confidence, seconds)
             continue
         camera = Camera.uniform(*grey.shape) if method == "uniform" else true.camera
-        kernels = edge_candidates(grey, camera, usable=usable, threads=1)
+        candidates = edge_candidates(grey, camera, usable=usable, threads=1)
+        kernels = {name: candidate.kernel for name, candidate in candidates.items()}
         choice = choose(grey, kernels, usable=usable, threads=1)
         seconds = time.process_time() - begin
         gains = {name: gain(kernel) for name, kernel in kernels.items()}

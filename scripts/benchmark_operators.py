@@ -1,10 +1,11 @@
 """What the operators cost, against the bare FFTs of the same blocks, in one run.
 
-    python scripts/benchmark_operators.py [--megapixels 12] [--threads 4] [--repeats 5]
+    python scripts/benchmark_operators.py [--megapixels 12] [--extent 15 30 60] [--threads 4]
 
-Each map is timed in turn with rfft2 + irfft2 of the same blocks, in the same batches, by the same
-threads; the best of the repeats counts. Ratios tell what the maps cost beyond their FFTs. Memory
-is the peak of what NumPy allocates while a map runs, its result included.
+Each map is timed in turn with rfft2 + irfft2 of as many blocks, in the same batches, by the same
+threads; the best of the repeats counts. Ratios tell what the maps cost beyond their FFTs: of A, A^T
+and P, the approximate inverse patch by patch, and of B^T. Memory is the peak of what NumPy
+allocates while a map runs, its result included, but not what was kept before, such as spectra.
 """
 
 from __future__ import annotations
@@ -16,12 +17,14 @@ from collections.abc import Callable
 
 import cv2
 import numpy as np
+import scipy.fft
 from numpy.typing import NDArray
 
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.operators.filter_flow import FilterFlow
+from deshake.operators.patch_inverse import PatchInverse
 from deshake.operators.strips import Strip, available_threads
 from deshake.operators.warps import Warps
 
@@ -33,6 +36,7 @@ def main() -> None:
     """Run all the measurements and print them."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--megapixels", type=float, default=12.0)
+    parser.add_argument("--extent", type=float, nargs="+", default=[15.0, 30.0, 60.0])
     parser.add_argument("--threads", type=int, default=available_threads())
     parser.add_argument("--repeats", type=int, default=5)
     args = parser.parse_args()
@@ -41,15 +45,13 @@ def main() -> None:
     camera = Camera.from_focal(width, round(width * 0.75), width)
     print(f"{width} x {camera.height} pixels, {args.threads} threads, best of {args.repeats}")
 
-    print("\nby map (30 px, about 300 rotations)")
-    for channels in (1, 3):
-        print_maps(camera, shake(camera, 30, 300), channels, args)
+    for channels in (3, 1):
+        print(f"\nby extent of the blur (about 300 rotations, {channels} channels)")
+        for extent in args.extent:
+            print_maps(camera, shake(camera, extent, 300), channels, args)
     print("\nby number of rotations (30 px, 1 channel)")
     for count in (30, 300, 3000):
         print_maps(camera, shake(camera, 30, count), 1, args)
-    print("\nby extent of the blur (about 300 rotations, 1 channel)")
-    for extent in (15, 30, 60, 120):
-        print_maps(camera, shake(camera, extent, 300), 1, args)
     print("\nexact warps (30 px, 1 channel), time for each rotation")
     print_warps(camera, shake(camera, 30, 300))
     print("\nGram matrices of gradients (2 channels)")
@@ -82,7 +84,7 @@ def shake(camera: Camera, extent: float, count: int) -> RotationKernel:
 def print_maps(
     camera: Camera, kernel: RotationKernel, channels: int, args: argparse.Namespace
 ) -> None:
-    """Time A f, A^T g and B^T r against the FFTs of their blocks."""
+    """Time A f, A^T g, P f and B^T r against the FFTs of their blocks."""
     flow = FilterFlow(camera, kernel.theta, channels=channels, threads=args.threads)
     rng = np.random.default_rng(0)
     tail = () if channels == 1 else (channels,)
@@ -91,10 +93,16 @@ def print_maps(
     planes = f[None] if channels == 1 else np.moveaxis(f, -1, 0)
     seen = g[None] if channels == 1 else np.moveaxis(g, -1, 0)
     filters = flow.filters(kernel.weights)
+    start = time.perf_counter()
+    for _ in flow.grid.map_strips(filters.filters):
+        pass
+    setup = time.perf_counter() - start
+    inverse = PatchInverse(filters)
     works = {
         "FFTs": bare_ffts(flow, channels),
         "A f": lambda: filters.forward(planes),
         "A^T g": lambda: filters.adjoint(seen),
+        "P f": lambda: inverse.apply(planes, 0.1),
         "B^T r": lambda: flow.kernel_adjoint(f, g),
     }
     seconds = best_of(works, args.repeats)
@@ -104,11 +112,10 @@ def print_maps(
         for name, took in seconds.items()
     )
     grid = flow.grid
-    both = (seconds["A f"] + seconds["A^T g"]) / (2 * bare)
     print(
-        f"  {channels} channel{'s'[: channels - 1]}, {kernel.extent_px():.0f} px, "
-        f"{len(kernel.weights)} rotations, hop {grid.hop}, blocks of {grid.block}: "
-        f"FFTs {bare:.3f} s, {costs}; forward + adjoint {both:.2f}x",
+        f"  {kernel.extent_px():.0f} px, {len(kernel.weights)} rotations, "
+        f"{grid.rows * grid.columns} patches at every {grid.hop} px, blocks of {grid.block}: "
+        f"filters {setup:.3f} s, FFTs {bare:.3f} s, {costs}",
         flush=True,
     )
 
@@ -121,7 +128,8 @@ def bare_ffts(flow: FilterFlow, channels: int) -> Work:
 
     def work(strip: Strip) -> None:
         for batch in grid.batches(strip):
-            grid.irfft(grid.rfft(blocks[:, : batch.stop - batch.start]))
+            spectra = scipy.fft.rfft2(blocks[:, : batch.stop - batch.start], workers=1)
+            scipy.fft.irfft2(spectra, (n, n), overwrite_x=True, workers=1)
 
     def run() -> None:
         for _ in grid.map_strips(work):

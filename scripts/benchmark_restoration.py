@@ -1,45 +1,41 @@
 """Compare the ways to deblur on real photos that are shaken here, with the truth in hand.
 
-    python scripts/benchmark_restoration.py
-    python scripts/benchmark_restoration.py --cases coffee,rocket --kernels true
+    python scripts/benchmark_restoration.py --data DIR
+    python scripts/benchmark_restoration.py --cases "coffee,rocket night" --kernels true --crops out
 
-Each photo, which a development dependency ships, is enlarged twice and blurred along a random
-three-axis path by an exact warp every half pixel; then it is reduced and cropped, so that neither
-what lies beyond its border nor the operator is known. It gets the noise of its photons and of its
-readout, and becomes an 8-bit JPEG. Two night scenes are exposed until their lights clip.
+DIR, or its folder nexus5, holds orientation logs of a hand-held phone (`hand_shakes`); without it
+the cases that are shaken by hands are left out. `shaken_photos` tells what the cases are.
 
-The kernel is the path's (true), or that with a third of its weight spread to the neighbours on
-the grid, each weight multiplied by e^N(0, 1/2), and all below a tenth of the largest cut (wrong):
-about as wrong as estimates are.
+Printed are PSNR (dB) and SSIM of display values over the whole frame, border included: of the
+blurred photo, of plain Richardson-Lucy at the number of iterations that is best for the PSNR, found
+with the truth in hand, and of each method. Of the default also: its processor time over that of 20
+plain iterations; how much worse its outer 16 pixels are than the rest; its noise over the photo's
+where the truth is flattest; and the largest change of a channel's mean, in percent.
 
-Printed are PSNR (dB) and SSIM of display values over the whole frame, border included, and seconds
-of processor time.
+The kernel is the path's (true), or one about as wrong as estimates are (wrong).
 """
 
 from __future__ import annotations
 
 import argparse
-import io
+import os
 import sys
 import time
+from concurrent.futures import ProcessPoolExecutor
 from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
+from hand_shakes import find_logs
 from numpy.typing import NDArray
-from PIL import Image as Pictures
-from skimage import data
-from skimage.metrics import structural_similarity
-from sklearn.datasets import load_sample_image
+from shaken_photos import CASES, Case, display, psnr, shaken, ssim, wrong
 
-from deshake.deconvolution.richardson_lucy import richardson_lucy
+from deshake.deconvolution.richardson_lucy import richardson_lucy, richardson_lucy_tv
 from deshake.deconvolution.sparse_gradients import sparse_gradients
-from deshake.geometry.camera import Camera
-from deshake.geometry.kernel import RotationKernel
-from deshake.geometry.rotations import homographies
-from deshake.io.transfer import Srgb, decode, encode, is_clipped
-from deshake.pipelines.camera_path import random_path
+from deshake.errors import DeshakeError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -48,136 +44,152 @@ if TYPE_CHECKING:
 
 Image = NDArray[np.float32]
 
-PHOTOS: dict[str, Callable[[], NDArray[np.uint8]]] = {
-    "astronaut": data.astronaut,
-    "coffee": data.coffee,
-    "chelsea": data.chelsea,
-    "motorcycle": lambda: data.stereo_motorcycle()[0],
-    "china": partial(load_sample_image, "china.jpg"),
-    "flower": partial(load_sample_image, "flower.jpg"),
-    "rocket": data.rocket,
-    "hubble": lambda: data.hubble_deep_field()[150:580, 200:760],
+METHODS: dict[str, Callable[..., Restoration]] = {
+    "rl": richardson_lucy,
+    "rl-tv": richardson_lucy_tv,
+    "fast": partial(sparse_gradients, quality="fast"),
+    "default": sparse_gradients,
+    "high": partial(sparse_gradients, quality="high"),
 }
-METHODS = {"rl": richardson_lucy, "sparse": sparse_gradients}
 KERNELS = ("true", "wrong")
-READ_NOISE = 0.002
-QUALITY = 90
+COUNTS = (2, 3, 5, 7, 10, 14, 20, 28, 40, 56, 80, 112)  # of plain iterations
+PAST = 0.3  # dB below the best count seen: more iterations will not come back
+TIMED = 20
+BORDER = 16
 
 
-class Case(NamedTuple):
-    """How a photo is shaken: extent in pixels, light gathered at the clip level, exposure."""
+class Score(NamedTuple):
+    """PSNR (dB), SSIM and processor seconds of a method."""
 
-    extent: float
-    photons: float
-    gain: float
-    seed: int
-
-
-CASES = {
-    "astronaut": Case(15, 6000, 1, 1),
-    "coffee": Case(20, 3000, 1, 2),
-    "chelsea": Case(12, 4000, 1, 3),
-    "motorcycle": Case(25, 6000, 1, 4),
-    "china": Case(12, 2000, 1, 5),
-    "flower": Case(30, 1500, 1, 6),
-    "rocket": Case(15, 6000, 3, 7),
-    "hubble": Case(12, 6000, 4, 8),
-}
+    psnr: float
+    ssim: float
+    seconds: float
 
 
-class Photo(NamedTuple):
-    """A shaken photo, linear, where it clipped, its kernel, and the scene at twice the size."""
+class Row(NamedTuple):
+    """A case: the photo, plain iterations at their best, the methods, more of the default."""
 
-    pixels: Image
-    clipped: NDArray[np.bool_]
-    kernel: RotationKernel
-    scene: Image
-
-    def sharp(self, centroid: NDArray[np.float64]) -> Image:
-        """Return the sharp photo, 0..1, as a camera saw it that a kernel's centroid turned."""
-        [h] = homographies(self.kernel.camera, centroid[None])
-        return np.clip(reduced(seen(self.scene, h, self.kernel.camera)), 0, 1)
-
-
-def seen(scene: Image, h: NDArray[np.float64], camera: Camera) -> Image:
-    """Warp a scene at twice the size into a frame at twice the size."""
-    margin = (scene.shape[0] // 2 - camera.height) // 2
-    out_of = np.array([[0.5, 0, -0.25], [0, 0.5, -0.25], [0, 0, 1]])
-    into = np.array([[2, 0, 0.5 + 2 * margin], [0, 2, 0.5 + 2 * margin], [0, 0, 1]])
-    size = 2 * camera.width, 2 * camera.height
-    way = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
-    return np.asarray(cv2.warpPerspective(scene, into @ h @ out_of, size, flags=way))
+    blurred: Score
+    count: int
+    best: Score
+    methods: dict[str, Score]
+    slower: float
+    border: float
+    noise: float
+    brightness: float
 
 
-def reduced(image: Image) -> Image:
-    """Reduce to half the size; no light is negative."""
-    half = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    return np.maximum(half, 0)
-
-
-def shaken(name: str) -> Photo:
-    """Shake, expose and compress a photo."""
-    case = CASES[name]
-    scene = decode(np.asarray(PHOTOS[name]()), Srgb()) * np.float32(case.gain)
-    margin = int(case.extent) + 6
-    height, width = (side - 2 * margin for side in scene.shape[:2])
-    camera = Camera.from_focal(width, height, width)
-    path = random_path(camera, case.extent, seed=case.seed).centred(camera)
-    fine = cv2.resize(scene, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
-    fine = np.maximum(fine, 0)
-    blurred = np.zeros((2 * height, 2 * width, 3), np.float32)
-    theta, weights = path.pieces(camera)
-    for h, weight in zip(homographies(camera, theta), weights, strict=True):
-        blurred += np.float32(weight) * seen(fine, h, camera)
-    light = reduced(blurred)
-    rng = np.random.default_rng(case.seed)
-    light = rng.poisson(light * case.photons) / case.photons
-    light += rng.normal(0, READ_NOISE, light.shape)
-    stream = io.BytesIO()
-    codes = encode(light.astype(np.float32), Srgb(), 8)
-    Pictures.fromarray(codes).save(stream, "JPEG", quality=QUALITY)
-    codes = np.asarray(Pictures.open(stream))
-    clipped = is_clipped(codes).any(-1)
-    return Photo(decode(codes, Srgb()), clipped, path.kernel(camera), fine)
-
-
-def wrong(kernel: RotationKernel, seed: int) -> RotationKernel:
-    """Make a kernel as wrong as estimates are."""
-    rng = np.random.default_rng(seed)
-    indices, weights = kernel.indices, kernel.weights
-    around = np.concatenate([np.eye(3, dtype=int), -np.eye(3, dtype=int)])
-    spread = [(indices, weights * 2 / 3)]
-    spread += [(indices + step, weights / 18) for step in around]
-    indices = np.concatenate([part[0] for part in spread])
-    blurred = RotationKernel.from_indices(
-        indices, np.concatenate([part[1] for part in spread]), kernel.steps, kernel.camera
-    )
-    weights = blurred.weights * np.exp(rng.normal(0, 0.5, len(blurred.weights)))
-    jittered = RotationKernel(blurred.theta, weights / weights.sum(), blurred.steps, blurred.camera)
-    return jittered.above(0.1)
-
-
-def display(light: Image) -> NDArray[np.float64]:
-    """Return display values, 0..1, of linear light."""
-    return np.asarray(Srgb().from_linear(np.clip(light, 0, 1)), np.float64)
-
-
-def score(light: Image, sharp: Image) -> tuple[float, float]:
-    """PSNR in dB and SSIM of display values."""
-    ours, truth = display(light), display(sharp)
-    psnr = -10 * np.log10(np.mean((ours - truth) ** 2))
-    ssim = structural_similarity(ours, truth, data_range=1, channel_axis=2)
-    return float(psnr), float(ssim)
-
-
-def restore(
-    method: Callable[..., Restoration], photo: Photo, kernel: RotationKernel, threads: int | None
-) -> tuple[float, float, float]:
-    """Deblur a photo; return PSNR, SSIM and processor seconds."""
+def restore(method: Callable[[], Restoration], truth: Image) -> tuple[Image, Score]:
+    """Deblur; return the light and its score."""
     start = time.process_time()
-    restored = method(photo.pixels, kernel, clipped=photo.clipped, threads=threads)
+    pixels = method().pixels
     seconds = time.process_time() - start
-    return *score(restored.pixels, photo.sharp(kernel.centroid)), seconds
+    shown = display(pixels)
+    return pixels, Score(psnr(shown, truth), ssim(shown, truth), seconds)
+
+
+def best_plain(plain: Callable[[int], Restoration], truth: Image) -> tuple[int, Score, float]:
+    """Find the best number of plain iterations; return also the time of `TIMED` of them."""
+    found: dict[int, Score] = {}
+    timed = 0.0
+    for count in COUNTS:
+        found[count] = restore(partial(plain, count), truth)[1]
+        timed = found[count].seconds * TIMED / count
+        if count >= TIMED and found[count].psnr < max(s.psnr for s in found.values()) - PAST:
+            break
+    best = max(found, key=lambda count: found[count].psnr)
+    return best, found[best], found[TIMED].seconds if TIMED in found else timed
+
+
+def border_loss(shown: Image, truth: Image) -> float:
+    """How much less PSNR the outer pixels have than the rest, in dB."""
+    error = np.square(shown - truth).mean(-1, dtype=np.float64)
+    outer = np.ones(error.shape, bool)
+    outer[BORDER:-BORDER, BORDER:-BORDER] = False
+    return float(10 * np.log10(error[outer].mean() / error[~outer].mean()))
+
+
+def flat_noise(shown: Image, photo: Image, truth: Image) -> float:
+    """Noise over the photo's, in the tenth of the frame where the truth is flattest."""
+
+    def fine(image: Image) -> Image:
+        return np.square(image - cv2.GaussianBlur(image, (0, 0), 2)).sum(-1)
+
+    texture = cv2.GaussianBlur(fine(truth), (0, 0), 4)
+    flat = texture < np.quantile(texture, 0.1)
+    return float(np.sqrt(fine(shown)[flat].mean() / fine(photo)[flat].mean()))
+
+
+def compare(
+    task: tuple[str, Case, str], logs: Sequence[Path], methods: Sequence[str], crops: Path | None
+) -> Row:
+    """Shake a photo and deblur it by each method."""
+    name, case, kind = task
+    photo = shaken(case, logs)
+    kernel = photo.kernel if kind == "true" else wrong(photo.kernel, case.seed)
+    truth = display(photo.sharp(kernel.centroid))
+    before = display(photo.pixels)
+    as_is = display(photo.sharp(np.zeros(3)))
+    known = partial(richardson_lucy, photo.pixels, kernel, threads=1)
+    count, best, timed = best_plain(lambda n: known(iterations=n, accelerated=False), truth)
+    done = {
+        name: restore(
+            partial(METHODS[name], photo.pixels, kernel, clipped=photo.clipped, threads=1), truth
+        )
+        for name in methods
+    }
+    pixels, score = done.get("default") or next(iter(done.values()))
+    shown = display(pixels)
+    if crops is not None:
+        plain = display(known(iterations=count, accelerated=False).pixels)
+        pictures = [before, plain, *(display(light) for light, _ in done.values()), truth]
+        side = np.hstack(pictures)[..., ::-1] * 255
+        cv2.imwrite(str(crops / f"{name.replace(' ', '-')}-{kind}.png"), np.rint(side))
+    means = pixels.mean((0, 1), dtype=float) / photo.pixels.mean((0, 1), dtype=float)
+    return Row(
+        Score(psnr(before, as_is), ssim(before, as_is), 0),
+        count,
+        best,
+        {name: found for name, (_, found) in done.items()},
+        score.seconds / timed,
+        border_loss(shown, truth),
+        flat_noise(shown, before, truth),
+        float(100 * np.abs(means - 1).max()),
+    )
+
+
+def line(name: str, row: Row) -> str:
+    """One case of the table."""
+    cells = [name, f"{row.blurred.psnr:.2f}/{row.blurred.ssim:.3f}"]
+    cells.append(f"{row.best.psnr:.2f}/{row.best.ssim:.3f} ({row.count})")
+    cells += [f"{score.psnr:.2f}/{score.ssim:.3f}" for score in row.methods.values()]
+    cells += [f"{row.slower:.2f}", f"{row.border:+.1f}", f"{row.noise:.2f}"]
+    return "| " + " | ".join([*cells, f"{row.brightness:.2f}"]) + " |"
+
+
+def header(methods: Sequence[str]) -> str:
+    """Head of the table."""
+    cells = ["case", "blurred", "best plain", *methods, "time", "border", "noise", "mean %"]
+    return "| " + " | ".join(cells) + " |\n" + "|---" * len(cells) + "|"
+
+
+def summary(rows: Sequence[Row]) -> str:
+    """Mean and least gains of each method over plain iterations at their best."""
+    lines = []
+    for name in rows[0].methods:
+        gains = np.array(
+            [
+                (row.methods[name].psnr - row.best.psnr, row.methods[name].ssim - row.best.ssim)
+                for row in rows
+            ]
+        )
+        seconds = sum(row.methods[name].seconds for row in rows)
+        (p, s), (least_p, least_s) = gains.mean(0), gains.min(0)
+        lines.append(
+            f"{name}: {p:+.2f} dB, {s:+.3f}; least {least_p:+.2f}, {least_s:+.3f}; {seconds:.0f} s"
+        )
+    lines.append(f"default: time {np.mean([row.slower for row in rows]):.2f}")
+    return "\n".join(lines)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -186,24 +198,44 @@ def main(argv: Sequence[str] | None = None) -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     names = partial(str.split, sep=",")
-    parser.add_argument("--cases", type=names, default=list(CASES), help="default: all 8")
-    parser.add_argument("--kernels", type=names, default=list(KERNELS), help="default: true,wrong")
-    parser.add_argument("--threads", type=int, help="default: one a processor")
+    parser.add_argument("--data", type=Path, help="folder of orientation logs")
+    parser.add_argument("--cases", type=names, default=list(CASES), help="default: all")
+    parser.add_argument("--methods", type=names, default=list(METHODS), help="default: all")
+    parser.add_argument("--kernels", type=names, default=["true"], help="default: true")
+    parser.add_argument("--seed", type=int, default=0, help="added to every case's; default: 0")
+    parser.add_argument("--jobs", type=int, default=2, help="cases at once; default: 2")
+    parser.add_argument("--crops", type=Path, help="folder for the pictures, side by side")
     args = parser.parse_args(argv)
-    head = "".join(f" | {method:^21}" for method in METHODS)
-    print(f"{'photo':<11}{'kernel':<7}{'blurred':>12}{head}   (dB, SSIM, CPU s)")
-    for kind in args.kernels:
-        gains = []
-        for name in args.cases:
-            photo = shaken(name)
-            kernel = photo.kernel if kind == "true" else wrong(photo.kernel, CASES[name].seed)
-            before = score(photo.pixels, photo.sharp(np.zeros(3)))
-            found = [restore(m, photo, kernel, args.threads) for m in METHODS.values()]
-            gains.append([psnr - before[0] for psnr, _, _ in found])
-            row = "".join(f" | {p:7.2f} {s:6.3f} {t:6.1f}" for p, s, t in found)
-            print(f"{name:<11}{kind:<7}{before[0]:6.2f} {before[1]:5.3f}{row}", flush=True)
-        mean = "".join(f" | {gain:+7.2f} {'':13}" for gain in np.mean(gains, 0))
-        print(f"{'gain, dB':<11}{kind:<7}{'':12}{mean}\n")
+    try:
+        logs = find_logs(args.data) if args.data else []
+        for known, given in ((CASES, args.cases), (METHODS, args.methods), (KERNELS, args.kernels)):
+            if unknown := set(given) - set(known):
+                raise DeshakeError(  # noqa: TRY301
+                    f"{unknown.pop()!r} is not among {', '.join(known)}"
+                )
+    except DeshakeError as error:
+        print(f"error: {error}\nhint: {error.hint or 'see --help'}", file=sys.stderr)
+        return 1
+    cases = {name: CASES[name]._replace(seed=CASES[name].seed + args.seed) for name in args.cases}
+    if not logs and any(case.hand for case in cases.values()):
+        print("no --data: the cases shaken by hands are left out", file=sys.stderr)
+        cases = {name: case for name, case in cases.items() if not case.hand}
+    if args.crops:
+        args.crops.mkdir(parents=True, exist_ok=True)
+    os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    work = partial(compare, logs=logs, methods=args.methods, crops=args.crops)
+    with ProcessPoolExecutor(args.jobs, mp_context=get_context("spawn")) as pool:
+        for kind in args.kernels:
+            print(f"\nkernel: {kind}\n\n{header(args.methods)}", flush=True)
+            rows = {}
+            tasks = [(name, case, kind) for name, case in cases.items()]
+            for (name, _, _), row in zip(tasks, pool.map(work, tasks), strict=True):
+                rows[name] = row
+                print(line(name, row), flush=True)
+            for title, night in (("unclipped", False), ("clipped lights", True)):
+                chosen = [row for name, row in rows.items() if cases[name].night is night]
+                if chosen:
+                    print(f"\n{title}, over plain at its best:\n{summary(chosen)}", flush=True)
     return 0
 
 

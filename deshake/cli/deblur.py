@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from deshake.cli.context import Context
     from deshake.io.transfer import TransferName
-    from deshake.pipelines.stages import Method
 
 __all__ = ["command"]
 
@@ -42,16 +41,16 @@ def command(
     photo: Path,
     kernel: Path,
     output: Path | None,
-    method: Method,
-    iterations: int | None,
     transfer: TransferName | None,
     overwrite: bool,
+    **choices: Any,  # noqa: ANN401 - the fields of RestorationOptions
 ) -> None:
     """Deblur a photo whose blur kernel is known.
 
     KERNEL is a kernel file (.npz), or - for standard input. It may have been made from PHOTO at
     another size. The result has the format, depth and metadata of PHOTO.
     """
+    from deshake.deconvolution.methods import RestorationOptions
     from deshake.pipelines.file_stages import deblur_file
 
     with context.bar(photo.name) as bar:
@@ -60,8 +59,7 @@ def command(
             kernel,
             output,
             transfer=transfer,
-            method=method,
-            iterations=iterations,
+            restoration=RestorationOptions(**choices),
             overwrite=overwrite,
             threads=context.threads,
             progress=bar,

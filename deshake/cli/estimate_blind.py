@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from deshake.cli.options import (
+    FILE,
     estimate_options,
     general_options,
     json_option,
@@ -27,6 +28,13 @@ __all__ = ["command"]
 @click.command("estimate-blind")
 @photo_argument
 @output_option("PHOTO's name with .kernel.npz", metavar="FILE.npz")
+@click.option(
+    "--latent",
+    type=FILE,
+    metavar="FILE.png",
+    help="Also write the sharp picture that the kernel was estimated with: grey, of the region "
+    "used, at the size worked on.  [default: nowhere]",
+)
 @estimate_options
 @json_option
 @overwrite_option
@@ -38,6 +46,7 @@ def command(
     *,
     photo: Path,
     output: Path | None,
+    latent: Path | None,
     camera: Path | None,
     as_json: bool,
     overwrite: bool,
@@ -54,14 +63,25 @@ def command(
     from deshake.pipelines.file_stages import estimate_file, kernel_name
     from deshake.pipelines.stages import EstimateOptions
 
-    if as_json and str(output) == "-":
-        raise click.UsageError("--json and -o - cannot both go to standard output.")
+    to_stdout = {"--json": as_json, "-o -": str(output) == "-", "--latent -": str(latent) == "-"}
+    if sum(to_stdout.values()) > 1:
+        names = " and ".join(name for name, asked in to_stdout.items() if asked)
+        raise click.UsageError(f"{names} cannot go to standard output together.")
     path = photo.with_name(kernel_name(photo)) if output is None else output
     known = None if camera is None else read_camera(camera)
     options = EstimateOptions(camera=known, **choices)
     with context.bar(photo.name) as bar:
         found = estimate_file(
-            photo, path, options, overwrite=overwrite, threads=context.threads, progress=bar
+            photo,
+            path,
+            options,
+            latent=latent,
+            overwrite=overwrite,
+            threads=context.threads,
+            progress=bar,
         )
     if as_json:
-        click.echo(json.dumps({"input": str(photo), "output": str(path)} | found.report()))
+        files = {"input": str(photo), "output": str(path)}
+        if latent is not None:
+            files["latent"] = str(latent)
+        click.echo(json.dumps(files | found.report()))

@@ -24,8 +24,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from deshake.cli.context import Context, Progress
+    from deshake.deconvolution.methods import Method
+    from deshake.deconvolution.sparse_gradients import Quality
     from deshake.pipelines.batch import Job
-    from deshake.pipelines.stages import Method
 
 __all__ = ["command"]
 
@@ -64,6 +65,7 @@ def command(
     keep_kernels: Path | None,
     camera: Path | None,
     method: Method,
+    quality: Quality,
     iterations: int | None,
     as_json: bool,
     overwrite: bool,
@@ -77,6 +79,7 @@ def command(
     estimate-blind and deblur give one by one. A PHOTO may be a folder, whose photos are then
     taken by name; earlier results in it are passed over. If one photo fails, the others go on.
     """
+    from deshake.deconvolution.methods import RestorationOptions
     from deshake.io.kernel_file import read_camera
     from deshake.pipelines.batch import PlanError, plan, run
     from deshake.pipelines.stages import EstimateOptions
@@ -89,6 +92,7 @@ def command(
         raise click.UsageError(str(error), ctx) from None
     known = None if camera is None else read_camera(camera)
     options = EstimateOptions(camera=known, **choices)
+    restoration = RestorationOptions(method, quality, iterations)
     context: Context = ctx.obj
     failed = 0
     for number, job in enumerate(jobs, 1):
@@ -98,8 +102,7 @@ def command(
                 found = run(
                     job,
                     options,
-                    method=method,
-                    iterations=iterations,
+                    restoration=restoration,
                     threads=context.threads,
                     progress=_titled(bar, text),
                 )

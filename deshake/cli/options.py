@@ -94,6 +94,19 @@ def _only_one_of(*names: str) -> Callable[[click.Context, click.Parameter, Any],
     return check
 
 
+def _goes_with(*methods: str) -> Callable[[click.Context, click.Parameter, Any], Any]:
+    """Make a callback that fails where the option was given with another --method."""
+
+    def check(ctx: click.Context, param: click.Parameter, value: Any) -> Any:  # noqa: ANN401
+        method = ctx.params.get("method")
+        if value not in {None, param.default} and method not in methods:
+            msg = f"{param.opts[-1]} does not go with --method {method}."
+            raise click.UsageError(msg, ctx)
+        return value
+
+    return check
+
+
 def general_options(command: F) -> F:
     """Add -v, -q, --threads and --progress, which work before and after the command's name."""
     for option in (
@@ -145,21 +158,34 @@ def output_option(default: str, *, metavar: str = "FILE", note: str = "") -> Cal
 
 
 def restoration_options(command: F) -> F:
-    """Add --method and --iterations: how a photo is deblurred once its kernel is known."""
+    """Add how a photo is deblurred; the names are those of `RestorationOptions`."""
     method = click.option(
         "--method",
-        type=click.Choice(["sparse", "rl"]),
+        type=click.Choice(
+            ["sparse", "rl", "rl-accelerated", "rl-tv", "wiener", "unsupervised-wiener"]
+        ),
         default="sparse",
         show_default=True,
-        help="How to deblur: by sparse gradients, or by Richardson-Lucy.",
+        is_eager=True,  # the other two look at it
+        help="How to deblur: by sparse gradients, by Richardson-Lucy (plain, accelerated or with "
+        "total variation), or, if the blur is uniform, by Wiener filters.",
+    )
+    quality = click.option(
+        "--quality",
+        type=click.Choice(["fast", "default", "high"]),
+        default="default",
+        show_default=True,
+        callback=_goes_with("sparse"),
+        help="How much time sparse takes: about 0.6, 1 or 4 times that of the default.",
     )
     iterations = click.option(
         "--iterations",
         type=click.IntRange(1, 10_000),
         metavar="N",
-        help="Iterations of the method.  [default: 4 for sparse, for rl by the photo's noise]",
+        callback=_goes_with("sparse", "rl", "rl-accelerated", "rl-tv", "unsupervised-wiener"),
+        help="Iterations of the method.  [default: 6 for sparse, else by the photo's noise]",
     )
-    return method(iterations(command))
+    return method(quality(iterations(command)))
 
 
 def focal_options(command: F) -> F:

@@ -19,12 +19,13 @@ if TYPE_CHECKING:
 
     Image = NDArray[np.float32]
 
-__all__ = ["coarse_noise", "noise_model", "pair_means", "smoothed"]
+__all__ = ["coarse_noise", "noise_model", "noise_variance", "pair_means", "smoothed"]
 
 _BLOCK = 6  # means a side
 _LEVELS = 8
 _QUANTILE = 0.01
 _BIAS = 2.5  # of the quantile; measured together with the stopping rule that goes by it
+_DARKEST = 0.01  # light that is added before noise is reckoned: no model is right in the dark
 _LEAST = 1e-7  # that is taken for noise: the rounding to 8 bits of mid greys makes a few times this
 
 
@@ -58,6 +59,40 @@ def noise_model(g: Image) -> tuple[float, float]:
     design = np.stack([levels, np.ones_like(levels)], 1) / variances[:, None]
     slope, floor = nnls(design, np.ones_like(levels))[0]
     return float(slope), max(float(floor), _LEAST)
+
+
+def noise_variance(g: Image, margin: int, unexplained: Image | None = None) -> Image:
+    """Estimate the variance of the noise where it is: it grows with the light.
+
+    The light is averaged over the reach of the blur first: a weight that changes slowly passes
+    through the blur, nearly, and what a model misses at bright edges is not taken for detail of
+    the dark beside them.
+
+    Parameters
+    ----------
+    g : (h, w) or (h, w, C) array of float32
+        The photo, linear light.
+    margin : int
+        Reach of the blur in pixels.
+    unexplained : (h, w) array of float32, optional
+        Variance of what else a model leaves unexplained; it is averaged too, and added.
+
+    Returns
+    -------
+    (h, w) array of float32
+        In squared shares of the clip level, > 0.
+
+    """
+    slope, floor = noise_model(g)
+    light = np.zeros(g.shape[:2], np.float32)
+    for channel in channels_first(g):
+        light += np.maximum(channel, 0)
+    light *= np.float32(slope * g.shape[0] * g.shape[1] / g.size)
+    if unexplained is not None:
+        light += unexplained
+    variance = smoothed(light, max(margin // 2, 1))
+    variance += np.float32(slope * _DARKEST + floor)
+    return variance
 
 
 def coarse_noise(g: Image) -> float:

@@ -53,6 +53,9 @@ class BlindEstimate:
         What the user should know, in plain words.
     scales : list of ScaleReport
         From coarse to fine.
+    latent : (2, h, w) array of float32
+        The sharp photo's gradients, or the region's: differences to the right and to the lower
+        neighbour, in linear light, at the size last worked on, in the kernel's frame.
     name : str
         What estimated it.
 
@@ -62,6 +65,7 @@ class BlindEstimate:
     confidence: float
     notes: list[str]
     scales: list[ScaleReport]
+    latent: Image
     name: str = "variational"
 
 
@@ -136,7 +140,8 @@ def estimate_blind(
     axes = (True, True, False) if uniform else ALL_AXES
     scale = min(1.0, _LONGEST_SIDE / max(h, w))
     shape = round(h * scale), round(w * scale)
-    gradients = _gradients(_without_noise(resize(_scaled_contrast(picture)[None], shape)[0]))
+    contrast = _contrast_scale(picture)
+    gradients = _gradients(_without_noise(resize((picture * contrast)[None], shape)[0]))
     usable = resize(1 - bad.astype(np.float32)[None], shape)[0] > 1 - 1e-3
     tell = _rising(progress)
     trials = []
@@ -160,7 +165,8 @@ def estimate_blind(
     kernel, confidence = scales.run()
     notes = scales.notes
     final = RotationKernel(kernel.theta, kernel.weights, kernel.steps, whole).centred()
-    return BlindEstimate(final, confidence, notes, scales.reports)
+    latent = scales.latent_gradients() / contrast
+    return BlindEstimate(final, confidence, notes, scales.reports, latent)
 
 
 def _rising(progress: Callable[[float, str], None] | None) -> Callable[[float, str], None]:
@@ -188,8 +194,8 @@ def check_size(height: int, width: int, bound: float) -> None:
         raise EstimationError(msg, hint=hint)
 
 
-def _scaled_contrast(grey: Image) -> Image:
-    """Scale a photo to the contrast that the gradient priors were learnt at."""
+def _contrast_scale(grey: Image) -> np.float32:
+    """Return what takes a photo to the contrast that the gradient priors were learnt at."""
     scale = min(1.0, _CONTRAST_SIDE / max(grey.shape))
     shape = max(round(grey.shape[0] * scale), 2), max(round(grey.shape[1] * scale), 2)
     small = resize(grey[None], shape)[0] * priors.INTENSITY_RANGE
@@ -198,8 +204,7 @@ def _scaled_contrast(grey: Image) -> Image:
     if not contrast > _LEAST_CONTRAST:
         msg = "there is no texture to estimate a blur kernel from"
         raise EstimationError(msg, hint="the photo is all of one colour, or nearly so")
-    scaled: Image = grey * np.float32(priors.INTENSITY_RANGE * _CONTRAST / contrast)
-    return scaled
+    return np.float32(priors.INTENSITY_RANGE * _CONTRAST / contrast)
 
 
 def _without_noise(image: Image) -> Image:

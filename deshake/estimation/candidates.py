@@ -7,7 +7,7 @@ is always among the candidates, and tells how far the choice is to be trusted.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import cv2
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake.estimation import judge
-from deshake.estimation.edges import SETTINGS, EdgeSetting, estimate_edges
+from deshake.estimation.edges import SETTINGS, EdgeEstimate, EdgeSetting, estimate_edges
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def edge_candidates(
     settings: Sequence[EdgeSetting] = SETTINGS,
     threads: int | None = None,
     progress: Callable[[float, str], None] | None = None,
-) -> dict[str, RotationKernel]:
+) -> dict[str, EdgeEstimate]:
     """Estimate a kernel with each of several settings.
 
     Parameters
@@ -118,7 +118,7 @@ def edge_candidates(
     Returns
     -------
     dict
-        Kernels for `camera`, centred, by the settings' names.
+        The estimates by the settings' names; the kernels are for `camera`, centred.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def edge_candidates(
     """
     picture, smaller, known = reduced(grey, camera, usable, ESTIMATE_SIDE)
     bound = None if blur_px is None else blur_px * smaller.width / camera.width
-    kernels: dict[str, RotationKernel] = {}
+    estimates: dict[str, EdgeEstimate] = {}
     for done, setting in enumerate(settings):
 
         def advance(share: float, text: str, done: int = done) -> None:
@@ -145,8 +145,8 @@ def edge_candidates(
             threads=threads,
             progress=advance,
         )
-        kernels[setting.name] = found.for_camera(camera)
-    return kernels
+        estimates[setting.name] = replace(found, kernel=found.kernel.for_camera(camera))
+    return estimates
 
 
 def choose(

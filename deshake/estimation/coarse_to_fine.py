@@ -21,7 +21,16 @@ from deshake.geometry.rotations import grid_steps, homographies
 if TYPE_CHECKING:
     from deshake.geometry.camera import Camera
 
-__all__ = ["Level", "PyramidPlan", "first_kernel", "next_kernel", "resize", "turn"]
+__all__ = [
+    "Level",
+    "PyramidPlan",
+    "first_kernel",
+    "latent_differences",
+    "next_kernel",
+    "resize",
+    "turn",
+    "turned_gradients",
+]
 
 Image = NDArray[np.float32]
 
@@ -131,6 +140,36 @@ def turn(image: Image, camera: Camera, theta: NDArray[np.float64]) -> Image:
     size = (camera.width, camera.height)
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     return np.stack([cv2.warpPerspective(c, h, size, flags=flags) for c in image])
+
+
+def latent_differences(f: Image, level: Level, theta: NDArray[np.float64]) -> Image:
+    """Make a scale's latent gradients the differences of its own pixels, turned by `theta`.
+
+    Gradients are reduced to a scale as pictures are. They stay those of the finest pixels, and lie
+    half a finest pixel to the right of, or below, the middle of the coarser ones; differences lie
+    half a pixel of their own from it.
+    """
+    coarser = RATIO**level.index
+    ahead = (1 - 1 / coarser) / 2
+    return turned_gradients(f, level.camera, theta, ahead=ahead) * np.float32(coarser)
+
+
+def turned_gradients(
+    gradients: Image, camera: Camera, theta: NDArray[np.float64], *, ahead: float = 0.0
+) -> Image:
+    """Turn the gradients (2, h, w) of a picture by a little; no gradients lie beyond the frame.
+
+    Those to the right are then taken `ahead` pixels further right, those downward further down.
+    """
+    h = homographies(camera, theta)
+    size = (camera.width, camera.height)
+    flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
+    out = np.empty_like(gradients)
+    for axis in (0, 1):
+        place = np.eye(3)
+        place[axis, 2] = ahead
+        cv2.warpPerspective(gradients[axis], h @ place, size, out[axis], flags=flags)
+    return out
 
 
 def resize(image: Image, shape: tuple[int, int]) -> Image:

@@ -7,12 +7,14 @@ coarsest scale and by one grid step at each finer one: no size need be known.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from deshake.estimation.coarse_to_fine import turned_gradients
 from deshake.estimation.edge_settings import FAINT, SETTINGS, EdgeSetting
 from deshake.estimation.kernel_step import fitted_weights, normal_equations
 from deshake.estimation.latent_edges import (
@@ -32,7 +34,7 @@ if TYPE_CHECKING:
 
     from deshake.geometry.camera import Camera
 
-__all__ = ["FAINT", "SETTINGS", "EdgeSetting", "estimate_edges"]
+__all__ = ["FAINT", "SETTINGS", "EdgeEstimate", "EdgeSetting", "estimate_edges"]
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -49,6 +51,24 @@ _BELIEVED = 0.5  # share of a pixel that must be usable when the photo is reduce
 _ROOM_STEPS = 2  # grid steps that the box is wider than the bound of the blur
 
 
+@dataclass(frozen=True, eq=False)
+class EdgeEstimate:
+    """A blur kernel, and the latent picture whose edges it was estimated from.
+
+    Parameters
+    ----------
+    kernel : RotationKernel
+        The kernel, its centroid at the origin.
+    latent : (2, h, w) array of float32
+        Gradients of the last latent picture: differences to the right and to the lower neighbour,
+        in linear light, in the kernel's frame.
+
+    """
+
+    kernel: RotationKernel
+    latent: Image
+
+
 def estimate_edges(
     grey: Image,
     camera: Camera,
@@ -59,7 +79,7 @@ def estimate_edges(
     setting: EdgeSetting = SETTINGS[0],
     threads: int | None = None,
     progress: Callable[[float, str], None] | None = None,
-) -> RotationKernel:
+) -> EdgeEstimate:
     """Estimate the blur kernel of one photo from its sharp edges.
 
     Parameters
@@ -83,8 +103,8 @@ def estimate_edges(
 
     Returns
     -------
-    RotationKernel
-        For `camera`, its centroid at the origin.
+    EdgeEstimate
+        The kernel for `camera`, and the latent picture.
 
     Raises
     ------
@@ -101,7 +121,7 @@ def estimate_edges(
         setting=setting,
         threads=threads,
     )
-    return run.kernel(progress)
+    return run.estimate(progress)
 
 
 class _Run:
@@ -118,7 +138,7 @@ class _Run:
         setting: EdgeSetting,
         threads: int | None,
     ) -> None:
-        self.grey, _ = contrast_scaled(grey)
+        self.grey, self.contrast = contrast_scaled(grey)
         self.camera = camera
         self.usable = usable
         self.blur_px = blur_px
@@ -127,8 +147,9 @@ class _Run:
         self.threads = threads
         shorter = min(grey.shape)
         self.scales = max(int(np.log(shorter / _COARSEST_SIDE) / np.log(_RATIO)), 0) + 1
+        self.latent: Image | None = None
 
-    def kernel(self, progress: Callable[[float, str], None] | None) -> RotationKernel:
+    def estimate(self, progress: Callable[[float, str], None] | None) -> EdgeEstimate:
         """Work through the scales."""
         shares = np.cumsum([0.0] + [2.0**-level for level in range(self.scales - 1, -1, -1)])
         active: RotationKernel | None = None
@@ -140,9 +161,12 @@ class _Run:
             active = self._start(camera) if active is None else self._finer(active, camera)
             active = self._estimate(active, level)
         assert active is not None  # noqa: S101 - there is at least one scale
+        assert self.latent is not None  # noqa: S101
         if progress is not None:
             progress(1.0, "kernel estimated")
-        return active.above(self.setting.cut).centred()
+        kernel = active.above(self.setting.cut)
+        latent = turned_gradients(self.latent, self.camera, kernel.centroid)
+        return EdgeEstimate(kernel.centred(), latent / np.float32(self.contrast))
 
     def _start(self, camera: Camera) -> RotationKernel:
         """A little cube: half of the weight at rest, half beside it, to break the symmetry."""
@@ -198,6 +222,7 @@ class _Run:
                 if len(grown.weights) > len(kernel.weights):
                     kernel = grown
                     patches = _Patches(kernel, grey, usable, self.threads)
+        self.latent = patches.latent_gradients()
         return kernel
 
     def _grown(self, kernel: RotationKernel) -> RotationKernel:
@@ -236,7 +261,7 @@ class _Patches:
         margin = self.seen.margin
         self.solving = PatchFrame(camera, margin=margin, room=far + 4, patch=patch, threads=threads)
         self.fitting = PatchFrame(camera, margin=margin, room=2 * far, patch=patch, threads=threads)
-        self.filled = self.seen.picture
+        self.filled = self.latent = self.seen.picture
         # Gradients count beside pixels that are not to be believed, too: without them the strongest
         # edges, those of lights, would be missed, and kernels collapse.
         frame = np.zeros(self.filled.shape, np.float32)
@@ -254,9 +279,15 @@ class _Patches:
         solver = PatchSolver(self.solving, kernel.theta[used], kernel.weights[used])
         picture, across, down = l0_picture(solver, self.filled, lam, beta_max=_BETA_MAX)
         self.filled = self.seen.filled(solver.forward(picture))
+        self.latent = picture
         if shock:
             across, down = edge_gradients(picture, lam)
         return across * self.interior, down * self.interior
+
+    def latent_gradients(self) -> Image:
+        """Gradients (2, h, w) of the last latent picture, before any filter or threshold."""
+        margin = self.seen.margin
+        return np.stack(differences(self.latent))[:, margin:-margin, margin:-margin]
 
     def refined(
         self, kernel: RotationKernel, edges: tuple[Image, Image], *, cut: float

@@ -17,6 +17,8 @@ from deshake.geometry.kernel import ALL_AXES, RotationKernel
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from deshake.estimation.edges import EdgeEstimate
+
 __all__ = ["Estimator", "estimate_kernel"]
 
 Image = NDArray[np.float32]
@@ -77,10 +79,11 @@ def estimate_kernel(
     tell = progress or (lambda _share, _text: None)
     both = estimator == "auto"
     kernels: dict[str, RotationKernel] = {}
+    by_edges: dict[str, EdgeEstimate] = {}
     found: BlindEstimate | None = None
     if estimator != "variational":
         share = _EDGES_SHARE if both else 1.0
-        kernels = edge_candidates(
+        by_edges = edge_candidates(
             picture,
             part,
             usable=usable,
@@ -89,6 +92,7 @@ def estimate_kernel(
             threads=threads,
             progress=lambda done, text: tell(0.98 * share * done, text),
         )
+        kernels = {name: estimate.kernel for name, estimate in by_edges.items()}
     if estimator != "edges":
         first = _EDGES_SHARE if both else 0.0
         try:
@@ -114,7 +118,8 @@ def estimate_kernel(
     tell(1.0, "kernel estimated")
     kernel = choice.kernel.for_camera(whole)
     if found is None or choice.name != "variational":
-        found = BlindEstimate(kernel, choice.confidence, [], [], choice.name)
+        latent = by_edges[choice.name].latent
+        found = BlindEstimate(kernel, choice.confidence, [], [], latent, choice.name)
     notes = list(found.notes)
     if choice.confidence < _DOUBTFUL:
         notes.append(

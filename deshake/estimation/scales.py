@@ -16,6 +16,7 @@ from deshake.estimation.coarse_to_fine import (
     Level,
     PyramidPlan,
     first_kernel,
+    latent_differences,
     next_kernel,
     resize,
     turn,
@@ -110,6 +111,16 @@ class ScaleByScale:
         if self.before is None:
             return kept, 0.0
         return kept, _agreement(self.before.above(_CUT), kept) * (1 - outermost)
+
+    def latent_gradients(self) -> Image:
+        """Return the sharp picture's differences to the right and lower neighbour, (2, h, w).
+
+        At the last scale, in the frame of the kernel's centroid.
+        """
+        assert self.kernel is not None  # noqa: S101 - there is at least one level
+        assert self.latent is not None  # noqa: S101
+        level = self.levels[len(self.reports) - 1]
+        return latent_differences(self.latent, level, self.kernel.above(_CUT).centroid)
 
     def _goes_on(self) -> bool:
         """Whether there is a finer scale, and the blur is not wide enough yet."""

@@ -20,35 +20,69 @@ __all__ = ["LocalFilters"]
 Image = NDArray[np.float32]
 Spectrum = NDArray[np.complex64]
 
-_SPECTRA_BYTES = 1 << 30  # spectra are kept up to this size, and recomputed beyond it
+_KEPT_BYTES = 768 << 20  # filters and spectra that are kept, unless told otherwise
 
 
 class LocalFilters:
     """One filter per patch: the linear operator and its adjoint.
+
+    Filters and spectra are worked out when they are first needed and kept as far as the budget
+    goes: the filters of all strips before any spectrum, as they are smaller and, of a blur of many
+    rotations, dearer. What is not kept is worked out again, with the same result.
 
     Parameters
     ----------
     grid : PatchGrid
         The patches.
     filters : callable
-        Takes a strip to its filters (count, 2r+1, 2r+1); called again whenever they are needed,
-        unless all spectra fit into 1 GiB and are kept.
+        Takes a strip to its filters (count, 2r+1, 2r+1) of float32.
+    budget : int
+        Bytes that filters and spectra may fill together.
 
     """
 
-    def __init__(self, grid: PatchGrid, filters: Callable[[Strip], Image]) -> None:
+    def __init__(
+        self, grid: PatchGrid, filters: Callable[[Strip], Image], *, budget: int = _KEPT_BYTES
+    ) -> None:
         self.grid = grid
-        self.filters = filters
-        size = 8 * grid.rows * grid.columns * grid.block * (grid.block // 2 + 1)
-        self._kept: dict[Strip, Spectrum] | None = {} if size <= _SPECTRA_BYTES else None
+        self._work_out = filters
+        self._filters: dict[Strip, Image] = {}
+        self._spectra: dict[Strip, Spectrum] = {}
+        self._keep_filters, self._keep_spectra = self._plan(budget)
+
+    def _plan(self, budget: int) -> tuple[frozenset[Strip], frozenset[Strip]]:
+        """Choose the strips of which to keep the filters, and those of which the spectra."""
+        strips = self.grid.strips
+        filters = [4 * strip.count * self.grid.reach**2 for strip in strips]
+        spectra = [
+            8 * strip.count * self.grid.block * (self.grid.block // 2 + 1) for strip in strips
+        ]
+        left, some = budget - sum(filters), 0
+        # a strip whose spectra are kept needs its filters no longer
+        while some < len(strips) and left >= spectra[some] - filters[some]:
+            left -= spectra[some] - filters[some]
+            some += 1
+        if left >= 0:
+            return frozenset(strips[some:]), frozenset(strips[:some])
+        first = int(np.searchsorted(np.cumsum(filters), budget, "right"))
+        return frozenset(strips[:first]), frozenset()
+
+    def filters(self, strip: Strip) -> Image:
+        """Return the filters (count, 2r+1, 2r+1) of a strip's patches."""
+        if strip in self._filters:
+            return self._filters[strip]
+        filters = self._work_out(strip)
+        if strip in self._keep_filters:
+            self._filters[strip] = filters
+        return filters
 
     def spectra(self, strip: Strip) -> Spectrum:
         """Return the spectra (count, N, N // 2 + 1) of a strip's filters."""
-        if self._kept is not None and strip in self._kept:
-            return self._kept[strip]
+        if strip in self._spectra:
+            return self._spectra[strip]
         spectra = self.grid.rfft(self.filters(strip))
-        if self._kept is not None:
-            self._kept[strip] = spectra
+        if strip in self._keep_spectra:
+            self._spectra[strip] = spectra
         return spectra
 
     def forward(self, latent: Image) -> Image:
@@ -65,16 +99,13 @@ class LocalFilters:
         channels = len(latent)
 
         def work(strip: Strip) -> Image:
-            spectra = self.spectra(strip)
-            wide = grid.patch + (strip.count - 1) * grid.hop
-            out = np.zeros((channels, grid.patch, wide), np.float32)
+            spectra, blocks = self.spectra(strip), grid.blocks(latent, strip)
+            out = grid.canvas(channels, strip, grid.patch)
             for batch in grid.batches(strip):
-                part = strip.part(batch.start, batch.stop)
-                product = grid.rfft(grid.blocks(latent, part), conjugate=True)
+                product = grid.rfft(blocks[:, batch], conjugate=True)
                 product *= spectra[batch]
                 pieces = grid.irfft(product, grid.patch, conjugate=True)
-                pieces *= grid.window
-                grid.overlap_add(pieces, out, batch.start)
+                grid.overlap_add(pieces, out, batch.start, grid.window)
             return out
 
         out = np.zeros((channels, *grid.shape), np.float32)
@@ -97,12 +128,11 @@ class LocalFilters:
         size = grid.patch + 2 * grid.radius
 
         def work(strip: Strip) -> Image:
-            spectra = self.spectra(strip)
-            wide = size + (strip.count - 1) * grid.hop
-            out = np.zeros((channels, size, wide), np.float32)
+            spectra, patches = self.spectra(strip), grid.patches(observed, strip)
+            padding = grid.padding(channels, strip)
+            out = grid.canvas(channels, strip, size)
             for batch in grid.batches(strip):
-                part = strip.part(batch.start, batch.stop)
-                product = grid.rfft(grid.patches(observed, part, grid.window))
+                product = grid.rfft(grid.padded(patches[:, batch], padding))
                 product *= spectra[batch]
                 grid.overlap_add(grid.irfft(product, size), out, batch.start)
             return out

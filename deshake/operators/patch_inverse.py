@@ -1,8 +1,8 @@
 """An approximate inverse of filter flow with a smoothness term, patch by patch.
 
-For ``M = A^T A + rho D^T D``, with D the differences of neighbouring pixels:
+For ``M = A^T A + rho D^T D + alpha``, with D the differences of neighbouring pixels:
 
-    P = sum_p block_p' v_p F^-1[ 1 / (|F h_p|^2 + rho |F D|^2 + floor) ] F v_p block_p
+    P = sum_p block_p' v_p F^-1[ 1 / (|F h_p|^2 + rho |F D|^2 + alpha + floor) ] F v_p block_p
 
 with v_p the root of patch p's window, is symmetric and positive. Were the blur the same all over
 the frame, and the frame a torus, it would be the inverse; as a preconditioner one step with it does
@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from deshake.operators.planes import check_size
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from deshake.operators.local_filters import LocalFilters
     from deshake.operators.strips import Strip
 
@@ -49,21 +51,28 @@ class PatchInverse:
         away = (np.arange(n) + 0.5 - grid.radius - grid.hop) / grid.hop  # from the patch's middle
         ramp = np.sqrt(np.clip(1 - np.abs(away), 0, 1)).astype(np.float32)
         # by row or column: inner ones fade both ways, the first and the last reach on outwards
-        self._ramps = {
+        ramps = {
             (first, last): np.where((first & (away < 0)) | (last & (away > 0)), np.float32(1), ramp)
             for first in (False, True)
             for last in (False, True)
         }
+        self._windows = {
+            (vertical, horizontal): np.outer(ramps[vertical], ramps[horizontal])
+            for vertical in {self._ends(i, grid.rows) for i in range(grid.rows)}
+            for horizontal in {self._ends(i, grid.columns) for i in range(grid.columns)}
+        }
 
-    def apply(self, latent: Image, rho: float) -> Image:
+    def apply(self, latent: Image, rho: ArrayLike, alpha: float = 0.0) -> Image:
         """Apply P to a latent image (C, H, W).
 
         Parameters
         ----------
         latent : (C, H, W) array of float32
             An image with the blur's margin.
-        rho : float
-            Weight of the smoothness term, >= 0.
+        rho : float or (C,) array
+            Weight of the smoothness term, >= 0, or that of each plane.
+        alpha : float
+            Weight of the identity, >= 0.
 
         Returns
         -------
@@ -78,22 +87,33 @@ class PatchInverse:
         grid = self.filters.grid
         check_size(latent, grid.latent_shape)
         n = grid.block
-        plain = np.float32(rho) * self._slopes + _FLOOR
+        weights, plane = np.unique(
+            np.broadcast_to(np.asarray(rho, np.float32), len(latent)), return_inverse=True
+        )
+        plain = [weight * self._slopes + (np.float32(alpha) + _FLOOR) for weight in weights]
 
         def work(strip: Strip) -> Image:
-            spectra = self.filters.spectra(strip)
-            down = self._ramp(strip.row, grid.rows)[:, None]
-            out = np.zeros((len(latent), n, n + (strip.count - 1) * grid.hop), np.float32)
+            spectra, blocks = self.filters.spectra(strip), grid.blocks(latent, strip)
+            out = grid.canvas(len(latent), strip, n)
+            windowed = grid.padding(len(latent), strip)
             for batch in grid.batches(strip):
-                part = strip.part(batch.start, batch.stop)
-                columns = range(part.first, part.last)
-                window = down * np.stack([self._ramp(j, grid.columns) for j in columns])[:, None]
-                product = grid.rfft(grid.blocks(latent, part) * window)
-                some = spectra[batch]
-                product /= np.square(some.real) + np.square(some.imag) + plain
+                count = batch.stop - batch.start
+                windows = [
+                    self._window(strip.row, strip.first + j) for j in range(strip.count)[batch]
+                ]
+                for j, window in enumerate(windows):
+                    np.multiply(blocks[:, batch.start + j], window, out=windowed[:, j])
+                product = grid.rfft(windowed[:, :count])
+                power = np.square(spectra[batch].real)
+                power += np.square(spectra[batch].imag)
+                for i, smoothness in enumerate(plain):
+                    inverse = power + smoothness
+                    np.reciprocal(inverse, out=inverse)
+                    for c in np.flatnonzero(plane == i):
+                        product[c] *= inverse.astype(np.complex64)
                 pieces = grid.irfft(product)
-                pieces *= window
-                grid.overlap_add(pieces, out, batch.start)
+                for j, window in enumerate(windows):
+                    grid.overlap_add(pieces[:, j : j + 1], out, batch.start + j, window)
             return out
 
         out = np.zeros((len(latent), *grid.latent_shape), np.float32)
@@ -101,6 +121,12 @@ class PatchInverse:
             grid.add_latent(out, strip, piece)
         return out
 
-    def _ramp(self, index: int, count: int) -> Image:
-        """Root of the window along a row or a column of patches, (N,)."""
-        return self._ramps[index == 0, index == count - 1]
+    def _window(self, row: int, column: int) -> Image:
+        """Root of a patch's window, (N, N)."""
+        grid = self.filters.grid
+        return self._windows[self._ends(row, grid.rows), self._ends(column, grid.columns)]
+
+    @staticmethod
+    def _ends(index: int, count: int) -> tuple[bool, bool]:
+        """Tell whether a patch is the first, and the last, of its column or row."""
+        return index == 0, index == count - 1

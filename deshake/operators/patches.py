@@ -21,6 +21,7 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING, TypeVar
 
+import cv2
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
@@ -144,27 +145,42 @@ class PatchGrid:
         view = np.lib.stride_tricks.sliding_window_view(covered, n, axis=2)[:, :, :: self.hop]
         return np.moveaxis(view, 2, 1)
 
-    def patches(self, observed: Image, strip: Strip, window: Image) -> Image:
-        """Cut windowed patches (C, count, 2s, 2s) of an observed (C, h, w)."""
+    def patches(self, observed: Image, strip: Strip) -> Image:
+        """View a strip's patches (C, count, 2s, 2s) of an observed (C, h, w)."""
         origin = self._origin(strip, 0)
         p = self.patch
         covered = window_of(observed, *origin, p, p + (strip.count - 1) * self.hop)
         view = np.lib.stride_tricks.sliding_window_view(covered, p, axis=2)[:, :, :: self.hop]
-        windowed: Image = np.moveaxis(view, 2, 1) * window
-        return windowed
+        return np.moveaxis(view, 2, 1)
 
-    def overlap_add(self, pieces: Image, out: Image | None = None, first: int = 0) -> Image:
-        """Add up pieces (C, count, n, n) at every hop, (C, n, n + (count - 1) hop).
+    def padding(self, channels: int, strip: Strip) -> Image:
+        """Make zeros (C, batch, N, N), into whose corners the patches of a batch can be put."""
+        return np.zeros(
+            (channels, min(self.batch, strip.count), self.block, self.block), np.float32
+        )
 
-        With `out`, they are added to it, the leftmost as its piece number `first`.
-        """
-        channels, count, high, wide = pieces.shape
-        if out is None:
-            out = np.zeros((channels, high, wide + (count - 1) * self.hop), np.float32)
-        for j in range(count):
-            left = (first + j) * self.hop
-            out[:, :, left : left + wide] += pieces[:, j]
+    def padded(self, patches: Image, padding: Image) -> Image:
+        """Put patches (C, count, 2s, 2s), times their window, into zeros of `padding`."""
+        out = padding[:, : patches.shape[1]]
+        np.multiply(patches, self.window, out=out[..., : self.patch, : self.patch])
         return out
+
+    def canvas(self, channels: int, strip: Strip, size: int) -> Image:
+        """Make zeros (C, n, n + (count - 1) hop) to add a strip's pieces of n x n pixels to."""
+        return np.zeros((channels, size, size + (strip.count - 1) * self.hop), np.float32)
+
+    def overlap_add(
+        self, pieces: Image, out: Image, first: int = 0, window: Image | None = None
+    ) -> None:
+        """Add pieces (C, count, n, n), times a window, to a canvas, as its `first` and so on."""
+        wide = pieces.shape[-1]
+        for plane, row in zip(pieces, out, strict=True):
+            for j, piece in enumerate(plane, first):
+                place = row[:, j * self.hop : j * self.hop + wide]
+                if window is None:
+                    cv2.accumulate(piece, place)
+                else:
+                    cv2.accumulateProduct(piece, window, place)
 
     def add_observed(self, out: Image, strip: Strip, piece: Image) -> None:
         """Add a strip's patches, overlapped, to an observed image (C, h, w)."""
@@ -222,10 +238,11 @@ class PatchGrid:
 
         def work(strip: Strip) -> T:
             out = np.empty((strip.count, self.reach, self.reach), np.float32)
+            patches, blocks = self.patches(observed, strip), self.blocks(latent, strip)
+            padded = self.padding(len(observed), strip)
             for batch in self.batches(strip):
-                part = strip.part(batch.start, batch.stop)
-                product = self.rfft(self.patches(observed, part, self.window), conjugate=True)
-                product *= self.rfft(self.blocks(latent, part))
+                product = self.rfft(self.padded(patches[:, batch], padded), conjugate=True)
+                product *= self.rfft(blocks[:, batch])
                 for more in product[1:]:
                     product[0] += more
                 out[batch] = self.irfft(product[0], self.reach)
@@ -239,7 +256,7 @@ class PatchGrid:
         ``ac_p(v) = sum_c sum_i sqrt(win_p(i) win_p(i+v)) o_c(i) o_c(i+v)``, (count, 4r+1, 4r+1)
         with lag 0 in the middle.
         """
-        spectrum = self.rfft(self.patches(observed, strip, np.sqrt(self.window)))
+        spectrum = self.rfft(self.patches(observed, strip) * np.sqrt(self.window))
         power = (spectrum.real**2 + spectrum.imag**2).sum(0)
         lags = min(2 * self.radius, self.patch - 1)  # beyond a patch's width there is nothing
         rolled = np.roll(self.irfft(power.astype(np.complex64)), (lags, lags), (1, 2))

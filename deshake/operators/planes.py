@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -45,4 +46,6 @@ def add_at(image: Image, top: int, left: int, piece: Image) -> None:
     y0, y1 = max(top, 0), min(top + height, image.shape[1])
     x0, x1 = max(left, 0), min(left + width, image.shape[2])
     if y1 > y0 and x1 > x0:
-        image[:, y0:y1, x0:x1] += piece[:, y0 - top : y1 - top, x0 - left : x1 - left]
+        inside = piece[:, y0 - top : y1 - top, x0 - left : x1 - left]
+        for plane, part in zip(image, inside, strict=True):
+            cv2.accumulate(part, plane[y0:y1, x0:x1])

@@ -10,6 +10,7 @@ import os
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions
 from deshake.errors import DeshakeError, OutputError, PhotoError
 from deshake.io.encoding import SUFFIXES
 from deshake.io.files import STREAM, check_output, output_name
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from deshake.pipelines.stages import Estimate, EstimateOptions, Method
+    from deshake.pipelines.stages import Estimate, EstimateOptions
 
 __all__ = ["Job", "PlanError", "find_photos", "plan", "run"]
 
@@ -170,8 +171,7 @@ def run(
     job: Job,
     options: EstimateOptions,
     *,
-    method: Method = "sparse",
-    iterations: int | None = None,
+    restoration: RestorationOptions = BY_DEFAULT,
     threads: int | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Estimate | None:
@@ -193,8 +193,7 @@ def run(
         job.output,
         job.kernel,
         options,
-        method=method,
-        iterations=iterations,
+        restoration=restoration,
         overwrite=job.overwrite,
         overwrite_kernel=job.overwrite_kernel,
         threads=threads,

@@ -8,21 +8,24 @@ from __future__ import annotations
 import contextlib
 from typing import TYPE_CHECKING
 
+from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions
 from deshake.errors import OutputError
-from deshake.io.files import STREAM, check_output, default_output
+from deshake.io.files import STREAM, check_output, default_output, write_bytes
 from deshake.io.kernel_file import read_kernel, write_camera, write_kernel
 from deshake.io.photo import encode_photo, output_format, read_photo, write_photo
 from deshake.pipelines.fitting import fitting_kernel
+from deshake.pipelines.latent_picture import latent_photo
 from deshake.pipelines.stages import calibrate, deblur, estimate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
+    from deshake.io.encoding import Format
     from deshake.io.kernel_file import CameraFile
     from deshake.io.photo import Photo
     from deshake.io.transfer import TransferName
-    from deshake.pipelines.stages import Estimate, EstimateOptions, Method
+    from deshake.pipelines.stages import Estimate, EstimateOptions
 
     Progress = Callable[[float, str], None]
 
@@ -70,24 +73,37 @@ def estimate_file(
     output: Path,
     options: EstimateOptions,
     *,
+    latent: Path | None = None,
     overwrite: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
     """Estimate the kernel of a photo, and write its kernel file.
 
+    The latent picture of the estimate, if `latent` is given, is kept only together with it.
+
     Raises
     ------
     PhotoError, CalibrationError, KernelFileError, EstimationError
         For the reasons of `read_photo` and `estimate`.
     OutputError
-        If the kernel file cannot be written.
+        If an output cannot be written.
 
     """
     check_output(output, source, overwrite=overwrite)
+    if latent is not None:
+        check_output(latent, source, output, overwrite=overwrite)
     photo = read_photo(source, transfer=options.transfer)
+    if latent is not None:
+        _latent_format(latent, photo)
     found = estimate(photo, options, threads=threads, progress=progress)
-    write_kernel(output, found.content, overwrite=overwrite)
+    with contextlib.ExitStack() as outputs:
+        if latent is not None:
+            picture = latent_photo(photo, found.latent, options.region)
+            outputs.enter_context(_gone_on_failure(latent))
+            data = encode_photo(picture, _latent_format(latent, photo))
+            write_bytes(latent, data, overwrite=overwrite)
+        write_kernel(output, found.content, overwrite=overwrite)
     return found
 
 
@@ -97,8 +113,7 @@ def deblur_file(
     output: Path | None,
     *,
     transfer: TransferName | None = None,
-    method: Method = "sparse",
-    iterations: int | None = None,
+    restoration: RestorationOptions = BY_DEFAULT,
     overwrite: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
@@ -123,9 +138,7 @@ def deblur_file(
     photo = read_photo(source, transfer=transfer)
     _check_encoding(photo, path)
     kernel = fitting_kernel(content, photo, kernel_file)
-    photo = deblur(
-        photo, kernel, method=method, iterations=iterations, threads=threads, progress=progress
-    )
+    photo = deblur(photo, kernel, restoration, threads=threads, progress=progress)
     write_photo(path, photo, overwrite=overwrite)
     return path
 
@@ -136,8 +149,7 @@ def fix_file(
     kernel_file: Path | None,
     options: EstimateOptions,
     *,
-    method: Method = "sparse",
-    iterations: int | None = None,
+    restoration: RestorationOptions = BY_DEFAULT,
     overwrite: bool = False,
     overwrite_kernel: bool = False,
     threads: int | None = None,
@@ -165,9 +177,7 @@ def fix_file(
     first, second = _part(progress, 0, share), _part(progress, share, 1)
     found = estimate(photo, options, threads=threads, progress=first)
     kernel = found.content.kernel
-    photo = deblur(
-        photo, kernel, method=method, iterations=iterations, threads=threads, progress=second
-    )
+    photo = deblur(photo, kernel, restoration, threads=threads, progress=second)
     with contextlib.ExitStack() as outputs:
         if kernel_file is not None:
             outputs.enter_context(_gone_on_failure(kernel_file))
@@ -186,6 +196,11 @@ def _gone_on_failure(path: Path) -> Iterator[None]:
         if not existed:
             path.unlink(missing_ok=True)
         raise
+
+
+def _latent_format(path: Path, photo: Photo) -> Format:
+    """Return the format of a latent picture: by its name, PNG for standard output."""
+    return "PNG" if str(path) == STREAM else output_format(path, photo)
 
 
 def _check_encoding(photo: Photo, output: Path) -> None:

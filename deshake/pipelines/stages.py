@@ -10,13 +10,12 @@ import hashlib
 import logging
 import math
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from deshake import __version__
-from deshake.deconvolution.richardson_lucy import richardson_lucy
-from deshake.deconvolution.sparse_gradients import sparse_gradients
+from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions, restore
 from deshake.errors import CalibrationError, DeshakeError
 from deshake.estimation.blind import blur_bound
 from deshake.estimation.methods import estimate_kernel
@@ -41,15 +40,11 @@ if TYPE_CHECKING:
 __all__ = [
     "Estimate",
     "EstimateOptions",
-    "Method",
     "calibrate",
     "deblur",
     "estimate",
     "luminance",
 ]
-
-Method = Literal["sparse", "rl"]
-"""How a photo is deblurred: by sparse gradients or by Richardson-Lucy."""
 
 _log = logging.getLogger(__name__)
 
@@ -109,12 +104,15 @@ class Estimate:
         The camera that was gone by, and where its focal length comes from.
     notes : list of str
         In plain words.
+    latent : (2, h, w) array of float32
+        Gradients of the sharp photo, or region, as in `BlindEstimate`.
 
     """
 
     content: KernelFile
     camera: CameraFile
     notes: list[str]
+    latent: NDArray[np.float32]
 
     def report(self) -> dict[str, Any]:
         """Return the figures of the estimate as JSON data."""
@@ -204,15 +202,14 @@ def estimate(
         _log.warning("%s: %s", photo.source, note)
     provenance = _provenance(photo, options, camera, found) | {"notes": notes}
     content = KernelFile(found.kernel, found.confidence, provenance, camera.distortion)
-    return Estimate(content, camera, notes)
+    return Estimate(content, camera, notes, found.latent)
 
 
 def deblur(
     photo: Photo,
     kernel: RotationKernel,
+    options: RestorationOptions = BY_DEFAULT,
     *,
-    method: Method = "sparse",
-    iterations: int | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Photo:
@@ -226,24 +223,26 @@ def deblur(
         The photo.
     kernel : RotationKernel
         Its blur.
-    method : {"sparse", "rl"}
-        By sparse gradients, or by Richardson-Lucy (Eq. 11).
-    iterations : int, optional
-        How many the method does.
+    options : RestorationOptions
+        How.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
         Told the fraction done and what is being done.
 
     """
-    restored = {"sparse": sparse_gradients, "rl": richardson_lucy}[method](
-        photo.pixels,
-        kernel,
-        clipped=photo.clipped,
-        iterations=iterations,
-        threads=threads,
-        progress=progress,
-    )
+    try:
+        restored = restore(
+            photo.pixels,
+            kernel,
+            options,
+            clipped=photo.clipped,
+            threads=threads,
+            progress=progress,
+        )
+    except DeshakeError as error:
+        error.file = error.file or str(photo.source)
+        raise
     _log.info("%s: deblurred in %d iterations", photo.source, restored.iterations)
     return photo.with_pixels(restored.pixels)
 

@@ -101,10 +101,14 @@ def test_method_iterations_and_transfer_shape_the_result(deshake, shaken, kernel
         ("--iterations", 2, "--transfer=linear"),
         ("--iterations", 2, "--method=rl"),
         ("--method=rl",),
+        ("--method=rl-accelerated",),
+        ("--method=rl-tv",),
+        ("--quality=fast",),
+        ("--quality=high",),
     ):
         assert deshake("deblur", photo, kernel, "--overwrite", *args).code == 0
         found.add((tmp_path / "a.deshaken.png").read_bytes())
-    assert len(found) == 5
+    assert len(found) == 9
 
 
 def test_the_default_is_sparse(deshake, shaken, kernel, tmp_path):
@@ -113,7 +117,31 @@ def test_the_default_is_sparse(deshake, shaken, kernel, tmp_path):
         assert deshake("deblur", photo, kernel, "--overwrite", *args).code == 0
         found.add((tmp_path / "a.deshaken.png").read_bytes())
     assert len(found) == 1
-    assert "'wiener' is not one of" in deshake("deblur", photo, kernel, "--method", "wiener").err
+    assert "'median' is not one of" in deshake("deblur", photo, kernel, "--method", "median").err
+
+
+@pytest.mark.parametrize(
+    "args",
+    [
+        ("--quality=high", "--method=rl"),
+        ("--method=rl-tv", "--quality=fast"),
+        ("--iterations=3", "--method=wiener"),
+    ],
+)
+def test_what_does_not_go_with_a_method_is_wrong_use(deshake, shaken, kernel, tmp_path, args):
+    outcome = deshake("deblur", shaken("a.png"), kernel, *args)
+    assert outcome.code == 2
+    assert "does not go with --method" in outcome.err
+    assert not (tmp_path / "a.deshaken.png").exists()
+
+
+def test_wiener_is_for_uniform_blur(deshake, shaken, kernel, tmp_path):
+    photo = shaken("a.png")
+    outcome = deshake("deblur", photo, kernel, "--method", "wiener")
+    assert outcome.code == 1
+    assert outcome.err.startswith(f"error: {photo}: ")
+    assert "--method" in outcome.err
+    assert not (tmp_path / "a.deshaken.png").exists()
 
 
 def test_says_the_iterations_when_asked(deshake, shaken, kernel):

@@ -1,12 +1,26 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
+import subprocess
+import sys
+from typing import TYPE_CHECKING
 
+import cv2
+import numpy as np
 import pytest
+from PIL import Image
+from skimage import data
 
 from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
+from deshake.geometry.rotations import grid_steps
 from deshake.io.kernel_file import CameraFile, read_kernel, write_camera
+from deshake.operators.shake_blur import ShakeBlur
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 FAST = ("--blur-size", 3)
 LENS = ("--focal-35mm", 40)
@@ -126,3 +140,76 @@ def test_what_does_not_fit_is_one_line(deshake, shaken, args, what):
 
 def test_json_and_standard_output_exclude_each_other(deshake, shaken):
     assert deshake("estimate-blind", shaken("a.jpg"), "-o", "-", "--json").code == 2
+
+
+@pytest.fixture
+def street(tmp_path) -> tuple[Path, np.ndarray]:
+    """A photograph turned by six pixels about Y, and the sharp one in linear light."""
+    grey = data.coffee()[:, 40:560] @ np.array([0.3, 0.59, 0.11]) / 255
+    small = cv2.resize(grey, (130, 100), interpolation=cv2.INTER_AREA)
+    sharp = (small**2.2).astype(np.float32)
+    camera = Camera.from_focal(130.0, 100, 130)
+    path = np.array([[0, -3, 0], [0, 3, 0]]) * grid_steps(camera)
+    blur = ShakeBlur(RotationKernel.from_path(path, camera))
+    light = blur.forward(np.pad(sharp, blur.margin, mode="edge"))
+    codes = np.rint(255 * np.clip(light, 0, 1) ** (1 / 2.2)).astype(np.uint8)
+    Image.fromarray(codes).save(tmp_path / "street.png")
+    return tmp_path / "street.png", sharp
+
+
+def light_of(path: Path) -> np.ndarray:
+    with Image.open(path) as picture:
+        assert picture.mode == "L"
+        return (np.asarray(picture, np.float32) / 255) ** 2.2
+
+
+def fine(picture: np.ndarray) -> np.ndarray:
+    """What is finer than some pixels, away from the border."""
+    return (picture - cv2.GaussianBlur(picture, (0, 0), 4))[10:-10, 10:-10].ravel()
+
+
+def test_the_latent_picture_is_sharper_than_the_photo(deshake, street, tmp_path):
+    photo, sharp = street
+    latent = tmp_path / "latent.png"
+    args = ("--estimator", "variational", "--blur-size", 8, "--focal-px", 130, "--threads", 2)
+    outcome = deshake("estimate-blind", photo, *args, "--latent", latent, "--json")
+    assert outcome.code == 0
+    assert json.loads(outcome.out)["latent"] == str(latent)
+    before, after = (
+        1 - np.corrcoef(fine(light_of(path)), fine(sharp))[0, 1] for path in (photo, latent)
+    )
+    assert after < 0.7 * before
+    assert light_of(latent).mean() == pytest.approx(light_of(photo).mean(), rel=0.03)
+
+
+def test_the_latent_picture_goes_to_standard_output(shaken, tmp_path):
+    command = [sys.executable, "-m", "deshake", "estimate-blind", str(shaken("a.jpg")), "-q"]
+    args = ("--blur-size", "3", "--estimator", "edges", "--latent", "-")
+    run = subprocess.run([*command, *args], capture_output=True, check=True)
+    with Image.open(io.BytesIO(run.stdout)) as picture:
+        assert (picture.format, picture.mode, picture.size) == ("PNG", "L", (100, 80))
+    assert (tmp_path / "a.kernel.npz").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "what"),
+    [
+        ("there.png", "there.png: exists already"),
+        ("a.jpg", "a.jpg: the output is the input itself"),
+        ("a.kernel.npz", "a.kernel.npz: the output is the input itself"),
+        ("l.gif", "no photo format ends in '.gif'"),
+        ("none/l.png", "none: no such folder"),
+    ],
+)
+def test_a_latent_picture_that_cannot_be_is_one_line(refused, shaken, tmp_path, name, what):
+    photo = shaken("a.jpg")
+    (tmp_path / "there.png").write_text("mine")
+    assert what in refused("estimate-blind", photo, "--latent", tmp_path / name)
+
+
+@pytest.mark.parametrize("args", [("--json",), ("-o", "-"), ("-o", "-", "--json")])
+def test_only_one_thing_goes_to_standard_output(deshake, shaken, args):
+    outcome = deshake("estimate-blind", shaken("a.jpg"), "--latent", "-", *args)
+    assert outcome.code == 2
+    assert "cannot go to standard output together" in outcome.err
+    assert outcome.out == ""

@@ -55,7 +55,7 @@ def test_one_kernel_for_each_setting(shaken) -> None:
     grey, true = shaken
     settings = [EdgeSetting("a", 4e-2, 5e-3, 3), EdgeSetting("b", 8e-2, 2e-2, 4)]
     seen: list[float] = []
-    kernels = edge_candidates(
+    estimates = edge_candidates(
         grey,
         true.camera,
         settings=settings,
@@ -63,7 +63,8 @@ def test_one_kernel_for_each_setting(shaken) -> None:
         threads=1,
         progress=lambda share, _: seen.append(share),
     )
-    assert list(kernels) == ["a", "b"]
+    assert list(estimates) == ["a", "b"]
+    kernels = {name: found.kernel for name, found in estimates.items()}
     assert all(kernel.camera is true.camera for kernel in kernels.values())
     assert seen == sorted(seen)
     assert seen[-1] == 1

@@ -7,9 +7,11 @@ import pytest
 from deshake.estimation.coarse_to_fine import (
     PyramidPlan,
     first_kernel,
+    latent_differences,
     next_kernel,
     resize,
     turn,
+    turned_gradients,
 )
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
@@ -147,3 +149,37 @@ def test_resizing_keeps_means_and_places(sharp: np.ndarray) -> None:
     camera = Camera.from_focal(60.0, 40, 60)
     np.testing.assert_allclose(grown[0, 40, 10:-10], (np.arange(10, 110) + 0.5) / 2 - 0.5, 1e-5)
     assert camera.scaled(80, 120).matrix[0, 2] == (grown.shape[2] - 1) / 2
+
+
+def differences(picture: np.ndarray) -> np.ndarray:
+    out = np.zeros((2, *picture.shape), np.float32)
+    out[0, :, :-1], out[1, :-1] = np.diff(picture, axis=1), np.diff(picture, axis=0)
+    return out
+
+
+def misfit(found: np.ndarray, want: np.ndarray) -> float:
+    """Of gradients away from the border, as a share of those that are wanted."""
+    inner = np.s_[:, 4:-4, 4:-4]
+    return float(np.linalg.norm((found - want)[inner]) / np.linalg.norm(want[inner]))
+
+
+@pytest.mark.parametrize("index", [0, 2, 4])
+def test_latent_gradients_become_differences_of_their_scale(index: int, sharp: np.ndarray) -> None:
+    smooth = cv2.GaussianBlur(sharp, (0, 0), 6)
+    level = PyramidPlan(Camera.from_focal(260.0, *sharp.shape), 24).levels()[-1 - index]
+    f = resize(differences(smooth), level.camera.shape)
+    want = differences(resize(smooth[None], level.camera.shape)[0])
+    found = latent_differences(f, level, np.zeros(3))
+    assert misfit(found, want) < 0.04
+    where_they_were = f * 2 ** (index / 2)
+    assert index == 0 or misfit(found, want) < 0.5 * misfit(where_they_were, want)
+
+
+def test_gradients_turn_as_their_picture_does(sharp: np.ndarray) -> None:
+    smooth = cv2.GaussianBlur(sharp, (0, 0), 2)
+    camera = Camera.from_focal(260.0, *sharp.shape)
+    theta = np.array([-0.003, 0.005, 0.004])
+    want = differences(turn(smooth[None], camera, theta)[0])
+    found = turned_gradients(differences(smooth), camera, theta)
+    assert misfit(found, want) < 0.05
+    assert misfit(differences(smooth), want) > 0.3

@@ -61,7 +61,7 @@ def rolled() -> tuple[np.ndarray, RotationKernel]:
 
 def test_finds_a_uniform_blur(uniform) -> None:
     grey, true = uniform
-    found = estimate_edges(grey, true.camera, axes=(True, True, False), threads=1)
+    found = estimate_edges(grey, true.camera, axes=(True, True, False), threads=1).kernel
     assert np.abs(found.theta[:, 2]).max() < 1e-9
     assert misfit(found, true) < 0.3
     np.testing.assert_allclose(found.weights @ found.theta, 0, atol=1e-3 * found.steps.max())
@@ -69,7 +69,7 @@ def test_finds_a_uniform_blur(uniform) -> None:
 
 def test_finds_a_rotation_about_all_axes(rolled) -> None:
     grey, true = rolled
-    found = estimate_edges(grey, true.camera, threads=1)
+    found = estimate_edges(grey, true.camera, threads=1).kernel
     assert found.camera.shape == grey.shape
     assert misfit(found, true) < 0.4
     roll = np.sqrt(found.weights @ found.theta[:, 2] ** 2)
@@ -82,15 +82,15 @@ def test_threads_and_exposure_change_nothing(rolled) -> None:
     camera = true.camera.scaled(120, 120)
     one = estimate_edges(small, camera, threads=1)
     three = estimate_edges(small, camera, threads=3)
-    assert one.theta.tobytes() == three.theta.tobytes()
-    assert one.weights.tobytes() == three.weights.tobytes()
+    assert one.kernel.theta.tobytes() == three.kernel.theta.tobytes()
+    assert one.kernel.weights.tobytes() == three.kernel.weights.tobytes()
     darker = estimate_edges(small / 4, camera, threads=1)  # by a power of two, exactly
-    assert darker.weights.tobytes() == one.weights.tobytes()
+    assert darker.kernel.weights.tobytes() == one.kernel.weights.tobytes()
 
 
 def test_the_blur_stays_within_its_bound(rolled) -> None:
     grey, true = rolled
-    found = estimate_edges(grey, true.camera, blur_px=2, threads=1)
+    found = estimate_edges(grey, true.camera, blur_px=2, threads=1).kernel
     assert np.ptp(np.rint(found.theta / found.steps), axis=0).max() <= 2 * 3
 
 
@@ -99,13 +99,13 @@ def test_clipped_lights_are_left_out(rolled) -> None:
     most = np.quantile(grey, 0.97)
     clipped = (grey >= most).astype(np.uint8)
     usable = cv2.dilate(clipped, np.ones((3, 3), np.uint8)) == 0
-    found = estimate_edges(np.minimum(grey, most), true.camera, usable=usable, threads=1)
+    found = estimate_edges(np.minimum(grey, most), true.camera, usable=usable, threads=1).kernel
     assert misfit(found, true) < 0.45
 
 
 def test_a_steady_photo_has_no_shake() -> None:
     camera = Camera.from_focal(280.0, 256, 256)
-    found = estimate_edges(photograph(), camera, threads=1)
+    found = estimate_edges(photograph(), camera, threads=1).kernel
     assert found.extent_px() < 4
 
 
@@ -117,7 +117,7 @@ def test_faint_tails_are_kept() -> None:
     true = RotationKernel.from_path(path, camera, durations=durations).centred()
     blurred = ShakeBlur(true, margin=12, kind="warps").forward(photograph())
     plain, faint = (
-        estimate_edges(blurred, camera, setting=setting, threads=1)
+        estimate_edges(blurred, camera, setting=setting, threads=1).kernel
         for setting in (SETTINGS[0], FAINT)
     )
     assert misfit(faint, true) < misfit(plain, true)

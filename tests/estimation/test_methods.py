@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from deshake.deconvolution.poisson import poisson_image
 from deshake.deconvolution.richardson_lucy import richardson_lucy
 from deshake.errors import EstimationError
 from deshake.estimation.methods import Estimator, estimate_kernel
@@ -62,11 +63,49 @@ def test_every_estimator_betters_the_photo(
     assert found[name].kernel.camera is CAMERA
 
 
+def fine(picture: np.ndarray) -> np.ndarray:
+    """What is finer than some pixels, away from the border."""
+    return (picture - cv2.GaussianBlur(picture, (0, 0), 4))[14:-14, 14:-14]
+
+
+@pytest.mark.parametrize(("name", "left"), [("edges", 0.95), ("variational", 0.6)])
+def test_the_latent_picture_is_sharper_than_the_photo(
+    found: dict[str, BlindEstimate], photo: np.ndarray, truth: np.ndarray, name: str, left: float
+) -> None:
+    latent = poisson_image(*found[name].latent, float(photo.mean()))
+    before, after = (
+        1 - np.corrcoef(fine(picture).ravel(), fine(truth).ravel())[0, 1]
+        for picture in (photo, latent)
+    )
+    assert after < left * before
+    assert latent.std() == pytest.approx(truth.std(), rel=0.1)
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_the_kernel_blurs_the_latent_picture_to_the_photo(
+    found: dict[str, BlindEstimate], photo: np.ndarray, name: str
+) -> None:
+    latent = poisson_image(*found[name].latent, float(photo.mean()))
+    kernel = found[name].kernel
+
+    def misfit(turn: tuple[float, float, float]) -> float:
+        theta = kernel.theta + np.array(turn) * kernel.steps
+        turned = RotationKernel(theta, kernel.weights, kernel.steps, CAMERA)
+        blurred = ShakeBlur(turned, margin=14).forward(np.pad(latent, 14, mode="edge"))
+        return float((blurred - photo)[14:-14, 14:-14].std())
+
+    still = float((latent - photo)[14:-14, 14:-14].std())
+    assert misfit((0, 0, 0)) < 0.6 * still
+    aside = [(0.5, 0, 0), (-0.5, 0, 0), (0, 0.5, 0), (0, -0.5, 0)]
+    assert misfit((0, 0, 0)) < min(misfit(turn) for turn in aside)
+
+
 def test_auto_takes_one_of_the_candidates(found: dict[str, BlindEstimate]) -> None:
     kernel = found["auto"].kernel
     others = [found["edges"], found["variational"]]
     same = [o for o in others if np.array_equal(o.kernel.weights, kernel.weights)]
     assert [o.name for o in same] == [found["auto"].name]
+    assert np.array_equal(same[0].latent, found["auto"].latent)
     assert found["auto"].confidence == max(o.confidence for o in others)
 
 

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from deshake.deconvolution.poisson import poisson_image
 from deshake.errors import EstimationError
 from deshake.estimation import scales
 from deshake.estimation.coarse_to_fine import PyramidPlan
@@ -82,3 +83,16 @@ def test_too_few_pixels_are_an_error(gradients: np.ndarray) -> None:
     usable[:4] = True
     with pytest.raises(EstimationError, match="too few pixels"):
         under_way(gradients, 8, usable=usable).run()
+
+
+def test_the_latent_gradients_have_the_size_of_the_last_scale(
+    gradients: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(scales, "_ENOUGH_BLUR", 5.0)
+    work = under_way(gradients, 8)
+    work.run()
+    latent = work.latent_gradients()
+    assert latent.shape == (2, work.reports[-1].height, work.reports[-1].width)
+    assert latent.shape[2] < SHAPE[1]
+    contrasts = [poisson_image(*each, 0.0).std() for each in (latent, gradients)]
+    assert contrasts[0] == pytest.approx(contrasts[1], rel=0.2)

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import displacements, grid_steps, homographies
-from deshake.operators import filter_flow, local_filters
+from deshake.operators import filter_flow
 from deshake.operators.filter_flow import FilterFlow, patch_hop, reach
+from deshake.operators.local_filters import LocalFilters
 from deshake.operators.warps import Warps
 
 if TYPE_CHECKING:
@@ -189,19 +190,18 @@ def test_bytes_do_not_depend_on_the_threads() -> None:
 def test_nothing_depends_on_what_is_kept(
     camera: Camera, theta: np.ndarray, weights: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def all_maps() -> list[bytes]:
+    def all_maps(budget: int) -> list[bytes]:
         flow = FilterFlow(camera, theta)
         rng = np.random.default_rng(0)
         f = rng.random(flow.latent_shape).astype(np.float32)
         g = rng.random(camera.shape).astype(np.float32)
-        filters = flow.filters(weights)
+        filters = LocalFilters(flow.grid, flow.filters(weights).filters, budget=budget)
         maps = [filters.forward(f[None]), filters.forward(f[None]), flow.kernel_adjoint(f, g)]
         return [part.tobytes() for part in maps]
 
-    kept = all_maps()
+    kept = all_maps(1 << 30)
     monkeypatch.setattr(filter_flow, "_TAPS_KEPT", 0)
-    monkeypatch.setattr(local_filters, "_SPECTRA_BYTES", 0)
-    assert all_maps() == kept
+    assert all_maps(0) == kept
 
 
 @pytest.mark.parametrize("channels", [1, 2])

@@ -3,6 +3,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pytest
 import scipy.signal
 
 from deshake.operators.local_filters import LocalFilters
@@ -55,8 +56,8 @@ def test_patches_fade_from_filter_to_filter() -> None:
     np.testing.assert_allclose(ramp, np.tile((np.arange(60) + 0.5) / 10, (20, 1)), atol=1e-5)
 
 
-def test_spectra_are_kept() -> None:
-    grid = PatchGrid((50, 67), 4, 9, 4, threads=1)
+def counted_filters(grid: PatchGrid, budget: int) -> tuple[LocalFilters, list[Strip]]:
+    """The same filters, with a list of the strips that they were worked out for."""
     calls: list[Strip] = []
     plain = random_filters(grid)
 
@@ -64,7 +65,38 @@ def test_spectra_are_kept() -> None:
         calls.append(strip)
         return plain.filters(strip)
 
-    blur = LocalFilters(grid, counted)
+    return LocalFilters(grid, counted, budget=budget), calls
+
+
+def kept_bytes(blur: LocalFilters) -> int:
+    return sum(a.nbytes for kept in (blur._filters, blur._spectra) for a in kept.values())
+
+
+def test_spectra_are_kept() -> None:
+    grid = PatchGrid((50, 67), 4, 9, 4, threads=1)
+    blur, calls = counted_filters(grid, 1 << 30)
     f = np.ones((1, *grid.latent_shape), np.float32)
     blur.adjoint(blur.forward(f))
     assert calls == grid.strips
+    assert list(blur._spectra) == grid.strips
+
+
+# all spectra take 370 kB, all filters 20 kB
+@pytest.mark.parametrize("budget", [0, 8_000, 30_000, 150_000, 1 << 30])
+@pytest.mark.parametrize("threads", [1, 3])
+def test_the_budget_changes_no_result(budget: int, threads: int) -> None:
+    grid = PatchGrid((50, 67), 4, 9, 4, threads=threads)
+    blur, calls = counted_filters(grid, budget)
+    rng = np.random.default_rng(0)
+    f, g = rng.random((1, *grid.latent_shape), np.float32), rng.random((1, 50, 67), np.float32)
+    plain = random_filters(grid)
+    for _ in range(2):
+        assert blur.forward(f).tobytes() == plain.forward(f).tobytes()
+        assert blur.adjoint(g).tobytes() == plain.adjoint(g).tobytes()
+        assert kept_bytes(blur) <= budget
+    if budget == 0:
+        assert len(calls) == 4 * len(grid.strips)
+    if budget >= 30_000:
+        assert sorted(calls, key=grid.strips.index) == grid.strips
+    if budget in {8_000, 150_000}:  # part of one kind is kept
+        assert 0 < len(blur._filters) < len(grid.strips)

@@ -19,13 +19,15 @@ def blur(camera: Camera, theta: np.ndarray, weights: np.ndarray):
     return FilterFlow(camera, theta, threads=2).filters(weights)
 
 
-@pytest.mark.parametrize("rho", [0.01, 1.0])
-def test_is_symmetric_and_positive(blur, rho: float, dot_test: Callable[..., float]) -> None:
+@pytest.mark.parametrize(("rho", "alpha"), [(0.01, 0), (1.0, 0), (0.1, 0.3)])
+def test_is_symmetric_and_positive(
+    blur, rho: float, alpha: float, dot_test: Callable[..., float]
+) -> None:
     inverse = PatchInverse(blur)
     shape = (2, *blur.grid.latent_shape)
 
     def apply(x):
-        return inverse.apply(x, rho)
+        return inverse.apply(x, rho, alpha)
 
     assert dot_test(apply, apply, shape, shape) <= 1e-5
     for seed in range(3):
@@ -33,9 +35,9 @@ def test_is_symmetric_and_positive(blur, rho: float, dot_test: Callable[..., flo
         assert np.vdot(x, apply(x)) > 0
 
 
-def smoothed(f: np.ndarray, blur, rho: float) -> np.ndarray:
-    """Apply A' A + rho D' D."""
-    out = blur.adjoint(blur.forward(f))
+def smoothed(f: np.ndarray, blur, rho: float, alpha: float) -> np.ndarray:
+    """Apply A' A + rho D' D + alpha."""
+    out = blur.adjoint(blur.forward(f)) + np.float32(alpha) * f
     for axis in (1, 2):
         slopes = np.diff(f, axis=axis)
         before, after = [(0, 0)] * 3, [(0, 0)] * 3
@@ -44,19 +46,19 @@ def smoothed(f: np.ndarray, blur, rho: float) -> np.ndarray:
     return out
 
 
-@pytest.mark.parametrize("rho", [0.03, 0.3])
-def test_a_step_with_it_goes_far(blur, rho: float) -> None:
+@pytest.mark.parametrize(("rho", "alpha"), [(0.03, 0), (0.3, 0), (0.03, 0.1)])
+def test_a_step_with_it_goes_far(blur, rho: float, alpha: float) -> None:
     rng = np.random.default_rng(4)
     truth = rng.normal(size=(1, *blur.grid.latent_shape)).astype(np.float32).cumsum(2)
     truth -= truth.mean()
-    target = smoothed(truth, blur, rho)
+    target = smoothed(truth, blur, rho, alpha)
 
     def rest(direction: np.ndarray) -> float:
         """Energy that is left after one exact step from nothing, of all there was."""
-        power = np.vdot(direction, smoothed(direction, blur, rho))
+        power = np.vdot(direction, smoothed(direction, blur, rho, alpha))
         return 1 - np.vdot(direction, target) ** 2 / power / np.vdot(truth, target)
 
-    assert rest(PatchInverse(blur).apply(target, rho)) < 0.6 * rest(target)
+    assert rest(PatchInverse(blur).apply(target, rho, alpha)) < 0.6 * rest(target)
 
 
 def test_threads_do_not_change_a_byte(camera: Camera, theta, weights) -> None:

@@ -17,9 +17,26 @@ def test_windows_sum_to_one(shape: tuple[int, int]) -> None:
     grid = grid_of(shape)
     total = np.zeros((1, *shape), np.float32)
     for strip in grid.strips:
-        windows = np.broadcast_to(grid.window, (1, strip.count, *grid.window.shape))
-        grid.add_observed(total, strip, grid.overlap_add(windows))
+        ones = np.ones((1, strip.count, grid.patch, grid.patch), np.float32)
+        canvas = grid.canvas(1, strip, grid.patch)
+        grid.overlap_add(ones, canvas, window=grid.window)
+        grid.add_observed(total, strip, canvas)
     np.testing.assert_allclose(total, 1, atol=1e-6)
+
+
+@pytest.mark.parametrize("windowed", [False, True])
+def test_pieces_are_added_at_every_hop(windowed: bool) -> None:  # noqa: FBT001
+    grid = grid_of((50, 70))
+    strip = grid.strips[1].part(1, 5)
+    rng = np.random.default_rng(0)
+    wide = rng.random((2, 2, grid.patch, grid.block), np.float32)  # rows longer than a piece's
+    pieces, canvas = wide[..., : grid.patch], grid.canvas(2, strip, grid.patch)
+    canvas[:] = before = rng.random(canvas.shape, np.float32)
+    window = grid.window if windowed else np.ones_like(grid.window)
+    grid.overlap_add(pieces, canvas, 1, grid.window if windowed else None)
+    for j in (0, 1):
+        before[:, :, (j + 1) * grid.hop :][:, :, : grid.patch] += pieces[:, j] * window
+    np.testing.assert_allclose(canvas, before, atol=1e-6)
 
 
 def test_every_patch_is_in_one_strip_and_batch() -> None:
@@ -44,14 +61,18 @@ def test_blocks_are_what_patches_look_at() -> None:
     grid = grid_of((50, 70), margin=0)
     image = np.random.default_rng(0).random((2, 50, 70)).astype(np.float32)
     strip = grid.strips[2]
-    blocks, patches = grid.blocks(image, strip), grid.patches(image, strip, grid.window)
+    blocks, patches = grid.blocks(image, strip), grid.patches(image, strip)
     n, p = grid.block, grid.patch
     assert blocks.shape == (2, strip.count, n, n)
     assert patches.shape == (2, strip.count, p, p)
     column = 3
     top, left = (strip.row - 1) * grid.hop, (column - 1) * grid.hop
     inside = image[:, top : top + p, left : left + p]
-    np.testing.assert_allclose(patches[:, column], inside * grid.window, atol=1e-6)
+    np.testing.assert_array_equal(patches[:, column], inside)
+    padded = grid.padded(patches[:, 3:5], grid.padding(2, strip))[:, 0]
+    np.testing.assert_array_equal(padded[:, :p, :p], inside * grid.window)
+    assert np.all(padded[:, p:] == 0)
+    assert np.all(padded[:, :, p:] == 0)
     r = grid.radius
     np.testing.assert_array_equal(blocks[:, column, r : r + p, r : r + p], inside)
     assert np.all(grid.blocks(image, grid.strips[0])[:, 0, : r + grid.hop] == 0)
@@ -93,7 +114,7 @@ def test_autocorrelations_are_sums_over_pixels(radius: int) -> None:
     strip = grid.strips[1]
     found = grid.autocorrelations(observed, strip)
     assert found.shape == (strip.count, 4 * radius + 1, 4 * radius + 1)
-    seen = grid.patches(observed, strip, np.sqrt(grid.window))[:, 1]
+    seen = (grid.patches(observed, strip) * np.sqrt(grid.window))[:, 1]
     lags = range(-2 * radius, 2 * radius + 1)
     for dy, dx in [(0, 0), (2, 5), (-6, 3), *zip(lags, reversed(lags), strict=True)]:
         a = seen[:, max(0, -dy) : 20 - max(0, dy), max(0, -dx) : 20 - max(0, dx)]

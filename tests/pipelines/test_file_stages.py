@@ -1,9 +1,12 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from PIL import Image
 
+from deshake.deconvolution.methods import RestorationOptions
 from deshake.errors import OutputError, PhotoError
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
@@ -66,7 +69,7 @@ def test_progress_rises_from_estimate_to_deblurring(photo, tmp_path):
         tmp_path / "out.png",
         None,
         OPTIONS,
-        iterations=3,
+        restoration=RestorationOptions(iterations=3),
         progress=lambda share, text: told.append((share, text)),
     )
     shares = [share for share, _ in told]
@@ -87,7 +90,7 @@ def test_the_kernel_goes_if_the_photo_cannot_be_written(photo, tmp_path, monkeyp
 
     monkeypatch.setattr(file_stages, "write_photo", fail)
     with pytest.raises(KeyboardInterrupt):
-        fix_file(photo, tmp_path / "o.png", kernel, OPTIONS, iterations=1, overwrite_kernel=existed)
+        fix_file(photo, tmp_path / "o.png", kernel, OPTIONS, overwrite_kernel=existed)
     assert kernel.exists() == existed
 
 
@@ -128,3 +131,53 @@ def test_kernel_and_photo_do_not_share_a_file(photo, tmp_path):
             photo, tmp_path / "out.png", tmp_path / "out.png", OPTIONS,
             overwrite=True, overwrite_kernel=True,
         )  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "form"), [("l.png", "PNG"), ("l.jpg", "JPEG"), ("l.tif", "TIFF")])
+def test_the_latent_picture_is_of_the_region_and_of_the_format_of_its_name(
+    photo, tmp_path, name, form
+):
+    options = replace(OPTIONS, estimator="edges")
+    estimate_file(photo, tmp_path / "plain.npz", options)
+    estimate_file(photo, tmp_path / "k.npz", options, latent=tmp_path / name)
+    assert (tmp_path / "k.npz").read_bytes() == (tmp_path / "plain.npz").read_bytes()
+    with Image.open(tmp_path / name) as picture:
+        assert (picture.format, picture.mode, picture.size) == (form, "L", (60, 50))
+
+
+@pytest.mark.parametrize(
+    ("name", "what"),
+    [
+        ("l.bmp", "no photo format"),
+        ("l", "no ending"),
+        ("a.png", "never touches"),
+        ("k.npz", "never touches"),
+        ("none/l.png", "no such folder"),
+    ],
+)
+def test_the_latent_picture_is_checked_before_any_work(photo, tmp_path, name, what):
+    told, before = [], photo.read_bytes()
+    with pytest.raises(OutputError, match=what):
+        estimate_file(
+            photo,
+            tmp_path / "k.npz",
+            OPTIONS,
+            latent=tmp_path / name,
+            overwrite=True,
+            progress=lambda share, _: told.append(share),
+        )
+    assert told == []
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
+    assert photo.read_bytes() == before
+
+
+@pytest.mark.parametrize("step", ["write_bytes", "write_kernel"])
+def test_kernel_and_latent_picture_stay_together(photo, tmp_path, monkeypatch, step):
+    def fail(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(file_stages, step, fail)
+    options = replace(OPTIONS, estimator="edges")
+    with pytest.raises(KeyboardInterrupt):
+        estimate_file(photo, tmp_path / "k.npz", options, latent=tmp_path / "l.png")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions
 from deshake.errors import CalibrationError, EstimationError
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
@@ -110,11 +111,11 @@ def test_clipped_pixels_are_left_out_of_the_estimate(shaken):
     assert marked.shape != unmarked.shape or not np.array_equal(marked, unmarked)
 
 
-@pytest.mark.parametrize("method", [{}, {"method": "rl", "iterations": 15}])
+@pytest.mark.parametrize("method", [BY_DEFAULT, RestorationOptions("rl", iterations=15)])
 def test_deblurring_comes_nearer_to_the_sharp_photo(shaken, method):
     photo, truth, sharp = shaken
     report = []
-    result = deblur(photo, truth, **method, progress=lambda share, _: report.append(share))
+    result = deblur(photo, truth, method, progress=lambda share, _: report.append(share))
     before, after = (
         np.sqrt(np.mean((p.pixels[8:-8, 8:-8, 0] - sharp[8:-8, 8:-8]) ** 2))
         for p in (photo, result)

@@ -1,0 +1,177 @@
+"""The latent image on its way through the multiplicative iterations of Richardson-Lucy.
+
+All variants share the blur, the sensor's response, the margin and the extrapolation; what they
+are is said where they are called, in `richardson_lucy`.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit
+
+from deshake.deconvolution.noise import pair_means
+from deshake.deconvolution.total_variation import less_varied, variation_weight
+from deshake.operators.planes import channels_first
+from deshake.operators.shake_blur import ShakeBlur
+from deshake.operators.strips import available_threads
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from deshake.geometry.kernel import RotationKernel
+
+__all__ = ["MultiplicativeDescent"]
+
+Image = NDArray[np.float32]
+T = TypeVar("T")
+
+_SHARPNESS = np.float32(50)  # a of the response
+_LINEAR = np.float32(0.75)  # below it the response is a line, to within 1e-7
+_DARK = np.float32(1e-6)  # less light than this counts as this
+_UNSEEN = np.float32(1e-2)  # latent pixels seen less than this keep their value
+_SMALLEST = np.float32(0.25)  # share of a pixel that an extrapolation leaves at least
+_SMOOTHING = 4  # dual steps of the total variation in each iteration
+_BAND = 128
+
+
+class MultiplicativeDescent:
+    """The latent image on its way.
+
+    Four latent images are held: the estimate f; the point that the next iteration starts from,
+    extrapolated from the last two estimates, or f itself; the change that the last iteration made
+    of its point; and, within an iteration, the factor to correct the point by.
+
+    Parameters
+    ----------
+    g : (h, w) or (h, w, C) array of float32
+        The blurred photo in linear light, 1 where it clips; values below 0 count as 0.
+    kernel : RotationKernel
+        The blur, for a camera of the photo's size.
+    clipped : (h, w) array of bool, optional
+        Where the photo clipped. If anywhere, the model has the sensor's response in it.
+    fastest : float
+        The longest step of the extrapolation, 0 for none.
+    smooth : bool
+        Whether each iteration lowers the total variation.
+    threads : int, optional
+        Threads to use; by default all processors.
+
+    """
+
+    def __init__(
+        self,
+        g: Image,
+        kernel: RotationKernel,
+        clipped: NDArray[np.bool_] | None,
+        *,
+        fastest: float,
+        smooth: bool = False,
+        threads: int | None,
+    ) -> None:
+        self.threads = threads or available_threads()
+        self.like = g
+        self.g = channels_first(g)
+        self.clipped = clipped if clipped is not None and clipped.any() else None
+        self.unclipped = g.size - (0 if self.clipped is None else self.clipped.sum() * len(self.g))
+        self.blur = ShakeBlur(kernel, threads=threads)
+        self.seen = self.blur.adjoint(np.ones(self.blur.observed_shape, np.float32))
+        self.weight = variation_weight(g, self.blur.margin) if smooth else None
+        self.f = np.empty((len(self.g), *self.blur.latent_shape), np.float32)
+        for c in range(len(self.g)):
+            self.f[c] = self._start(self.g[c])
+        self.fastest = fastest
+        self.point = self.f.copy() if fastest else self.f
+        self.change = np.zeros_like(self.f)
+        self.strength = 0.0  # of the last change: its squared norm
+
+    def _start(self, g: Image) -> Image:
+        """Blur the photo backwards, which takes its noise off, and continue its edges."""
+        m = self.blur.margin
+        back = self.blur.adjoint(np.maximum(g, 0)) / np.maximum(self.seen, _UNSEEN)
+        inner: Image = np.pad(back[m:-m, m:-m], m, mode="edge")
+        return np.maximum(inner, _DARK, out=inner)
+
+    def step(self) -> tuple[float, float]:
+        """Iterate once; return the mean squared residuals that the iteration began with.
+
+        The first is of the pixels, the second of means of 2 x 2 of them, times four.
+        """
+        factor = np.empty_like(self.f)
+        squared = coarse = 0.0
+        for c in range(len(self.f)):
+            ratio = self.blur.forward(self.point[c])
+            sums = self._each_band(len(ratio), partial(self._compare, ratio, c))
+            squared += sum(part[0] for part in sums)
+            coarse += sum(part[1] for part in sums)
+            factor[c] = self.blur.adjoint(ratio)
+        parts = self._each_band(self.f.shape[1], partial(self._update, factor))
+        along, strength = (sum(part[i] for part in parts) for i in (0, 1))
+        # [1], with the next point in the place of the estimate before
+        length = np.clip(along / self.strength, 0, self.fastest) if self.strength else 0
+        self.strength = strength
+        self._each_band(self.f.shape[1], partial(self._extrapolate, np.float32(length)))
+        count = max(int(self.unclipped), 1)
+        return squared / count, coarse / count
+
+    def frame(self) -> Image:
+        """Return the estimate within the frame."""
+        m = self.blur.margin
+        out = np.empty_like(self.like, np.float32, order="C")
+        channels_first(out)[...] = self.f[:, m:-m, m:-m]
+        return out
+
+    def _compare(self, blurred: Image, c: int, rows: slice) -> tuple[float, float]:
+        """Turn the blurred point into the ratio to correct it by; sum the squared residuals."""
+        x, g = np.maximum(blurred[rows], _DARK), np.maximum(self.g[c, rows], 0)
+        if self.clipped is None:
+            blurred[rows] = g / x
+            residual = g - x
+        else:
+            high = x > _LINEAR
+            over = _SHARPNESS * (x[high] - 1)
+            x[high] -= np.logaddexp(0, over) / _SHARPNESS
+            ratio = g / x
+            slope = expit(-over)
+            ratio[high] = ratio[high] * slope + (1 - slope)
+            blurred[rows] = ratio
+            residual = np.where(self.clipped[rows], 0, g - x)
+        fine = np.sum(np.square(residual), dtype=np.float64)
+        coarse = np.sum(np.square(pair_means(residual)), dtype=np.float64)
+        return float(fine), 16 * float(coarse)  # four pixels to a mean, of a quarter the variance
+
+    def _update(self, factor: Image, rows: slice) -> tuple[float, float]:
+        """Find the change of the point; return its products with the last one and with itself."""
+        halo = 0 if self.weight is None else _SMOOTHING + 1
+        first = max(rows.start - halo, 0)
+        wide = slice(first, rows.stop + halo)
+        own = slice(rows.start - first, rows.stop - first)
+        seen, point = self.seen[wide], self.point[:, wide]
+        known = seen > _UNSEEN
+        spread = np.divide(point, np.maximum(seen, _UNSEEN), dtype=np.float32)
+        new: Image = np.where(known, spread * np.maximum(factor[:, wide], 0), point)
+        if self.weight is not None:
+            new = less_varied(new, spread, self.weight[wide], _SMOOTHING)
+        change, last = new[:, own] - point[:, own], self.change[:, rows]
+        along = float(np.sum(change * last, dtype=np.float64))
+        strength = float(np.sum(np.square(change), dtype=np.float64))
+        last[...] = change
+        return along, strength
+
+    def _extrapolate(self, length: np.float32, rows: slice) -> None:
+        """Put the next estimate, and the next point from it and from the estimate before."""
+        point, f = self.point[:, rows], self.f[:, rows]
+        new = np.maximum(point + self.change[:, rows], 0)
+        further = new + length * (new - f)
+        f[...] = new
+        point[...] = np.maximum(further, _SMALLEST * new)
+
+    def _each_band(self, height: int, work: Callable[[slice], T]) -> list[T]:
+        """Do some work on all rows, band by band; the results are in the order of the bands."""
+        bands = [slice(top, min(top + _BAND, height)) for top in range(0, height, _BAND)]
+        with ThreadPoolExecutor(self.threads) as pool:
+            return list(pool.map(work, bands))

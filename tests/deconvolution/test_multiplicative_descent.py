@@ -1,0 +1,88 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from deshake.deconvolution.multiplicative_descent import MultiplicativeDescent
+from deshake.deconvolution.total_variation import gradient
+
+
+def descent(g, kernel, clipped=None, **options):
+    settings = {"fastest": 0.0, "threads": 2, **options}
+    return MultiplicativeDescent(g, kernel, clipped, **settings)
+
+
+def posterior(going, g):
+    """Penalised Poisson likelihood of the estimate, with its sign turned."""
+    f = going.f
+    Af = np.moveaxis(going.blur.forward(np.moveaxis(f, 0, -1)), -1, 0).astype(np.float64)
+    fit = Af - np.moveaxis(g, -1, 0) * np.log(np.maximum(Af, 1e-6))
+    down, across = gradient(f)
+    return fit.sum() + np.sum(going.weight * np.sqrt((down**2 + across**2).sum(0)))
+
+
+@pytest.mark.parametrize("name", ["uniform", "all"])
+def test_plain_steps_lower_the_penalised_likelihood(name, lab):
+    g = lab.noisy(lab.shaken(lab.kernels[name], lab.colours()), 0.02)
+    going = descent(g, lab.kernels[name], smooth=True)
+    costs = [posterior(going, g)]
+    for _ in range(8):
+        going.step()
+        costs.append(posterior(going, g))
+    assert np.all(np.diff(costs) < 0)
+
+
+def test_a_step_multiplies_by_equation_11(lab):
+    g = lab.noisy(lab.shaken(lab.all_axes, lab.scene()), 0.01)
+    going = descent(g, lab.all_axes)
+    f, blur = going.f[0].copy(), going.blur
+    going.step()
+    expected = f * blur.adjoint(g / blur.forward(f)) / np.maximum(going.seen, 1e-2)
+    known = going.seen > 0.02
+    np.testing.assert_allclose(going.f[0][known], expected[known], rtol=1e-4)
+
+
+def test_extrapolation_goes_on_where_the_last_steps_went(lab):
+    g = lab.shaken(lab.all_axes, lab.scene())
+    going = descent(g, lab.all_axes, fastest=0.75)
+    for _ in range(4):
+        before = going.f.copy()
+        going.step()
+    way = going.f - before
+    further = going.point - going.f
+    length = np.vdot(further, way) / np.vdot(way, way)
+    assert 0.2 < length <= 0.75
+    np.testing.assert_allclose(further, length * way, atol=1e-3)
+
+
+def test_residuals_are_those_of_the_point(lab):
+    g = lab.noisy(lab.shaken(lab.all_axes, lab.scene()), 0.02)
+    going = descent(g, lab.all_axes)
+    residual = g - going.blur.forward(going.f[0])
+    squared, coarse = going.step()
+    assert squared == pytest.approx(np.mean(np.square(residual)), rel=1e-4)
+    assert coarse < squared + 1
+
+
+def test_clipped_pixels_do_not_count_as_residual(lab):
+    g = lab.noisy(lab.shaken(lab.all_axes, lab.scene()), 0.01)
+    half = np.zeros(g.shape, bool)
+    half[:, ::2] = True
+    wrong = np.where(half, 1, g).astype(np.float32)
+    masked = descent(wrong, lab.all_axes, half)
+    masked.f[...] = masked.point[...] = descent(g, lab.all_axes).f
+    squared, _ = masked.step()
+    residual = (g - masked.blur.forward(descent(g, lab.all_axes).f[0]))[~half]
+    assert squared == pytest.approx(np.mean(np.square(residual)), rel=1e-3)
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+def test_bands_and_threads_do_not_show(smooth, lab, monkeypatch):
+    g = lab.noisy(lab.shaken(lab.all_axes, lab.colours()), 0.01)
+    whole, banded = (descent(g, lab.all_axes, smooth=smooth, threads=n) for n in (1, 3))
+    for _ in range(2):
+        whole.step()
+    monkeypatch.setattr("deshake.deconvolution.multiplicative_descent._BAND", 7)
+    for _ in range(2):
+        banded.step()
+    np.testing.assert_allclose(banded.f, whole.f, atol=1e-6)
