@@ -64,6 +64,8 @@ class HalfQuadratic:
     f : (C, H, W) array of float32
         First estimate of the latent image, with the blur's margin; linear light, >= 0. The steps
         change it.
+    Af : (C, h, w) array of float32
+        The estimate, blurred; the steps change it.
     g : (C, h, w) array of float32
         The photo, linear.
     inverse : PatchInverse
@@ -80,16 +82,16 @@ class HalfQuadratic:
     def __init__(
         self,
         f: Image,
+        Af: Image,
         g: Image,
         inverse: PatchInverse,
+        *,
         m: Image,
         s: Image,
-        *,
         threads: int | None = None,
     ) -> None:
-        self.f, self.g, self.m, self.s = f, g, m, s[None]
+        self.f, self.Af, self.g, self.m, self.s = f, Af, g, m, s[None]
         self.inverse, self.blur = inverse, inverse.filters
-        self.Af = self.blur.forward(f)
         self.margin = (f.shape[1] - g.shape[1]) // 2
         self.threads = threads or available_threads()
         self.tau = TAU

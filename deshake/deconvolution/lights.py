@@ -7,11 +7,12 @@ trusted: m = 1 / (1 + (kappa A l)^2 / sigma^2), where l is the light above the c
 estimate. What lies behind the streaks is seen elsewhere, from other orientations of the camera: it
 is found again from the trusted pixels alone, by Richardson-Lucy with weights,
 
-    f <- f . A^T(m g / A f) / A^T m,
+    f <- f . (A^T(m g / A f) / A^T m)^a,
 
-while the lamps and what no trusted pixel sees stay as the first estimate has them. That lamps must
-not disturb their surroundings is the idea of Whyte, Sivic and Zisserman, "Deblurring shaken and
-partially saturated images", IJCV 110, 2014, https://doi.org/10.1007/s11263-014-0727-3.
+with a > 1, for speed, while the lamps and what no trusted pixel sees stay as the first estimate has
+them. That lamps must not disturb their surroundings is the idea of Whyte, Sivic and Zisserman,
+"Deblurring shaken and partially saturated images", IJCV 110, 2014,
+https://doi.org/10.1007/s11263-014-0727-3.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ Image = NDArray[np.float32]
 
 _KAPPA = np.float32(0.1)  # how wrong the light of a lamp is taken to be, as a share of it
 _LAMP = 1.5  # light above which a pixel is a lamp: noise and rings may exceed the clip level
+_HASTE = np.float32(1.75)  # power of the factors: 3 iterations do the work of 6
 _DARK = np.float32(1e-6)
 _HIDDEN = 0.05  # share of trusted pixels below which a latent pixel is not seen
 _DOUBT = 2.0  # how soon trusted pixels are believed instead of the first estimate
@@ -61,10 +63,8 @@ def trust(
         The weights m, 0..1; 0 where a pixel or a neighbour of it clipped.
 
     """
-    lamps = f.max(0) > _LAMP
-    spilt = np.zeros(clipped.shape, np.float32)
-    for channel in f:
-        spilt = np.maximum(spilt, blur.forward(np.where(lamps, channel, 0)[None])[0])
+    light = f.max(0)
+    spilt = blur.forward(np.where(light > _LAMP, light, 0)[None])[0]
     m: Image = 1 / (1 + np.square(_KAPPA * spilt) / variance)
     m[binary_dilation(clipped, np.ones((3, 3), bool))] = 0
     return m
@@ -112,5 +112,5 @@ def behind_lights(
             np.divide(m * np.maximum(g[c], 0), np.maximum(ratio[0], _DARK), out=ratio[0])
             factor = blur.adjoint(ratio)[0]
             factor /= seen
-            f[c] *= np.where(kept, 1, np.maximum(factor, 0))
+            f[c] *= np.where(kept, 1, np.maximum(factor, 0) ** _HASTE)
         progress(done / iterations, f"deblurring behind lights, iteration {done}")

@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from deshake.geometry.kernel import RotationKernel
-    from deshake.operators.local_filters import LocalFilters
 
     Image = NDArray[np.float32]
     Progress = Callable[[float, str], None]
@@ -61,9 +60,9 @@ class _Level(NamedTuple):
 
 
 _LEVELS = {
-    "fast": _Level(4, 3, 3, 0),
-    "default": _Level(6, 6, 6, 0),
-    "high": _Level(6, 6, 6, 4),
+    "fast": _Level(4, 2, 3, 0),
+    "default": _Level(6, 3, 6, 0),
+    "high": _Level(6, 3, 6, 4),
 }
 _RHO = (0.02, 1.0)
 _MISFIT = 0.2  # of what the start leaves unexplained, that is reckoned as noise
@@ -131,8 +130,9 @@ def sparse_gradients(
     if clipped is not None and lit:
         m = trust(f, blur, clipped, noise_variance(g, flow.margin))
         behind_lights(f, planes, blur, m, iterations=level.behind, progress=behind)
-    s = _precision(g, f, m, flow.margin, blur)
-    descent = HalfQuadratic(f, planes, PatchInverse(blur), m, s, threads=threads)
+    Af = blur.forward(f)
+    s = _precision(g, Af, m, flow.margin)
+    descent = HalfQuadratic(f, Af, planes, PatchInverse(blur), m=m, s=s, threads=threads)
     for stage, rho in enumerate(np.geomspace(*_RHO[::-1], stages)[::-1], 1):
         descent.step(float(rho))
         splitting(stage / stages, f"deblurring, stage {stage}")
@@ -160,12 +160,12 @@ def _shares(progress: Progress | None, efforts: tuple[int, ...]) -> list[Progres
     ]
 
 
-def _precision(g: Image, f: Image, m: Image, margin: int, blur: LocalFilters) -> Image:
+def _precision(g: Image, Af: Image, m: Image, margin: int) -> Image:
     """Return 1 / sigma of every latent pixel, (H, W)."""
     error = np.zeros_like(m)
-    for plane, channel in zip(channels_first(g), f, strict=True):
-        error += np.square(plane - blur.forward(channel[None])[0])
-    error *= np.float32(_MISFIT / len(f)) * m
+    for plane, blurred in zip(channels_first(g), Af, strict=True):
+        error += np.square(plane - blurred)
+    error *= np.float32(_MISFIT / len(Af)) * m
     variance = noise_variance(g, margin, error)
     np.sqrt(variance, out=variance)
     np.reciprocal(variance, out=variance)

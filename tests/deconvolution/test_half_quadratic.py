@@ -27,7 +27,7 @@ def problem(lab):
     f = np.pad(g, edges, mode="edge")
 
     def make():
-        return HalfQuadratic(f.copy(), g, PatchInverse(blur), m, s, threads=2)
+        return HalfQuadratic(f.copy(), blur.forward(f), g, PatchInverse(blur), m=m, s=s, threads=2)
 
     return make
 

@@ -27,10 +27,11 @@ def start(lab):
     s = np.full(flow.latent_shape, 1 / SIGMA, np.float32)
 
     def make(threads=2):
-        trust = np.ones(lab.shape, np.float32)
-        return HalfQuadratic(f.copy(), planes, PatchInverse(blur), trust, s, threads=threads)
+        m = np.ones(lab.shape, np.float32)
+        begin = f.copy(), blur.forward(f), planes, PatchInverse(blur)
+        return HalfQuadratic(*begin, m=m, s=s, threads=threads)
 
-    return make, m
+    return make, flow.margin
 
 
 def test_improves_what_sparse_gradients_found(start, lab):
