@@ -176,7 +176,7 @@ def restoration_options(command: F) -> F:
         default="default",
         show_default=True,
         callback=_goes_with("sparse"),
-        help="How much time sparse takes: about 0.6, 1 or 4 times that of the default.",
+        help="How much time sparse takes: about 0.6, 1 or 1.5 times that of the default.",
     )
     iterations = click.option(
         "--iterations",
