@@ -7,8 +7,8 @@ Steps towards the sharp photo f that minimises
 with the symbols of `sparse_gradients`. A variable w is put near s D f, at a cost of rho / 2 |.|^2,
 and found in closed form, pixel by pixel [1]; so may be a denoised v near s f, at alpha / 2 |.|^2
 [2]. Then f moves one step of exact length along the gradient of what is left, a quadratic form;
-its preconditioner is the blur's inverse patch by patch between divisions by s, since data and
-edges carry the same weights.
+its preconditioner is the blur's approximate inverse between divisions by s, since data and edges
+carry the same weights.
 
 References
 ----------
@@ -40,17 +40,15 @@ from deshake.operators.strips import available_threads
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from deshake.operators.patch_inverse import PatchInverse
+    from deshake.operators.patch_inverse import FourierInverse, PatchInverse
 
-__all__ = ["TAU", "HalfQuadratic"]
+__all__ = ["HalfQuadratic"]
 
 Image = NDArray[np.float32]
 T = TypeVar("T")
 
 _POWER = 0.7
-TAU = 0.5
-"""Weight of sparse gradients, if nothing else is known of the scene."""
-
+_TAU = 0.5
 _COLOUR = 1.5  # k
 _NEGATIVE = 0.01  # squared negative light, in noise variances a pixel, that is cut off
 _BAND_PIXELS = 1 << 17  # the pixels of a band, all channels: its arrays stay in the cache
@@ -68,7 +66,7 @@ class HalfQuadratic:
         The estimate, blurred; the steps change it.
     g : (C, h, w) array of float32
         The photo, linear.
-    inverse : PatchInverse
+    inverse : FourierInverse or PatchInverse
         Of the blur A.
     m : (h, w) array of float32
         How far each pixel is trusted, 0..1.
@@ -84,7 +82,7 @@ class HalfQuadratic:
         f: Image,
         Af: Image,
         g: Image,
-        inverse: PatchInverse,
+        inverse: FourierInverse | PatchInverse,
         *,
         m: Image,
         s: Image,
@@ -94,7 +92,6 @@ class HalfQuadratic:
         self.inverse, self.blur = inverse, inverse.filters
         self.margin = (f.shape[1] - g.shape[1]) // 2
         self.threads = threads or available_threads()
-        self.tau = TAU
 
     def step(self, rho: float, alpha: float = 0.0, v: Image | None = None) -> None:
         """Find the gradients w for f, then move f by one preconditioned step.
@@ -156,7 +153,7 @@ class HalfQuadratic:
         n = squared_lengths(down, _COLOUR)
         n += squared_lengths(across, _COLOUR)
         np.sqrt(np.maximum(n, 0, out=n), out=n)
-        rest = 1 - shrunk(n, self.tau / rho, _POWER)
+        rest = 1 - shrunk(n, _TAU / rho, _POWER)
         rest *= np.float32(rho) * self.s[0, first : rows.stop]
         weigh_colour(down, _COLOUR)
         weigh_colour(across, _COLOUR)

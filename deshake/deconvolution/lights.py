@@ -26,7 +26,7 @@ from scipy.ndimage import binary_dilation
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from deshake.operators.local_filters import LocalFilters
+    from deshake.operators.shake_blur import Filters
 
 __all__ = ["behind_lights", "trust"]
 
@@ -41,16 +41,14 @@ _DOUBT = 2.0  # how soon trusted pixels are believed instead of the first estima
 _FRAME_SEEN = np.float32(1e-2)
 
 
-def trust(
-    f: Image, blur: LocalFilters, clipped: NDArray[np.bool_], variance: Image | float
-) -> Image:
+def trust(f: Image, blur: Filters, clipped: NDArray[np.bool_], variance: Image | float) -> Image:
     """Weigh the pixels of a photo with clipped lights.
 
     Parameters
     ----------
     f : (C, H, W) array of float32
         First estimate of the latent image, with lights above 1.
-    blur : LocalFilters
+    blur : Filters
         The blur A.
     clipped : (h, w) array of bool
         Where the photo clipped.
@@ -73,7 +71,7 @@ def trust(
 def behind_lights(
     f: Image,
     g: Image,
-    blur: LocalFilters,
+    blur: Filters,
     m: Image,
     *,
     iterations: int,
@@ -87,7 +85,7 @@ def behind_lights(
         First estimate of the latent image, with lights above 1; it is changed.
     g : (C, h, w) array of float32
         The photo, linear.
-    blur : LocalFilters
+    blur : Filters
         The blur A.
     m : (h, w) array of float32
         Weights of the pixels, from `trust`.

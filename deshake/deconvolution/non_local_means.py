@@ -29,7 +29,7 @@ __all__ = ["non_local_means"]
 Image = NDArray[np.float32]
 Offset = tuple[int, int]
 
-_REACH = 8  # of the search, in pixels
+_REACH = 10  # of the search, in pixels
 _PATCH = 1  # pixels from a patch's middle to its side
 _TILE = 512  # pixels a side that are worked on at once; small ones make threads wait
 

@@ -22,9 +22,8 @@ if TYPE_CHECKING:
 __all__ = ["plug_and_play"]
 
 _RHO = (0.03, 1.0)
-_NOISE = (4.0, 0.7)  # t: what the denoiser takes for noise, first and last
-_ALPHA = 0.25
-_SPARSE = 0.5  # weight of sparse gradients that is left
+_NOISE = (5.0, 0.7)  # t: what the denoiser takes for noise, first and last
+_ALPHA = 0.4
 
 
 def plug_and_play(
@@ -42,7 +41,6 @@ def plug_and_play(
         Told the fraction done, 0 to 1, and what is being done, after each stage.
 
     """
-    descent.tau *= _SPARSE
     rhos, noises = (np.geomspace(*ends[::-1], stages)[::-1] for ends in (_RHO, _NOISE))
     for stage, (rho, noise) in enumerate(zip(rhos, noises, strict=True), 1):
         v = non_local_means(descent.f * descent.s, float(noise), threads=descent.threads)

@@ -30,9 +30,9 @@ from deshake.deconvolution.noise import noise_variance
 from deshake.deconvolution.plug_and_play import plug_and_play
 from deshake.deconvolution.restoration import Restoration, check_photo
 from deshake.deconvolution.richardson_lucy import latent_start
-from deshake.operators.filter_flow import FilterFlow
-from deshake.operators.patch_inverse import PatchInverse
+from deshake.operators.patch_inverse import approximate_inverse
 from deshake.operators.planes import channels_first
+from deshake.operators.shake_blur import blur_filters
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -62,11 +62,11 @@ class _Level(NamedTuple):
 _LEVELS = {
     "fast": _Level(4, 2, 3, 0),
     "default": _Level(6, 3, 6, 0),
-    "high": _Level(6, 3, 6, 4),
+    "high": _Level(6, 3, 6, 3),
 }
 _RHO = (0.02, 1.0)
 _MISFIT = 0.2  # of what the start leaves unexplained, that is reckoned as noise
-_EFFORT = 4  # of a stage with the denoiser, in stages without
+_EFFORT = 2  # of a stage with the denoiser, in stages without
 
 
 def sparse_gradients(
@@ -119,26 +119,24 @@ def sparse_gradients(
     starting, behind, splitting, finely = _shares(progress, efforts)
 
     centred = kernel.centred()
-    used = centred.weights > 0
     planes = channels_first(g)
-    flow = FilterFlow(centred.camera, centred.theta[used], channels=len(planes), threads=threads)
-    blur = flow.filters(centred.weights[used])
+    blur = blur_filters(centred, channels=len(planes), threads=threads)
     f = latent_start(
         g, centred, clipped=clipped, iterations=level.start, threads=threads, progress=starting
     )
+    margin = (f.shape[1] - len(g)) // 2
     m = np.ones(g.shape[:2], np.float32)
     if clipped is not None and lit:
-        m = trust(f, blur, clipped, noise_variance(g, flow.margin))
+        m = trust(f, blur, clipped, noise_variance(g, margin))
         behind_lights(f, planes, blur, m, iterations=level.behind, progress=behind)
     Af = blur.forward(f)
-    s = _precision(g, Af, m, flow.margin)
-    descent = HalfQuadratic(f, Af, planes, PatchInverse(blur), m=m, s=s, threads=threads)
+    s = _precision(g, Af, m, margin)
+    descent = HalfQuadratic(f, Af, planes, approximate_inverse(blur), m=m, s=s, threads=threads)
     for stage, rho in enumerate(np.geomspace(*_RHO[::-1], stages)[::-1], 1):
         descent.step(float(rho))
         splitting(stage / stages, f"deblurring, stage {stage}")
     if level.fine:
         plug_and_play(descent, stages=level.fine, progress=finely)
-    margin = flow.margin
     out = np.empty_like(g, np.float32, order="C")
     np.maximum(f[:, margin:-margin, margin:-margin], 0, out=channels_first(out))
     return Restoration(out, stages, _residual(descent, clipped))
