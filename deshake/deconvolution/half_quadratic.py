@@ -92,6 +92,7 @@ class HalfQuadratic:
         self.inverse, self.blur = inverse, inverse.filters
         self.margin = (f.shape[1] - g.shape[1]) // 2
         self.threads = threads or available_threads()
+        self._pool = ThreadPoolExecutor(self.threads)
 
     def step(self, rho: float, alpha: float = 0.0, v: Image | None = None) -> None:
         """Find the gradients w for f, then move f by one preconditioned step.
@@ -212,5 +213,6 @@ class HalfQuadratic:
         """Do some work on all rows, band by band; the results are in the order of the bands."""
         step = max(8, _BAND_PIXELS // (self.f.shape[2] * len(self.f)))
         bands = [slice(top, min(top + step, height)) for top in range(0, height, step)]
-        with ThreadPoolExecutor(self.threads) as pool:
-            return list(pool.map(work, bands))
+        if self.threads == 1 or len(bands) == 1:
+            return [work(rows) for rows in bands]
+        return list(self._pool.map(work, bands))

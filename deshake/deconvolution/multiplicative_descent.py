@@ -33,7 +33,7 @@ T = TypeVar("T")
 _SHARPNESS = np.float32(50)  # a of the response
 _LINEAR = np.float32(0.75)  # below it the response is a line, to within 1e-7
 _DARK = np.float32(1e-6)  # less light than this counts as this
-_UNSEEN = np.float32(1e-2)  # latent pixels seen less than this keep their value
+_UNSEEN = np.float32(1e-2)  # latent pixels seen no more than this keep their value
 _SMALLEST = np.float32(0.25)  # share of a pixel that an extrapolation leaves at least
 _SMOOTHING = 4  # dual steps of the total variation in each iteration
 _BAND = 128
@@ -42,9 +42,9 @@ _BAND = 128
 class MultiplicativeDescent:
     """The latent image on its way.
 
-    Four latent images are held: the estimate f; the point that the next iteration starts from,
-    extrapolated from the last two estimates, or f itself; the change that the last iteration made
-    of its point; and, within an iteration, the factor to correct the point by.
+    The estimate f is held and, if it is extrapolated, two more latent images: the point that the
+    next iteration starts from, and the change that the last iteration made of its point. Colours
+    are corrected one by one, but all together where their total variation is lowered.
 
     Parameters
     ----------
@@ -74,25 +74,27 @@ class MultiplicativeDescent:
         threads: int | None,
     ) -> None:
         self.threads = threads or available_threads()
+        self._pool = ThreadPoolExecutor(self.threads)
         self.like = g
-        self.g = channels_first(g)
+        self.g = np.maximum(channels_first(g), 0, order="C", dtype=np.float32)
         self.clipped = clipped if clipped is not None and clipped.any() else None
         self.unclipped = g.size - (0 if self.clipped is None else self.clipped.sum() * len(self.g))
         self.blur = ShakeBlur(kernel, threads=threads)
         self.seen = self.blur.adjoint(np.ones(self.blur.observed_shape, np.float32))
+        np.maximum(self.seen, _UNSEEN, out=self.seen)
         self.weight = variation_weight(g, self.blur.margin) if smooth else None
         self.f = np.empty((len(self.g), *self.blur.latent_shape), np.float32)
         for c in range(len(self.g)):
             self.f[c] = self._start(self.g[c])
         self.fastest = fastest
         self.point = self.f.copy() if fastest else self.f
-        self.change = np.zeros_like(self.f)
+        self.change = np.zeros_like(self.f) if fastest or smooth else None
         self.strength = 0.0  # of the last change: its squared norm
 
     def _start(self, g: Image) -> Image:
         """Blur the photo backwards, which takes its noise off, and continue its edges."""
         m = self.blur.margin
-        back = self.blur.adjoint(np.maximum(g, 0)) / np.maximum(self.seen, _UNSEEN)
+        back = self.blur.adjoint(g) / self.seen
         inner: Image = np.pad(back[m:-m, m:-m], m, mode="edge")
         return np.maximum(inner, _DARK, out=inner)
 
@@ -101,20 +103,28 @@ class MultiplicativeDescent:
 
         The first is of the pixels, the second of means of 2 x 2 of them, times four.
         """
-        factor = np.empty_like(self.f)
-        squared = coarse = 0.0
-        for c in range(len(self.f)):
-            ratio = self.blur.forward(self.point[c])
-            sums = self._each_band(len(ratio), partial(self._compare, ratio, c))
-            squared += sum(part[0] for part in sums)
-            coarse += sum(part[1] for part in sums)
-            factor[c] = self.blur.adjoint(ratio)
-        parts = self._each_band(self.f.shape[1], partial(self._update, factor))
-        along, strength = (sum(part[i] for part in parts) for i in (0, 1))
-        # [1], with the next point in the place of the estimate before
-        length = np.clip(along / self.strength, 0, self.fastest) if self.strength else 0
-        self.strength = strength
-        self._each_band(self.f.shape[1], partial(self._extrapolate, np.float32(length)))
+        colours = range(len(self.f))
+        groups = [colours[c : c + 1] for c in colours] if self.weight is None else [colours]
+        squared = coarse = along = strength = 0.0
+        for group in groups:
+            factor = np.empty((len(group), *self.f.shape[1:]), np.float32)
+            for c, plane in zip(group, factor, strict=True):
+                ratio = self.blur.forward(self.point[c])
+                for part in self._each_band(len(ratio), partial(self._compare, ratio, c)):
+                    squared += part[0]
+                    coarse += part[1]
+                plane[...] = self.blur.adjoint(ratio)
+            some = slice(group.start, group.stop)
+            for part in self._each_band(self.f.shape[1], partial(self._update, factor, some)):
+                along += part[0]
+                strength += part[1]
+        if self.change is not None:
+            # [1], with the next point in the place of the estimate before
+            length = np.clip(along / self.strength, 0, self.fastest) if self.strength else 0
+            self.strength = strength
+            self._each_band(
+                self.f.shape[1], partial(self._extrapolate, self.change, np.float32(length))
+            )
         count = max(int(self.unclipped), 1)
         return squared / count, coarse / count
 
@@ -127,51 +137,59 @@ class MultiplicativeDescent:
 
     def _compare(self, blurred: Image, c: int, rows: slice) -> tuple[float, float]:
         """Turn the blurred point into the ratio to correct it by; sum the squared residuals."""
-        x, g = np.maximum(blurred[rows], _DARK), np.maximum(self.g[c, rows], 0)
+        x, g = blurred[rows], self.g[c, rows]
+        np.maximum(x, _DARK, out=x)
         if self.clipped is None:
-            blurred[rows] = g / x
             residual = g - x
+            np.divide(g, x, out=x)
         else:
             high = x > _LINEAR
             over = _SHARPNESS * (x[high] - 1)
             x[high] -= np.logaddexp(0, over) / _SHARPNESS
-            ratio = g / x
-            slope = expit(-over)
-            ratio[high] = ratio[high] * slope + (1 - slope)
-            blurred[rows] = ratio
             residual = np.where(self.clipped[rows], 0, g - x)
-        fine = np.sum(np.square(residual), dtype=np.float64)
-        coarse = np.sum(np.square(pair_means(residual)), dtype=np.float64)
-        return float(fine), 16 * float(coarse)  # four pixels to a mean, of a quarter the variance
+            np.divide(g, x, out=x)
+            slope = expit(-over)
+            x[high] = x[high] * slope + (1 - slope)
+        coarse = float(np.sum(np.square(pair_means(residual))))
+        fine = float(np.sum(np.square(residual, out=residual)))
+        return fine, 16 * coarse  # four pixels to a mean, of a quarter the variance
 
-    def _update(self, factor: Image, rows: slice) -> tuple[float, float]:
+    def _update(self, factor: Image, colours: slice, rows: slice) -> tuple[float, float]:
         """Find the change of the point; return its products with the last one and with itself."""
         halo = 0 if self.weight is None else _SMOOTHING + 1
         first = max(rows.start - halo, 0)
         wide = slice(first, rows.stop + halo)
-        own = slice(rows.start - first, rows.stop - first)
-        seen, point = self.seen[wide], self.point[:, wide]
-        known = seen > _UNSEEN
-        spread = np.divide(point, np.maximum(seen, _UNSEEN), dtype=np.float32)
-        new: Image = np.where(known, spread * np.maximum(factor[:, wide], 0), point)
+        seen, point = self.seen[wide], self.point[colours, wide]
+        new = np.maximum(factor[:, wide], 0)
+        new /= seen
+        np.copyto(new, 1, where=seen <= _UNSEEN)
+        new *= point
+        if self.change is None:
+            point[...] = new
+            return 0.0, 0.0
         if self.weight is not None:
-            new = less_varied(new, spread, self.weight[wide], _SMOOTHING)
-        change, last = new[:, own] - point[:, own], self.change[:, rows]
-        along = float(np.sum(change * last, dtype=np.float64))
-        strength = float(np.sum(np.square(change), dtype=np.float64))
+            new = less_varied(new, point / seen, self.weight[wide], _SMOOTHING)
+        own = slice(rows.start - first, rows.stop - first)
+        change, last = new[:, own] - point[:, own], self.change[colours, rows]
+        along = float(np.sum(np.multiply(change, last, out=last)))
         last[...] = change
-        return along, strength
+        return along, float(np.sum(np.square(change, out=change)))
 
-    def _extrapolate(self, length: np.float32, rows: slice) -> None:
+    def _extrapolate(self, change: Image, length: np.float32, rows: slice) -> None:
         """Put the next estimate, and the next point from it and from the estimate before."""
         point, f = self.point[:, rows], self.f[:, rows]
-        new = np.maximum(point + self.change[:, rows], 0)
-        further = new + length * (new - f)
+        new = point + change[:, rows]
+        np.maximum(new, 0, out=new)
+        further = new - f
+        further *= length
+        further += new
         f[...] = new
-        point[...] = np.maximum(further, _SMALLEST * new)
+        new *= _SMALLEST
+        np.maximum(further, new, out=point)
 
     def _each_band(self, height: int, work: Callable[[slice], T]) -> list[T]:
         """Do some work on all rows, band by band; the results are in the order of the bands."""
         bands = [slice(top, min(top + _BAND, height)) for top in range(0, height, _BAND)]
-        with ThreadPoolExecutor(self.threads) as pool:
-            return list(pool.map(work, bands))
+        if self.threads == 1 or len(bands) == 1:
+            return [work(rows) for rows in bands]
+        return list(self._pool.map(work, bands))

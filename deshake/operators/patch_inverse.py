@@ -1,4 +1,4 @@
-"""An approximate inverse of filter flow with a smoothness term, patch by patch.
+"""Approximate inverses of a blur with a smoothness term: filter flow's, patch by patch.
 
 For ``M = A^T A + rho D^T D + alpha``, with D the differences of neighbouring pixels:
 
@@ -6,7 +6,8 @@ For ``M = A^T A + rho D^T D + alpha``, with D the differences of neighbouring pi
 
 with v_p the root of patch p's window, is symmetric and positive. Were the blur the same all over
 the frame, and the frame a torus, it would be the inverse; as a preconditioner one step with it does
-the work of many without.
+the work of many without. Where the blur is the same, one patch without a window is enough, and the
+latent image with zeros around it is the torus.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from deshake.operators.convolution import Convolution
 from deshake.operators.planes import check_size
 
 if TYPE_CHECKING:
@@ -24,11 +26,16 @@ if TYPE_CHECKING:
     from deshake.operators.local_filters import LocalFilters
     from deshake.operators.strips import Strip
 
-__all__ = ["PatchInverse"]
+__all__ = ["FourierInverse", "PatchInverse", "approximate_inverse"]
 
 Image = NDArray[np.float32]
 
 _FLOOR = np.float32(1e-4)
+
+
+def approximate_inverse(blur: Convolution | LocalFilters) -> FourierInverse | PatchInverse:
+    """Return the approximate inverse that suits a blur."""
+    return FourierInverse(blur) if isinstance(blur, Convolution) else PatchInverse(blur)
 
 
 class PatchInverse:
@@ -45,9 +52,8 @@ class PatchInverse:
         self.filters = filters
         grid = filters.grid
         n = grid.block
-        down = np.sin(np.pi * np.fft.fftfreq(n))[:, None]
-        across = np.sin(np.pi * np.fft.rfftfreq(n))
-        self._slopes = (4 * (down**2 + across**2)).astype(np.float32)
+        down, across = _slopes(n, n)
+        self._slopes = down + across
         away = (np.arange(n) + 0.5 - grid.radius - grid.hop) / grid.hop  # from the patch's middle
         ramp = np.sqrt(np.clip(1 - np.abs(away), 0, 1)).astype(np.float32)
         # by row or column: inner ones fade both ways, the first and the last reach on outwards
@@ -87,9 +93,7 @@ class PatchInverse:
         grid = self.filters.grid
         check_size(latent, grid.latent_shape)
         n = grid.block
-        weights, plane = np.unique(
-            np.broadcast_to(np.asarray(rho, np.float32), len(latent)), return_inverse=True
-        )
+        weights, plane = _distinct(rho, len(latent))
         plain = [weight * self._slopes + (np.float32(alpha) + _FLOOR) for weight in weights]
 
         def work(strip: Strip) -> Image:
@@ -130,3 +134,50 @@ class PatchInverse:
     def _ends(index: int, count: int) -> tuple[bool, bool]:
         """Tell whether a patch is the first, and the last, of its column or row."""
         return index == 0, index == count - 1
+
+
+class FourierInverse:
+    """The map P for one filter of the whole frame, on the torus of the blur.
+
+    Parameters
+    ----------
+    filters : Convolution
+        The blur A.
+
+    """
+
+    def __init__(self, filters: Convolution) -> None:
+        self.filters = filters
+        self._down, self._across = _slopes(*filters.torus)
+
+    def apply(self, latent: Image, rho: ArrayLike, alpha: float = 0.0) -> Image:
+        """Apply P to a latent image (C, H, W), as `PatchInverse.apply` does."""
+        blur = self.filters
+        check_size(latent, blur.latent_shape)
+        weights, plane = _distinct(rho, len(latent))
+        out = np.empty((len(latent), *blur.latent_shape), np.float32)
+        for i, weight in enumerate(weights):
+            inverse = np.square(blur.spectrum.real)
+            inverse += np.square(blur.spectrum.imag)
+            inverse += weight * self._down + (np.float32(alpha) + _FLOOR)
+            inverse += weight * self._across
+            np.reciprocal(inverse, out=inverse)
+            for c in np.flatnonzero(plane == i):
+                product = blur.rfft(latent[c])
+                product *= inverse
+                out[c] = blur.irfft(product, blur.latent_shape)
+        return out
+
+
+def _slopes(height: int, width: int) -> tuple[Image, Image]:
+    """Power |F D|^2 of the differences down, (N, 1), and across, (M // 2 + 1,), on a torus."""
+    down = 4 * np.sin(np.pi * np.fft.fftfreq(height))[:, None] ** 2
+    across = 4 * np.sin(np.pi * np.fft.rfftfreq(width)) ** 2
+    return down.astype(np.float32), across.astype(np.float32)
+
+
+def _distinct(rho: ArrayLike, channels: int) -> tuple[Image, NDArray[np.intp]]:
+    """Return the distinct weights of the planes, and which of them each plane has."""
+    planes = np.broadcast_to(np.asarray(rho, np.float32), channels)
+    weights, plane = np.unique(planes, return_inverse=True)
+    return weights, plane

@@ -3,7 +3,7 @@
 `RotationModel` is the bilinear map ``(f, w) -> A f = B w`` with its transposes, in two
 exchangeable kinds: `FilterFlow`, fast, and `Warps`, exact. `ShakeBlur` binds a kernel to it.
 Uniform blur is the special case of `Camera.uniform`, through whose long lens every rotation is a
-translation of the whole frame: there the blur is a convolution.
+translation of the whole frame: there the blur is a `Convolution`, both fast and exact.
 """
 
 from __future__ import annotations
@@ -14,8 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake.geometry.rotations import displacements, homographies
-from deshake.operators.filter_flow import FilterFlow
+from deshake.operators.convolution import Convolution
+from deshake.operators.filter_flow import FilterFlow, reach
+from deshake.operators.local_filters import LocalFilters
 from deshake.operators.planes import channels_first, image_like
+from deshake.operators.strips import Strip
 from deshake.operators.warps import Warps
 
 if TYPE_CHECKING:
@@ -26,9 +29,13 @@ if TYPE_CHECKING:
     from deshake.geometry.camera import Camera
     from deshake.geometry.kernel import RotationKernel
 
-__all__ = ["RotationModel", "ShakeBlur", "observation_mask"]
+__all__ = ["Filters", "RotationModel", "ShakeBlur", "blur_filters", "observation_mask"]
 
 Image = NDArray[np.float32]
+Filters = Convolution | LocalFilters
+"""The operator A of a known kernel, on images (C, ., .)."""
+
+_SPREAD = 0.01  # pixels that a rotation's displacements may differ by over the frame
 
 
 class RotationModel(Protocol):
@@ -68,7 +75,7 @@ class ShakeBlur:
     mask : (h, w) array, optional
         Weights m of the observed pixels, 0..1; by default 1.
     kind : "filter_flow" or "warps"
-        Fast or exact.
+        Fast (by `blur_filters`) or exact.
     channels : int
         Expected number of channels (sizes the work, limits nothing).
     threads : int, optional
@@ -88,21 +95,16 @@ class ShakeBlur:
     ) -> None:
         self._forward: Callable[[Image], Image]
         self._adjoint: Callable[[Image], Image]
-        used = kernel.weights > 0
-        theta, weights = kernel.theta[used], kernel.weights[used]
         self.kernel = kernel
         self.mask = mask
+        theta, weights = _used(kernel)
+        self.margin = reach(kernel.camera, theta) if margin is None else margin
         if kind == "warps":
-            warps = Warps(kernel.camera, theta, margin=margin)
-            self.margin = warps.margin
+            warps = Warps(kernel.camera, theta, margin=self.margin)
             self._forward = lambda f: warps.blur(f, weights)
             self._adjoint = lambda g: warps.adjoint(g, weights)
         else:
-            flow = FilterFlow(
-                kernel.camera, theta, margin=margin, channels=channels, threads=threads
-            )
-            filters = flow.filters(weights)
-            self.margin = flow.margin
+            filters = blur_filters(kernel, margin=self.margin, channels=channels, threads=threads)
             self._forward = lambda f: image_like(filters.forward(channels_first(f)), f)
             self._adjoint = lambda g: image_like(filters.adjoint(channels_first(g)), g)
 
@@ -130,6 +132,44 @@ class ShakeBlur:
             return g
         masked: Image = g * (self.mask if g.ndim == self.mask.ndim else self.mask[..., None])
         return masked
+
+
+def blur_filters(
+    kernel: RotationKernel,
+    *,
+    margin: int | None = None,
+    channels: int = 1,
+    threads: int | None = None,
+) -> Filters:
+    """Turn a kernel into the filters that blur by it: one for all of the frame if that will do.
+
+    Parameters
+    ----------
+    kernel : RotationKernel
+        The blur; only its non-zero weights are used.
+    margin : int, optional
+        Pixels by which latent images are larger on every side; by default the reach of the kernel.
+    channels : int
+        Expected number of channels (sizes the work, limits nothing).
+    threads : int, optional
+        Threads to use; by default all processors. The result does not depend on it.
+
+    Returns
+    -------
+    Convolution or LocalFilters
+        A convolution if every rotation moves the whole frame alike, to within 0.01 pixels.
+
+    """
+    camera = kernel.camera
+    theta, weights = _used(kernel)
+    flow = FilterFlow(camera, theta, margin=margin, channels=channels, threads=threads)
+    filters = flow.filters(weights)
+    moved = displacements(homographies(camera, theta), camera.corners)
+    if np.ptp(moved, axis=0).max() > _SPREAD:
+        return filters
+    row, column = flow.grid.rows // 2, flow.grid.columns // 2
+    h = filters.filters(Strip(row, column, column + 1))[0]
+    return Convolution(h, camera.shape, flow.margin, threads=threads)
 
 
 def observation_mask(camera: Camera, theta: ArrayLike) -> Image:
@@ -165,3 +205,9 @@ def observation_mask(camera: Camera, theta: ArrayLike) -> Image:
             (seen >= -slack) & (seen <= np.array([width - 1, height - 1]) + slack), (1, 2)
         )
     return inside.reshape(height, width).astype(np.float32)
+
+
+def _used(kernel: RotationKernel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the rotations that have a weight, and their weights."""
+    used = kernel.weights > 0
+    return kernel.theta[used], kernel.weights[used]

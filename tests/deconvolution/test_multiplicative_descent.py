@@ -76,10 +76,55 @@ def test_clipped_pixels_do_not_count_as_residual(lab):
     assert squared == pytest.approx(np.mean(np.square(residual)), rel=1e-3)
 
 
-@pytest.mark.parametrize("smooth", [False, True])
-def test_bands_and_threads_do_not_show(smooth, lab, monkeypatch):
+@pytest.mark.parametrize("fastest", [0.0, 0.75])
+def test_colours_do_not_know_of_each_other(fastest, lab):
     g = lab.noisy(lab.shaken(lab.all_axes, lab.colours()), 0.01)
-    whole, banded = (descent(g, lab.all_axes, smooth=smooth, threads=n) for n in (1, 3))
+    g[..., 1:] = g[..., :1]  # three alike: the extrapolation is as long as that of one
+    together, alone = (descent(part, lab.all_axes, fastest=fastest) for part in (g, g[..., 0]))
+    for _ in range(3):
+        assert together.step() == pytest.approx(alone.step(), rel=1e-5)
+    for plane in together.f:
+        np.testing.assert_allclose(plane, alone.f[0], atol=1e-6)
+
+
+def test_the_photo_is_left_alone(lab):
+    g = lab.shaken(lab.all_axes, lab.colours()) - np.float32(0.2)
+    before = g.copy()
+    going = descent(g, lab.all_axes)
+    going.step()
+    np.testing.assert_array_equal(g, before)
+    assert going.f.min() >= 0
+
+
+@pytest.mark.parametrize("name", ["uniform", "all"])
+@pytest.mark.parametrize("fastest", [0.0, 0.75])
+def test_threads_do_not_change_a_byte(name, fastest, lab):
+    g = lab.noisy(lab.shaken(lab.kernels[name], lab.colours()), 0.01)
+    found = set()
+    for threads in (1, 3):
+        going = descent(g, lab.kernels[name], fastest=fastest, threads=threads)
+        sums = [going.step() for _ in range(3)]
+        found.add((going.f.tobytes(), *sums))
+    assert len(found) == 1
+
+
+def test_unseen_pixels_keep_their_value(lab):
+    g = lab.noisy(lab.shaken(lab.all_axes, lab.scene()), 0.01)
+    going = descent(g, lab.all_axes)
+    before = going.f.copy()
+    going.step()
+    hidden = going.seen <= np.float32(1e-2)
+    assert hidden.any()
+    np.testing.assert_array_equal(going.f[0][hidden], before[0][hidden])
+    assert np.mean(going.f[0][~hidden] != before[0][~hidden]) > 0.9
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+@pytest.mark.parametrize("fastest", [0.0, 0.75])
+def test_bands_and_threads_do_not_show(smooth, fastest, lab, monkeypatch):
+    g = lab.noisy(lab.shaken(lab.all_axes, lab.colours()), 0.01)
+    settings = {"smooth": smooth, "fastest": fastest}
+    whole, banded = (descent(g, lab.all_axes, threads=n, **settings) for n in (1, 3))
     for _ in range(2):
         whole.step()
     monkeypatch.setattr("deshake.deconvolution.multiplicative_descent._BAND", 7)

@@ -4,27 +4,53 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+import scipy.fft
 
-from deshake.operators.filter_flow import FilterFlow
-from deshake.operators.patch_inverse import PatchInverse
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
+from deshake.geometry.rotations import grid_steps
+from deshake.operators.convolution import Convolution
+from deshake.operators.patch_inverse import FourierInverse, PatchInverse, approximate_inverse
+from deshake.operators.shake_blur import blur_filters
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from deshake.geometry.camera import Camera
+KINDS = {"rotations": PatchInverse, "uniform": FourierInverse}
 
 
-@pytest.fixture(scope="module")
-def blur(camera: Camera, theta: np.ndarray, weights: np.ndarray):
-    return FilterFlow(camera, theta, threads=2).filters(weights)
+def filters(name: str, camera: Camera, theta: np.ndarray, weights: np.ndarray, threads: int = 2):
+    """Make the filters of rotations, or of uniform blur with as many pixels."""
+    if name == "uniform":
+        long = Camera.uniform(*camera.shape)
+        theta = theta * (1, 1, 0) * camera.focal_px / long.focal_px
+        camera = long
+    return blur_filters(RotationKernel(theta, weights, grid_steps(camera), camera), threads=threads)
+
+
+@pytest.fixture(scope="module", params=list(KINDS))
+def blur(request, camera: Camera, theta: np.ndarray, weights: np.ndarray):
+    return filters(request.param, camera, theta, weights)
+
+
+def latent(blur) -> tuple[int, int]:
+    return blur.latent_shape if isinstance(blur, Convolution) else blur.grid.latent_shape
+
+
+def test_each_blur_has_its_inverse(camera: Camera, theta, weights) -> None:
+    for name, kind in KINDS.items():
+        found = filters(name, camera, theta, weights)
+        inverse = approximate_inverse(found)
+        assert isinstance(inverse, kind)
+        assert inverse.filters is found
 
 
 @pytest.mark.parametrize(("rho", "alpha"), [(0.01, 0), (1.0, 0), (0.1, 0.3)])
 def test_is_symmetric_and_positive(
     blur, rho: float, alpha: float, dot_test: Callable[..., float]
 ) -> None:
-    inverse = PatchInverse(blur)
-    shape = (2, *blur.grid.latent_shape)
+    inverse = approximate_inverse(blur)
+    shape = (2, *latent(blur))
 
     def apply(x):
         return inverse.apply(x, rho, alpha)
@@ -49,7 +75,7 @@ def smoothed(f: np.ndarray, blur, rho: float, alpha: float) -> np.ndarray:
 @pytest.mark.parametrize(("rho", "alpha"), [(0.03, 0), (0.3, 0), (0.03, 0.1)])
 def test_a_step_with_it_goes_far(blur, rho: float, alpha: float) -> None:
     rng = np.random.default_rng(4)
-    truth = rng.normal(size=(1, *blur.grid.latent_shape)).astype(np.float32).cumsum(2)
+    truth = rng.normal(size=(1, *latent(blur))).astype(np.float32).cumsum(2)
     truth -= truth.mean()
     target = smoothed(truth, blur, rho, alpha)
 
@@ -58,18 +84,44 @@ def test_a_step_with_it_goes_far(blur, rho: float, alpha: float) -> None:
         power = np.vdot(direction, smoothed(direction, blur, rho, alpha))
         return 1 - np.vdot(direction, target) ** 2 / power / np.vdot(truth, target)
 
-    assert rest(PatchInverse(blur).apply(target, rho, alpha)) < 0.6 * rest(target)
+    assert rest(approximate_inverse(blur).apply(target, rho, alpha)) < 0.6 * rest(target)
 
 
-def test_threads_do_not_change_a_byte(camera: Camera, theta, weights) -> None:
-    f = np.random.default_rng(1).random((3, *FilterFlow(camera, theta).latent_shape), np.float32)
-    found = {
-        PatchInverse(FilterFlow(camera, theta, threads=t).filters(weights)).apply(f, 0.1).tobytes()
-        for t in (1, 3)
-    }
-    assert len(found) == 1
+def test_every_plane_has_its_weight(blur) -> None:
+    f = np.random.default_rng(1).random((3, *latent(blur)), np.float32)
+    inverse = approximate_inverse(blur)
+    together = inverse.apply(f, [0.1, 0.4, 0.1], 0.2)
+    for plane, rho, found in zip(f, (0.1, 0.4, 0.1), together, strict=True):
+        alone = inverse.apply(plane[None], rho, 0.2)[0]
+        np.testing.assert_allclose(found, alone, atol=1e-5 * np.abs(alone).max())
+
+
+def test_on_the_torus_it_is_the_inverse(camera: Camera, theta, weights) -> None:
+    blur = filters("uniform", camera, theta, weights)
+    inverse = FourierInverse(blur)
+    rng = np.random.default_rng(3)
+    bump = np.zeros(blur.torus, np.float32)
+    bump[20:-20, 20:-20] = rng.normal(size=bump[20:-20, 20:-20].shape)
+    power = np.abs(blur.spectrum) ** 2
+    # M of the bump, by differences that wrap around
+    M = scipy.fft.irfft2(scipy.fft.rfft2(bump) * power, blur.torus) + 0.3 * bump
+    for axis in (0, 1):
+        M += 0.5 * (2 * bump - np.roll(bump, 1, axis) - np.roll(bump, -1, axis))
+    height, width = blur.latent_shape
+    inside = np.zeros_like(M)
+    inside[:height, :width] = M[:height, :width]
+    np.testing.assert_allclose(inside, M, atol=1e-4)  # nothing of it lies beyond the latent image
+    found = inverse.apply(inside[None, :height, :width].astype(np.float32), 0.5, 0.3)[0]
+    np.testing.assert_allclose(found, bump[:height, :width], atol=5e-3)
+
+
+@pytest.mark.parametrize("name", list(KINDS))
+def test_threads_do_not_change_a_byte(name: str, camera: Camera, theta, weights) -> None:
+    blurs = [filters(name, camera, theta, weights, threads) for threads in (1, 3)]
+    f = np.random.default_rng(1).random((3, *latent(blurs[0])), np.float32)
+    assert len({approximate_inverse(blur).apply(f, 0.1).tobytes() for blur in blurs}) == 1
 
 
 def test_refuses_another_size(blur) -> None:
     with pytest.raises(ValueError, match="does not fit"):
-        PatchInverse(blur).apply(np.zeros((1, 9, 9), np.float32), 0.1)
+        approximate_inverse(blur).apply(np.zeros((1, 9, 9), np.float32), 0.1)

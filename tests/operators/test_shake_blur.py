@@ -9,8 +9,10 @@ import scipy.signal
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import displacements, grid_steps, homographies
+from deshake.operators.convolution import Convolution
 from deshake.operators.filter_flow import FilterFlow
-from deshake.operators.shake_blur import ShakeBlur, observation_mask
+from deshake.operators.local_filters import LocalFilters
+from deshake.operators.shake_blur import ShakeBlur, blur_filters, observation_mask
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -98,6 +100,33 @@ def test_uniform_blur_is_a_convolution(photo: np.ndarray, kind: Kind) -> None:
     g = np.ascontiguousarray(photo[:150, :200])
     expected = scipy.signal.convolve(g, psf, "full", "fft")
     np.testing.assert_allclose(blur.adjoint(g), expected, atol=1e-5)
+
+
+def rolled(camera: Camera, roll: float) -> RotationKernel:
+    """Make a kernel of five pixels' shift, and of a roll."""
+    theta = np.zeros((6, 3))
+    theta[:, 1] = np.linspace(-2.5, 2.5, 6) / camera.focal_px
+    theta[:, 2] = np.linspace(-roll, roll, 6)
+    return RotationKernel(theta, np.full(6, 1 / 6), grid_steps(camera), camera)
+
+
+def test_the_frame_has_one_filter_where_that_will_do() -> None:
+    camera = Camera.uniform(90, 120)
+    shifted = blur_filters(rolled(camera, 0.0), threads=1)
+    assert isinstance(shifted, Convolution)
+    assert shifted.margin == 4
+    assert blur_filters(rolled(camera, 0.0), margin=9, threads=1).latent_shape == (108, 138)
+    assert isinstance(blur_filters(rolled(camera, 0.01), threads=1), LocalFilters)
+    assert isinstance(blur_filters(rolled(Camera.from_focal(150, 90, 120), 0.0)), LocalFilters)
+
+
+def test_rotations_without_weight_do_not_count() -> None:
+    camera = Camera.uniform(90, 120)
+    kernel = rolled(camera, 0.0)
+    theta = np.concatenate([kernel.theta, [[0, 0, 0.2]]])
+    more = RotationKernel(theta, [*kernel.weights, 0.0], kernel.steps, camera)
+    assert isinstance(blur_filters(more), Convolution)
+    assert ShakeBlur(more).margin == ShakeBlur(kernel).margin
 
 
 def test_uniform_patches_are_as_long_as_they_can_be() -> None:

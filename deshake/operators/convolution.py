@@ -1,0 +1,128 @@
+"""Uniform blur: one filter for the whole frame, through one FFT of it.
+
+Where every rotation moves all of the frame alike, filter flow has the same filter in every patch,
+and the windows that fade from patch to patch add up to nothing but work. With f zero beyond the
+latent image and a torus on which nothing meets by wrapping,
+
+    forward   g = F^-1[ F f conj(F h) ],     adjoint   f = F^-1[ F g F h ]
+
+are exact. The filter lies on the torus so that both images begin at its origin.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from deshake.operators.planes import check_size
+from deshake.operators.strips import available_threads
+
+__all__ = ["Convolution"]
+
+Image = NDArray[np.float32]
+Spectrum = NDArray[np.complex64]
+
+
+class Convolution:
+    """One filter for all of the frame: the linear operator and its adjoint.
+
+    Parameters
+    ----------
+    h : (2r+1, 2r+1) array of float32
+        The filter: ``g(i) = sum_u h(r + u) f(i + u)``, rows first.
+    shape : (int, int)
+        Height and width of the observed frame in pixels.
+    margin : int
+        Pixels by which latent images are larger on every side. Beyond them all is zero.
+    threads : int, optional
+        Threads to use; by default all processors. The result does not depend on it.
+
+    """
+
+    def __init__(
+        self, h: Image, shape: tuple[int, int], margin: int, *, threads: int | None = None
+    ) -> None:
+        self.shape = shape
+        self.margin = margin
+        self.threads = threads or available_threads()
+        radius = len(h) // 2
+        wide = margin + max(margin, radius)
+        self.torus: tuple[int, int] = (
+            scipy.fft.next_fast_len(shape[0] + wide, real=True),
+            scipy.fft.next_fast_len(shape[1] + wide, real=True),
+        )
+        rows, columns = ((np.arange(len(h)) + margin - radius) % side for side in self.torus)
+        placed = np.zeros(self.torus, np.float32)
+        placed[np.ix_(rows, columns)] = h
+        self.spectrum = self.rfft(placed)
+
+    @property
+    def latent_shape(self) -> tuple[int, int]:
+        """Height and width of latent images in pixels."""
+        return self.shape[0] + 2 * self.margin, self.shape[1] + 2 * self.margin
+
+    def forward(self, latent: Image) -> Image:
+        """Filter a latent image (C, H, W) to an observed one (C, h, w).
+
+        Raises
+        ------
+        ValueError
+            If the image has another size than latent images have.
+
+        """
+        check_size(latent, self.latent_shape)
+        out = np.empty((len(latent), *self.shape), np.float32)
+        for plane, seen in zip(latent, out, strict=True):
+            product = self.rfft(plane, conjugate=True)
+            product *= self.spectrum
+            seen[...] = self.irfft(product, self.shape, conjugate=True)
+        return out
+
+    def adjoint(self, observed: Image) -> Image:
+        """Apply the transpose of `forward` to an observed image (C, h, w), giving (C, H, W).
+
+        Raises
+        ------
+        ValueError
+            If the image has another size than observed ones have.
+
+        """
+        check_size(observed, self.shape)
+        out = np.empty((len(observed), *self.latent_shape), np.float32)
+        for plane, back in zip(observed, out, strict=True):
+            product = self.rfft(plane)
+            product *= self.spectrum
+            back[...] = self.irfft(product, self.latent_shape)
+        return out
+
+    def rfft(self, plane: Image, *, conjugate: bool = False) -> Spectrum:
+        """Transform an image, zero-padded to the torus, to its (conjugate) spectrum."""
+        n, m = self.torus
+        spectrum: Spectrum
+        if conjugate:  # transforms of the other sign: cheaper than to conjugate afterwards
+            rows = scipy.fft.ihfft(plane, m, norm="forward", workers=self.threads)
+            spectrum = scipy.fft.ifft(
+                rows, n, axis=0, norm="forward", overwrite_x=True, workers=self.threads
+            )
+        else:
+            rows = scipy.fft.rfft(plane, m, workers=self.threads)
+            spectrum = scipy.fft.fft(rows, n, axis=0, overwrite_x=True, workers=self.threads)
+        return spectrum
+
+    def irfft(
+        self, spectrum: Spectrum, shape: tuple[int, int], *, conjugate: bool = False
+    ) -> Image:
+        """Transform a (conjugate) spectrum, which is overwritten, to the first rows and columns."""
+        height, width = shape
+        m = self.torus[1]
+        plane: Image
+        if conjugate:
+            rows = scipy.fft.fft(
+                spectrum, axis=0, norm="forward", overwrite_x=True, workers=self.threads
+            )
+            plane = scipy.fft.hfft(rows[:height], m, norm="forward", workers=self.threads)
+        else:
+            rows = scipy.fft.ifft(spectrum, axis=0, overwrite_x=True, workers=self.threads)
+            plane = scipy.fft.irfft(rows[:height], m, workers=self.threads)
+        return plane[:, :width]
