@@ -1,0 +1,222 @@
+"""Fix photos at the defaults, and show what became of them on one sheet.
+
+    python scripts/contact_sheet.py shaken/ another.jpg -o sheet.png
+    python scripts/contact_sheet.py shaken/ -o sheet.png --jobs 2 --keep results
+
+Each photo has a line: as it was, as it is, the kernel's rotations, and a part with much detail at
+100 %, as it was and as it is. Above stand its name, its size, the seconds taken, what estimated the
+kernel, the confidence and the extent, then the notes. Whatever fails is named in its place.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import textwrap
+import time
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from deshake.errors import DeshakeError, OutputError
+from deshake.io.files import check_output
+from deshake.io.kernel_file import write_kernel
+from deshake.io.photo import read_photo, write_photo
+from deshake.io.transfer import encode
+from deshake.pipelines.batch import find_photos
+from deshake.pipelines.file_stages import kernel_name
+from deshake.pipelines.render import render_kernel
+from deshake.pipelines.stages import EstimateOptions, deblur, estimate
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from deshake.io.photo import Photo
+    from deshake.pipelines.stages import Estimate
+
+Picture = NDArray[np.uint8]
+
+WIDTH = 480
+LEAST_WIDTH = 120
+GAP = 8
+FONT = 16
+LINE = 22  # from one line of text to the next
+CHARACTER = 8.5  # width of a character of the font, about
+DETAIL_STEPS = 24  # places across and down where the part with most detail is looked for
+RED = (176, 0, 0)
+
+
+class Line(NamedTuple):
+    """What a photo's line on the sheet shows."""
+
+    caption: list[str]
+    cells: list[Picture]
+    failed: bool = False
+
+
+def shown(photo: Photo) -> Picture:
+    """Return a photo's pixels as they are shown: (H, W, 3) uint8."""
+    codes = encode(photo.pixels, photo.encoding.transfer, 8)
+    return np.dstack([codes] * 3) if codes.ndim == 2 else codes
+
+
+def resized(picture: Picture, width: int) -> Picture:
+    """Resize a picture to a width."""
+    height = max(round(picture.shape[0] * width / picture.shape[1]), 1)
+    image = Image.fromarray(picture).resize((width, height), Image.Resampling.LANCZOS)
+    return np.asarray(image)
+
+
+def detailed_part(picture: Picture, width: int, height: int) -> tuple[slice, slice]:
+    """Find the part of this size, or less in a small picture, with the most detail.
+
+    Detail is the mean of the Laplacian's magnitude after a little smoothing, so that noise does
+    not count for texture.
+    """
+    h, w = min(height, picture.shape[0]), min(width, picture.shape[1])
+    grey = cv2.GaussianBlur(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), (0, 0), 1.5)
+    total = cv2.integral(np.abs(cv2.Laplacian(grey, cv2.CV_32F)))
+    top = np.unique(np.linspace(0, picture.shape[0] - h, DETAIL_STEPS).astype(int))
+    left = np.unique(np.linspace(0, picture.shape[1] - w, DETAIL_STEPS).astype(int))
+    y, x = np.meshgrid(top, left, indexing="ij")
+    detail = total[y + h, x + w] - total[y, x + w] - total[y + h, x] + total[y, x]
+    best = np.unravel_index(np.argmax(detail), detail.shape)
+    return slice(y[best], y[best] + h), slice(x[best], x[best] + w)
+
+
+def caption(photo: Photo, found: Estimate, seconds: float, columns: int) -> list[str]:
+    """Tell about a photo and its estimate, in lines of so many characters."""
+    facts = found.report()
+    text = (
+        f"{photo.source.name}   {photo.shape[1]} x {photo.shape[0]}   {seconds:.0f} s"
+        f"   {found.content.provenance['estimated_by']}   confidence {facts['confidence']:.2f}"
+        f"   extent {facts['extent_px']:.1f} px, {facts['rotations']} rotations"
+    )
+    return [text, *(line for note in found.notes for line in textwrap.wrap(note, columns))]
+
+
+def keep(folder: Path, found: Estimate, result: Photo) -> None:
+    """Keep the result as PNG, and its kernel."""
+    source = result.source
+    write_photo(folder / f"{source.stem}.deshaken.png", result, overwrite=True)
+    write_kernel(folder / kernel_name(source), found.content, overwrite=True)
+
+
+def fixed(source: Path, width: int, folder: Path | None) -> Line:
+    """Fix one photo as `deshake fix` does, and lay out its line."""
+    columns = int((5 * width + 4 * GAP) / CHARACTER)
+    start = time.perf_counter()
+    try:
+        photo = read_photo(source)
+        found = estimate(photo, EstimateOptions(), threads=1)
+        result = deblur(photo, found.content.kernel, threads=1)
+        seconds = time.perf_counter() - start
+        if folder is not None:
+            keep(folder, found, result)
+    except DeshakeError as error:
+        text = f"{source.name}   failed: {error.message}"
+        return Line(textwrap.wrap(text, columns), [], failed=True)
+    before, after = shown(photo), shown(result)
+    # the part is chosen in the photo as it was: ringing must not draw the eye to itself
+    small = resized(before, width)
+    part = detailed_part(before, width, max(small.shape[0], width // 2))
+    cells = [small, resized(after, width), render_kernel(found.content.kernel, size=width)]
+    return Line(caption(photo, found, seconds, columns), [*cells, before[part], after[part]])
+
+
+def sheet(lines: Sequence[Line], width: int) -> Image.Image:
+    """Draw the lines below each other."""
+    font = ImageFont.load_default(FONT)
+    heights = [
+        LINE * len(line.caption) + max((cell.shape[0] for cell in line.cells), default=0) + 3 * GAP
+        for line in lines
+    ]
+    image = Image.new("RGB", (5 * width + 6 * GAP, sum(heights) + GAP), "white")
+    draw = ImageDraw.Draw(image)
+    top = GAP
+    for line, height in zip(lines, heights, strict=True):
+        for number, text in enumerate(line.caption):
+            colour = RED if line.failed else (0, 0, 0)
+            draw.text((GAP, top + number * LINE), text, colour, font)
+        below = top + LINE * len(line.caption) + GAP
+        for column, cell in enumerate(line.cells):
+            image.paste(Image.fromarray(cell), (GAP + column * (width + GAP), below))
+        top += height
+    return image
+
+
+def at_least(least: int, text: str) -> int:
+    """Read a whole number that must not be too small."""
+    try:
+        number = int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None
+    if number < least:
+        raise argparse.ArgumentTypeError(f"must be at least {least}")
+    return number
+
+
+def checked(photos: Sequence[Path], output: Path, folder: Path | None) -> list[Path]:
+    """Check what can be checked before the work, and list the photos."""
+    if output.suffix.lower() not in {".png", ".jpg", ".jpeg"}:
+        raise OutputError("the sheet's name must end in .png or .jpg", file=output)
+    found = find_photos(photos)
+    for source in found:
+        check_output(output, source, overwrite=True)
+    if folder is not None:
+        if len({source.stem for source in found}) < len(found):
+            raise OutputError("two photos have one name", hint="leave out --keep", file=folder)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            reason = (error.strerror or str(error)).lower()
+            raise OutputError(f"the folder cannot be made: {reason}", file=folder) from error
+    return found
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Fix the photos and draw the sheet."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("photos", nargs="+", type=Path, metavar="PHOTO", help="or a folder of them")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="the sheet, PNG or JPEG")
+    parser.add_argument(
+        "--width",
+        type=partial(at_least, LEAST_WIDTH),
+        default=WIDTH,
+        help=f"of each picture on the sheet, in pixels; default: {WIDTH}",
+    )
+    parser.add_argument(
+        "--jobs", type=partial(at_least, 1), default=1, help="photos at once; default: 1"
+    )
+    parser.add_argument("--keep", type=Path, help="folder for the results and their kernels")
+    args = parser.parse_args(argv)
+    # one thread a photo, before the processes that do the work load their libraries
+    os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    try:
+        photos = checked(args.photos, args.output, args.keep)
+        lines = []
+        with ProcessPoolExecutor(args.jobs, mp_context=get_context("spawn")) as pool:
+            for line in pool.map(partial(fixed, width=args.width, folder=args.keep), photos):
+                print(line.caption[0], flush=True)
+                lines.append(line)
+        sheet(lines, args.width).save(args.output)
+    except (DeshakeError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        if hint := getattr(error, "hint", None):
+            print(f"hint: {hint}", file=sys.stderr)
+        return 1
+    return int(any(line.failed for line in lines))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
