@@ -52,19 +52,14 @@ class Choice:
         Chance, 0..1, that deblurring with it makes the photo better; below a half it is better
         left alone.
     scores : dict
-        Of all candidates, by name, and of the camera that stood still; smaller is better.
+        Of all candidates, by name, and of the camera that stood still.
 
     """
 
     name: str
     kernel: RotationKernel
     confidence: float
-    scores: dict[str, float]
-
-    def instead(self, name: str, kernel: RotationKernel) -> Choice:
-        """Return the choice of another candidate, that was scored with this one."""
-        confidence = judge.confidence(self.scores[name], self.scores[STILL])
-        return Choice(name, kernel, confidence, self.scores)
+    scores: dict[str, judge.Score]
 
 
 def reduced(
@@ -109,7 +104,7 @@ def edge_candidates(
     axes : three bools
         The axes that the camera may turn about.
     settings : sequence of EdgeSetting
-        What to try.
+        What to try. Those without roll are left out where the camera may not roll anyway.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
@@ -127,20 +122,22 @@ def edge_candidates(
 
     """
     picture, smaller, known = reduced(grey, camera, usable, ESTIMATE_SIDE)
+    rolls = axes[2] and not camera.is_uniform
+    tried = [setting for setting in settings if setting.roll or rolls]
     bound = None if blur_px is None else blur_px * smaller.width / camera.width
     estimates: dict[str, EdgeEstimate] = {}
-    for done, setting in enumerate(settings):
+    for done, setting in enumerate(tried):
 
         def advance(share: float, text: str, done: int = done) -> None:
             if progress is not None:
-                progress((done + share) / len(settings), f"try {done + 1}, {text}")
+                progress((done + share) / len(tried), f"try {done + 1}, {text}")
 
         found = estimate_edges(
             picture,
             smaller,
             usable=known,
             blur_px=bound,
-            axes=axes,
+            axes=(axes[0], axes[1], axes[2] and setting.roll),
             setting=setting,
             threads=threads,
             progress=advance,
@@ -156,7 +153,7 @@ def choose(
     usable: Mask | None = None,
     threads: int | None = None,
 ) -> Choice:
-    """Choose the kernel that explains a photo best.
+    """Choose the kernel that the judge finds best.
 
     Parameters
     ----------
@@ -187,5 +184,7 @@ def choose(
         name: judge.score(picture, kernel.for_camera(smaller), usable=known, threads=threads)
         for name, kernel in trials.items()
     }
-    best = min(kernels, key=lambda name: scores[name])
-    return Choice(best, kernels[best], judge.confidence(scores[best], scores[STILL]), scores)
+    still = scores.pop(STILL)
+    best = judge.best(scores, still)
+    confidence = judge.confidence(scores[best], still)
+    return Choice(best, kernels[best], confidence, {STILL: still, **scores})

@@ -28,6 +28,9 @@ class EdgeSetting:
         Weights that a finer scale begins with, of the largest.
     most : int
         Rotations that a finer scale begins with, before it is given room.
+    roll : bool
+        Whether the camera may turn about its optical axis. Most hands turn it little, and a roll
+        that explains chance takes weight from the rest.
 
     """
 
@@ -38,14 +41,15 @@ class EdgeSetting:
     cut: float = 0.05
     carried: float = 0.08
     most: int = 150
+    roll: bool = True
 
 
 SETTINGS = (
     EdgeSetting("fine", 8e-2, 2e-3, 3),
-    EdgeSetting("medium", 8e-2, 5e-3, 4),
-    EdgeSetting("strong", 8e-2, 1.2e-2, 5),
+    EdgeSetting("medium", 8e-2, 5e-3, 4, cut=0.02, carried=0.03, most=200),
+    EdgeSetting("level", 8e-2, 2e-3, 3, roll=False),
 )
-"""Settings that cover the range, for a judge to choose between the kernels they lead to."""
+"""Settings that fail on different photos, for a judge to choose between their kernels."""
 
 FAINT = EdgeSetting("faint", 4e-2, 5e-3, 3, cut=0.01, carried=0.01, most=300)
 """For shakes that rest for most of the exposure and rush for the rest of it: faint tails are

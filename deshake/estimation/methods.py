@@ -12,23 +12,23 @@ from deshake.errors import EstimationError
 from deshake.estimation.blind import BlindEstimate, check_size, estimate_blind
 from deshake.estimation.candidates import choose, edge_candidates
 from deshake.geometry.camera import Camera
-from deshake.geometry.kernel import ALL_AXES, RotationKernel
+from deshake.geometry.kernel import ALL_AXES
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
-    from deshake.estimation.edges import EdgeEstimate
-
-__all__ = ["Estimator", "estimate_kernel"]
+__all__ = ["Estimator", "best_estimate", "estimate_candidates", "estimate_kernel"]
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
+Region = tuple[int, int, int, int]
+
 Estimator = Literal["auto", "edges", "variational"]
 
 _DOUBTFUL = 0.5  # confidence below which the user is told
-_CONVINCING = 0.8  # confidence from which on edges may take the place of inference
 _EDGES_SHARE = 0.5  # of the time, where both estimators run
+_JUDGED_AT = 0.98  # of the time
 
 
 def estimate_kernel(
@@ -38,7 +38,7 @@ def estimate_kernel(
     estimator: Estimator = "auto",
     clipped: Mask | None = None,
     blur_px: float | None = None,
-    region: tuple[int, int, int, int] | None = None,
+    region: Region | None = None,
     uniform: bool = False,
     threads: int | None = None,
     progress: Callable[[float, str], None] | None = None,
@@ -52,9 +52,8 @@ def estimate_kernel(
     camera : Camera
         Its camera.
     estimator : {"auto", "edges", "variational"}
-        The paper's variational inference (Sec. 5), sharp edges with several settings, or both:
-        the judge then takes the kernel that explains the photo best, and the variational one
-        where none convinces it.
+        The paper's variational inference (Sec. 5), sharp edges with several settings, or both;
+        the judge takes the kernel that explains the photo best.
     clipped, blur_px, region, uniform, threads, progress
         As for `estimate_blind`.
 
@@ -69,34 +68,63 @@ def estimate_kernel(
         If the photo is too small, too flat or too much clipped.
 
     """
+    tell = progress or (lambda _share, _text: None)
+    candidates = estimate_candidates(
+        grey,
+        camera,
+        estimator=estimator,
+        clipped=clipped,
+        blur_px=blur_px,
+        region=region,
+        uniform=uniform,
+        threads=threads,
+        progress=lambda share, text: tell(_JUDGED_AT * share, text),
+    )
+    found = best_estimate(grey, candidates, clipped=clipped, region=region, threads=threads)
+    tell(1.0, "kernel estimated")
+    return found
+
+
+def estimate_candidates(
+    grey: Image,
+    camera: Camera,
+    *,
+    estimator: Estimator = "auto",
+    clipped: Mask | None = None,
+    blur_px: float | None = None,
+    region: Region | None = None,
+    uniform: bool = False,
+    threads: int | None = None,
+    progress: Callable[[float, str], None] | None = None,
+) -> dict[str, BlindEstimate]:
+    """Estimate the kernels that `estimate_kernel` chooses from, by name; at least one.
+
+    Parameters and errors are those of `estimate_kernel`. Estimates by edges have no confidence of
+    their own.
+    """
     height, width = grey.shape
     x, y, w, h = (0, 0, width, height) if region is None else region
     check_size(h, w, 1.0 if blur_px is None else blur_px)
     whole = Camera.uniform(height, width) if uniform else camera
-    part = whole.cropped(x, y, w, h)
-    picture = grey[y : y + h, x : x + w]
-    usable = None if clipped is None else ~clipped[y : y + h, x : x + w]
     tell = progress or (lambda _share, _text: None)
-    both = estimator == "auto"
-    kernels: dict[str, RotationKernel] = {}
-    by_edges: dict[str, EdgeEstimate] = {}
-    found: BlindEstimate | None = None
+    share = {"auto": _EDGES_SHARE, "edges": 1.0, "variational": 0.0}[estimator]
+    candidates: dict[str, BlindEstimate] = {}
     if estimator != "variational":
-        share = _EDGES_SHARE if both else 1.0
         by_edges = edge_candidates(
-            picture,
-            part,
-            usable=usable,
+            grey[y : y + h, x : x + w],
+            whole.cropped(x, y, w, h),
+            usable=None if clipped is None else ~clipped[y : y + h, x : x + w],
             blur_px=blur_px,
             axes=(True, True, False) if uniform else ALL_AXES,
             threads=threads,
-            progress=lambda done, text: tell(0.98 * share * done, text),
+            progress=lambda done, text: tell(share * done, text),
         )
-        kernels = {name: estimate.kernel for name, estimate in by_edges.items()}
+        for name, found in by_edges.items():
+            kernel = found.kernel.for_camera(whole)
+            candidates[name] = BlindEstimate(kernel, 0.0, [], [], found.latent, name)
     if estimator != "edges":
-        first = _EDGES_SHARE if both else 0.0
         try:
-            found = estimate_blind(
+            inferred = estimate_blind(
                 grey,
                 camera,
                 clipped=clipped,
@@ -104,22 +132,48 @@ def estimate_kernel(
                 region=region,
                 uniform=uniform,
                 threads=threads,
-                progress=lambda done, text: tell(0.98 * (first + (1 - first) * done), text),
+                progress=lambda done, text: tell(share + (1 - share) * done, text),
             )
         except EstimationError:
-            if not kernels:
+            if not candidates:
                 raise
         else:
-            kernels["variational"] = found.kernel.for_camera(part)
-    choice = choose(picture, kernels, usable=usable, threads=threads)
-    if both and found is not None and choice.confidence < _CONVINCING:
-        # edges that are too faint for their thresholds let kernels collapse; inference does not
-        choice = choice.instead("variational", kernels["variational"])
-    tell(1.0, "kernel estimated")
-    kernel = choice.kernel.for_camera(whole)
-    if found is None or choice.name != "variational":
-        latent = by_edges[choice.name].latent
-        found = BlindEstimate(kernel, choice.confidence, [], [], latent, choice.name)
+            candidates[inferred.name] = inferred
+    return candidates
+
+
+def best_estimate(
+    grey: Image,
+    candidates: Mapping[str, BlindEstimate],
+    *,
+    clipped: Mask | None = None,
+    region: Region | None = None,
+    threads: int | None = None,
+) -> BlindEstimate:
+    """Take the candidate that explains the photo best, with the judge's confidence.
+
+    Parameters
+    ----------
+    grey : (h, w) array of float32
+        The photo in linear light, 0..1.
+    candidates : mapping
+        What `estimate_candidates` found.
+    clipped, region, threads
+        As for `estimate_kernel`.
+
+    """
+    height, width = grey.shape
+    x, y, w, h = (0, 0, width, height) if region is None else region
+    choice = choose(
+        grey[y : y + h, x : x + w],
+        {
+            name: found.kernel.for_camera(found.kernel.camera.cropped(x, y, w, h))
+            for name, found in candidates.items()
+        },
+        usable=None if clipped is None else ~clipped[y : y + h, x : x + w],
+        threads=threads,
+    )
+    found = candidates[choice.name]
     notes = list(found.notes)
     if choice.confidence < _DOUBTFUL:
         notes.append(

@@ -34,7 +34,7 @@ def test_the_best_candidate_is_chosen(shaken) -> None:
     assert choice.name == "true"
     assert choice.kernel is true
     assert set(choice.scores) == {STILL, "short", "true"}
-    assert choice.scores["true"] == min(choice.scores.values())
+    assert choice.scores["true"].total == min(s.total for s in choice.scores.values())
     assert choice.confidence > 0.9
 
 
@@ -69,6 +69,27 @@ def test_one_kernel_for_each_setting(shaken) -> None:
     assert seen == sorted(seen)
     assert seen[-1] == 1
     assert choose(grey, kernels, threads=1).confidence > 0.5
+
+
+def test_settings_without_roll_turn_about_two_axes(shaken) -> None:
+    grey, true = shaken
+    settings = [
+        EdgeSetting("free", 8e-2, 2e-2, 3),
+        EdgeSetting("level", 8e-2, 2e-2, 3, roll=False),
+    ]
+    ranges = {
+        name: np.ptp(found.kernel.theta, axis=0)
+        for name, found in edge_candidates(
+            grey, true.camera, settings=settings, blur_px=8, threads=1
+        ).items()
+    }
+    assert ranges["free"][2] >= true.steps[2]
+    assert ranges["level"][2] < 1e-2 * true.steps[2]
+    assert (ranges["level"][:2] > 0).any()
+    level_only = edge_candidates(
+        grey, true.camera, settings=settings, axes=(True, True, False), blur_px=8, threads=1
+    )
+    assert list(level_only) == ["free"]  # the other would be the same
 
 
 def test_large_photos_are_reduced() -> None:

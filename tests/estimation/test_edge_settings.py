@@ -18,7 +18,8 @@ def test_prices_fall_and_shares_are_shares(setting: EdgeSetting) -> None:
     assert setting.most >= 1
 
 
-def test_the_default_settings_range_from_fine_to_strong() -> None:
-    assert [s.last for s in SETTINGS] == sorted(s.last for s in SETTINGS)
-    assert [s.shocks for s in SETTINGS] == sorted(s.shocks for s in SETTINGS)
+def test_the_default_settings_differ_in_edges_tails_and_roll() -> None:
+    assert len({s.last for s in SETTINGS}) > 1
+    assert len({s.cut for s in SETTINGS}) > 1
+    assert {s.roll for s in SETTINGS} == {True, False}
     assert FAINT.cut < min(s.cut for s in SETTINGS)

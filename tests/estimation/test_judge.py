@@ -6,7 +6,7 @@ import pytest
 from skimage import data
 
 from deshake.errors import EstimationError
-from deshake.estimation.judge import confidence, score
+from deshake.estimation.judge import Score, best, confidence, score
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
@@ -44,20 +44,22 @@ def case(request) -> tuple[np.ndarray, dict[str, RotationKernel]]:
 
 def test_the_better_kernel_scores_less(case) -> None:
     grey, kernels = case
-    scores = {name: score(grey, kernel, threads=1) for name, kernel in kernels.items()}
+    found = {name: score(grey, kernel, threads=1) for name, kernel in kernels.items()}
+    scores = {name: one.total for name, one in found.items()}
     assert scores["true"] < scores["short"] < scores["still"]
     assert scores["near"] < scores["short"]
     assert scores["true"] < scores["long"]
     assert scores["true"] < scores["wrong"]
     assert scores["wrong"] > scores["near"]
-    assert confidence(scores["true"], scores["still"]) > 0.9
+    assert confidence(found["true"], found["still"]) > 0.9
+    assert confidence(found["long"], found["still"]) < 0.5
 
 
 def test_exposure_and_threads_do_not_count(case) -> None:
     grey, kernels = case
     one = score(grey, kernels["near"], threads=1)
     assert score(grey, kernels["near"], threads=3) == one
-    assert score(grey * np.float32(0.3), kernels["near"], threads=1) == pytest.approx(one, abs=1e-3)
+    assert score(grey * np.float32(0.3), kernels["near"], threads=1) == pytest.approx(one, abs=3e-3)
 
 
 def test_rotations_without_weight_do_not_count(case) -> None:
@@ -76,17 +78,41 @@ def test_clipped_pixels_are_left_out(case) -> None:
     usable = np.ones(grey.shape, bool)
     usable[98:132, 98:162] = False
     scores = {
-        name: score(spoilt, kernels[name], usable=usable, threads=1) for name in ("true", "still")
+        name: score(spoilt, kernels[name], usable=usable, threads=1).total
+        for name in ("true", "still")
     }
     assert scores["true"] < scores["still"]
 
 
-def test_confidence_rises_with_the_margin() -> None:
-    values = [confidence(-7.0, -7.0 + margin) for margin in (-9, 0, 0.02, 0.04, 9)]
+@pytest.mark.parametrize("measure", ["energy", "sparsity"])
+def test_confidence_rises_with_either_margin(measure: str) -> None:
+    still = Score(-7.0, 0.0)
+    margins = (-9, -0.06, 0, 0.06, 9)
+    values = [
+        confidence(still._replace(**{measure: getattr(still, measure) - margin}), still)
+        for margin in margins
+    ]
     assert values == sorted(values)
     assert values[2] == pytest.approx(0.5)
+    assert values[1] == pytest.approx(1 - values[3])
+    assert 0.7 < values[3] < 0.9
     assert values[0] < 1e-9
     assert values[-1] > 1 - 1e-9
+
+
+@pytest.mark.parametrize(
+    ("scores", "chosen"),
+    [
+        ({"a": Score(-7.1, -0.05), "b": Score(-7.0, -0.2)}, "a"),  # the score convinces
+        ({"a": Score(-7.0, -0.01), "b": Score(-6.97, -0.1)}, "b"),  # a collapsed, b is sparser
+        ({"a": Score(-7.0, -0.01), "b": Score(-6.8, -0.2)}, "a"),  # b is not to be trusted
+        ({"a": Score(-6.7, 0.1), "b": Score(-6.8, 0.1)}, "b"),  # none is: the better score
+    ],
+)
+def test_where_scores_do_not_convince_the_sparsest_picture_wins(
+    scores: dict[str, Score], chosen: str
+) -> None:
+    assert best(scores, still=Score(-7.0, 0.0)) == chosen
 
 
 def test_flat_photos_cannot_be_judged() -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import cv2
@@ -9,7 +10,7 @@ import pytest
 from deshake.deconvolution.poisson import poisson_image
 from deshake.deconvolution.richardson_lucy import richardson_lucy
 from deshake.errors import EstimationError
-from deshake.estimation.methods import Estimator, estimate_kernel
+from deshake.estimation.methods import Estimator, best_estimate, estimate_kernel
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
@@ -106,7 +107,23 @@ def test_auto_takes_one_of_the_candidates(found: dict[str, BlindEstimate]) -> No
     same = [o for o in others if np.array_equal(o.kernel.weights, kernel.weights)]
     assert [o.name for o in same] == [found["auto"].name]
     assert np.array_equal(same[0].latent, found["auto"].latent)
-    assert found["auto"].confidence == max(o.confidence for o in others)
+    assert found["auto"].confidence == same[0].confidence
+
+
+def test_the_best_is_taken_whoever_estimated_it(
+    found: dict[str, BlindEstimate], photo: np.ndarray
+) -> None:
+    good = found["edges"]
+    kernel = good.kernel
+    long = RotationKernel(kernel.theta * 2.5, kernel.weights, kernel.steps, CAMERA)
+    candidates = {"variational": replace(good, kernel=long, name="variational"), good.name: good}
+    best = best_estimate(photo, candidates, threads=2)
+    assert best.name == good.name
+    assert best.kernel is kernel
+    worst = best_estimate(photo, {"variational": candidates["variational"]}, threads=2)
+    assert worst.confidence < 0.5 < best.confidence
+    assert any("doubtful" in note for note in worst.notes)
+    assert not any("doubtful" in note for note in best.notes)
 
 
 def test_the_confidence_speaks_for_a_real_shake_and_against_none(
