@@ -65,7 +65,7 @@ _LEVELS = {
     "high": _Level(6, 3, 6, 3),
 }
 _RHO = (0.02, 1.0)
-_MISFIT = 0.2  # of what the start leaves unexplained, that is reckoned as noise
+_MISFIT = 0.5  # of what the start leaves unexplained, that is reckoned as noise
 _EFFORT = 2  # of a stage with the denoiser, in stages without
 
 
