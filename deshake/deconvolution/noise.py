@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     Image = NDArray[np.float32]
 
-__all__ = ["coarse_noise", "noise_model", "noise_variance", "pair_means", "smoothed"]
+__all__ = ["coarse_noise", "mean_light", "noise_model", "noise_variance", "pair_means", "smoothed"]
 
 _BLOCK = 6  # means a side
 _LEVELS = 8
@@ -61,6 +61,16 @@ def noise_model(g: Image) -> tuple[float, float]:
     return float(slope), max(float(floor), _LEAST)
 
 
+def mean_light(g: Image) -> Image:
+    """Average the light of all colours of an image (h, w) or (h, w, C), values below 0 as 0."""
+    planes = channels_first(g)
+    light = np.zeros(g.shape[:2], np.float32)
+    for plane in planes:
+        light += np.maximum(plane, 0)
+    light /= np.float32(len(planes))
+    return light
+
+
 def noise_variance(g: Image, margin: int, unexplained: Image | None = None) -> Image:
     """Estimate the variance of the noise where it is: it grows with the light.
 
@@ -84,10 +94,8 @@ def noise_variance(g: Image, margin: int, unexplained: Image | None = None) -> I
 
     """
     slope, floor = noise_model(g)
-    light = np.zeros(g.shape[:2], np.float32)
-    for channel in channels_first(g):
-        light += np.maximum(channel, 0)
-    light *= np.float32(slope * g.shape[0] * g.shape[1] / g.size)
+    light = mean_light(g)
+    light *= np.float32(slope)
     if unexplained is not None:
         light += unexplained
     variance = smoothed(light, max(margin // 2, 1))

@@ -18,9 +18,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.deconvolution.noise import noise_model, smoothed
+from deshake.deconvolution.noise import mean_light, noise_model, smoothed
 from deshake.deconvolution.shrinkage import lengths
-from deshake.operators.planes import channels_first
 
 __all__ = ["divergence", "gradient", "less_varied", "variation_weight"]
 
@@ -72,12 +71,7 @@ def variation_weight(g: Image, margin: int) -> Image:
 
     """
     slope, floor = noise_model(g)
-    planes = channels_first(g)
-    light = np.zeros(g.shape[:2], np.float32)
-    for plane in planes:
-        light += np.maximum(plane, 0)
-    light /= np.float32(len(planes))
-    light = smoothed(light, max(margin // 2, 1))
+    light = smoothed(mean_light(g), max(margin // 2, 1))
     light += np.float32(_DARKEST)
     sigma = np.sqrt(np.float32(slope) * light + np.float32(floor))
     sigma *= np.float32(_TAU)
