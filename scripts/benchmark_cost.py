@@ -12,9 +12,9 @@ the kernel that blurred it, in a process of its own; seconds are those of the de
 memory is the most that the process ever held, its libraries and the photo included.
 
 With --fft every forward, adjoint and inverse operator that the deblurring applies is counted, and
-as many transforms there and back of the same blocks are timed in the same process, by the same
-threads, a few times before and after: the median counts. What is left out are the transforms of
-the filters themselves, once for each operator.
+as many transforms there and back of the same blocks, by SciPy, are timed in the same process, by as
+many threads, a few times before and after: the median counts. What is left out are the transforms
+of the filters themselves, once for each operator.
 """
 
 from __future__ import annotations

@@ -21,6 +21,7 @@ from deshake.operators.gram import patch_grams
 from deshake.operators.local_filters import LocalFilters
 from deshake.operators.patches import PatchGrid
 from deshake.operators.planes import channels_first, check_size, image_like
+from deshake.operators.transforms import transforms
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -33,8 +34,11 @@ __all__ = ["FilterFlow", "checked_rotations", "checked_weights", "patch_hop", "r
 Image = NDArray[np.float32]
 
 _TAPS_KEPT = 4_000_000  # bilinear taps of this many (patch, rotation) pairs are kept
-_HOP_RANGE = (12, 128)
-_BLOCK_LIMIT = 320  # larger FFT blocks fall out of the cache
+_LEAST_HOP = 12
+_CACHED = 320  # pixels a side of blocks whose transforms stay in the cache
+_BEYOND = 1.2  # how much longer larger ones take, a pixel
+_LARGEST = 640
+_BLOCK_EFFORT = 4096  # pixels that take as long as what a block costs besides its own
 _FADE = 0.072  # px that displacements may change from patch to patch, per root of the blur's px
 _PROBES = 5  # points of the frame, along each side, where that is measured
 
@@ -46,12 +50,13 @@ def reach(camera: Camera, theta: ArrayLike) -> int:
 
 
 def patch_hop(camera: Camera, theta: ArrayLike) -> int:
-    """Distance from patch to patch that keeps the error below 1e-3 rms of the range.
+    """Distance from patch to patch: the cheapest with errors below 1e-3 rms of the range.
 
     Between two patches the filters of both are mixed: displacements that differ by delta blur the
     picture as a second moment of up to delta^2 / 4 would. Its mean over the rotations and its
     root mean square over the frame, which the Jacobian of the displacements tells, foretell the
-    error against exact warps; a wider blur leaves less detail to be hurt.
+    error against exact warps; a wider blur leaves less detail to be hurt. Of the distances that
+    are short enough, the one counts whose blocks take the least time in all.
     """
     h = homographies(camera, theta)
     along = (np.arange(_PROBES) + 0.5) / _PROBES
@@ -63,10 +68,21 @@ def patch_hop(camera: Camera, theta: ArrayLike) -> int:
         moment += ((displacements(h, points + step) - here) ** 2).sum(-1).mean(-1)
     slope = float(np.sqrt(np.sqrt((moment**2).mean())))
     fade = _FADE * np.sqrt(max(np.ptp(here, axis=1).max(), 1.0))
-    hop = fade / max(slope, 1e-9)
-    low, high = _HOP_RANGE
-    fits = max((_BLOCK_LIMIT - 2 * reach(camera, theta)) // 2, 2 * low)
-    return int(np.clip(hop, low, min(high, fits)))
+    largest = int(np.clip(fade / max(slope, 1e-9), _LEAST_HOP, max(camera.shape)))
+    return _cheapest_hop(camera, largest, 2 * reach(camera, theta))
+
+
+def _cheapest_hop(camera: Camera, largest: int, around: int) -> int:
+    """Return the distance, up to the largest, whose blocks take the least time in all."""
+    hops: list[tuple[float, int]] = []
+    length = transforms(around + 2 * _LEAST_HOP).length
+    while not hops or length <= max(_LARGEST, 2 * around):
+        hop = min(largest, (length - around) // 2)
+        rows, columns = (-(-side // hop) + 1 for side in camera.shape)
+        effort = length**2 * (1 if length <= _CACHED else _BEYOND) + _BLOCK_EFFORT
+        hops.append((rows * columns * effort, hop))
+        length = transforms(length + 1).length
+    return min(hops)[1]
 
 
 def checked_rotations(theta: ArrayLike) -> NDArray[np.float64]:

@@ -14,11 +14,11 @@ if TYPE_CHECKING:
 
     from deshake.operators.patches import PatchGrid
     from deshake.operators.strips import Strip
+    from deshake.operators.transforms import Spectra
 
 __all__ = ["LocalFilters"]
 
 Image = NDArray[np.float32]
-Spectrum = NDArray[np.complex64]
 
 _KEPT_BYTES = 768 << 20  # filters and spectra that are kept, unless told otherwise
 
@@ -47,16 +47,14 @@ class LocalFilters:
         self.grid = grid
         self._work_out = filters
         self._filters: dict[Strip, Image] = {}
-        self._spectra: dict[Strip, Spectrum] = {}
+        self._spectra: dict[Strip, Spectra] = {}
         self._keep_filters, self._keep_spectra = self._plan(budget)
 
     def _plan(self, budget: int) -> tuple[frozenset[Strip], frozenset[Strip]]:
         """Choose the strips of which to keep the filters, and those of which the spectra."""
         strips = self.grid.strips
         filters = [4 * strip.count * self.grid.reach**2 for strip in strips]
-        spectra = [
-            8 * strip.count * self.grid.block * (self.grid.block // 2 + 1) for strip in strips
-        ]
+        spectra = [strip.count * self.grid.transforms.nbytes for strip in strips]
         left, some = budget - sum(filters), 0
         # a strip whose spectra are kept needs its filters no longer
         while some < len(strips) and left >= spectra[some] - filters[some]:
@@ -76,11 +74,11 @@ class LocalFilters:
             self._filters[strip] = filters
         return filters
 
-    def spectra(self, strip: Strip) -> Spectrum:
-        """Return the spectra (count, N, N // 2 + 1) of a strip's filters."""
+    def spectra(self, strip: Strip) -> Spectra:
+        """Return the spectra (count, N, M) of a strip's filters."""
         if strip in self._spectra:
             return self._spectra[strip]
-        spectra = self.grid.rfft(self.filters(strip))
+        spectra = self.grid.transforms.rfft(self.filters(strip))
         if strip in self._keep_spectra:
             self._spectra[strip] = spectra
         return spectra
@@ -94,7 +92,7 @@ class LocalFilters:
             If the image has another size than the grid's latent images.
 
         """
-        grid = self.grid
+        grid, transforms = self.grid, self.grid.transforms
         check_size(latent, grid.latent_shape)
         channels = len(latent)
 
@@ -102,9 +100,9 @@ class LocalFilters:
             spectra, blocks = self.spectra(strip), grid.blocks(latent, strip)
             out = grid.canvas(channels, strip, grid.patch)
             for batch in grid.batches(strip):
-                product = grid.rfft(blocks[:, batch], conjugate=True)
-                product *= spectra[batch]
-                pieces = grid.irfft(product, grid.patch, conjugate=True)
+                product = transforms.rfft(blocks[:, batch])
+                transforms.multiply(product, spectra[batch], conjugate=True)
+                pieces = transforms.irfft(product, grid.patch)
                 grid.overlap_add(pieces, out, batch.start, grid.window)
             return out
 
@@ -122,7 +120,7 @@ class LocalFilters:
             If the image has another size than the grid's observed images.
 
         """
-        grid = self.grid
+        grid, transforms = self.grid, self.grid.transforms
         check_size(observed, grid.shape)
         channels = len(observed)
         size = grid.patch + 2 * grid.radius
@@ -132,9 +130,9 @@ class LocalFilters:
             padding = grid.padding(channels, strip)
             out = grid.canvas(channels, strip, size)
             for batch in grid.batches(strip):
-                product = grid.rfft(grid.padded(patches[:, batch], padding))
-                product *= spectra[batch]
-                grid.overlap_add(grid.irfft(product, size), out, batch.start)
+                product = transforms.rfft(grid.padded(patches[:, batch], padding))
+                transforms.multiply(product, spectra[batch])
+                grid.overlap_add(transforms.irfft(product, size), out, batch.start)
             return out
 
         out = np.zeros((channels, *grid.latent_shape), np.float32)

@@ -52,8 +52,7 @@ class PatchInverse:
         self.filters = filters
         grid = filters.grid
         n = grid.block
-        down, across = _slopes(n, n)
-        self._slopes = down + across
+        self._slopes = grid.transforms.weights(*_slopes(n, n))
         away = (np.arange(n) + 0.5 - grid.radius - grid.hop) / grid.hop  # from the patch's middle
         ramp = np.sqrt(np.clip(1 - np.abs(away), 0, 1)).astype(np.float32)
         # by row or column: inner ones fade both ways, the first and the last reach on outwards
@@ -90,7 +89,7 @@ class PatchInverse:
             If the image has another size than the blur's latent images.
 
         """
-        grid = self.filters.grid
+        grid, transforms = self.filters.grid, self.filters.grid.transforms
         check_size(latent, grid.latent_shape)
         n = grid.block
         weights, plane = _distinct(rho, len(latent))
@@ -107,15 +106,14 @@ class PatchInverse:
                 ]
                 for j, window in enumerate(windows):
                     np.multiply(blocks[:, batch.start + j], window, out=windowed[:, j])
-                product = grid.rfft(windowed[:, :count])
-                power = np.square(spectra[batch].real)
-                power += np.square(spectra[batch].imag)
+                product = transforms.rfft(windowed[:, :count])
+                power = transforms.power(spectra[batch])
                 for i, smoothness in enumerate(plain):
                     inverse = power + smoothness
                     np.reciprocal(inverse, out=inverse)
                     for c in np.flatnonzero(plane == i):
-                        product[c] *= inverse.astype(np.complex64)
-                pieces = grid.irfft(product)
+                        transforms.weigh(product[c], inverse)
+                pieces = transforms.irfft(product)
                 for j, window in enumerate(windows):
                     grid.overlap_add(pieces[:, j : j + 1], out, batch.start + j, window)
             return out
@@ -148,7 +146,8 @@ class FourierInverse:
 
     def __init__(self, filters: Convolution) -> None:
         self.filters = filters
-        self._down, self._across = _slopes(*filters.torus)
+        down, self._across = _slopes(*filters.torus)
+        self._down = down[:, None]
 
     def apply(self, latent: Image, rho: ArrayLike, alpha: float = 0.0) -> Image:
         """Apply P to a latent image (C, H, W), as `PatchInverse.apply` does."""
@@ -170,8 +169,8 @@ class FourierInverse:
 
 
 def _slopes(height: int, width: int) -> tuple[Image, Image]:
-    """Power |F D|^2 of the differences down, (N, 1), and across, (M // 2 + 1,), on a torus."""
-    down = 4 * np.sin(np.pi * np.fft.fftfreq(height))[:, None] ** 2
+    """Power |F D|^2 of the differences down, (N,), and across, (M // 2 + 1,), on a torus."""
+    down = 4 * np.sin(np.pi * np.fft.fftfreq(height)) ** 2
     across = 4 * np.sin(np.pi * np.fft.rfftfreq(width)) ** 2
     return down.astype(np.float32), across.astype(np.float32)
 

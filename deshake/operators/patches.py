@@ -23,12 +23,12 @@ from typing import TYPE_CHECKING, TypeVar
 
 import cv2
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
 
 from deshake.operators.local_filters import LocalFilters
 from deshake.operators.planes import add_at, channels_first, check_size, image_like, window_of
 from deshake.operators.strips import Strip, available_threads, in_order
+from deshake.operators.transforms import transforms
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -44,7 +44,6 @@ __all__ = [
 
 Image = NDArray[np.float32]
 T = TypeVar("T")
-Spectrum = NDArray[np.complex64]
 
 _STRIP_BYTES = 4 << 20  # the blocks of a strip, one channel, fill at most this much memory
 _BATCH_BYTES = 1 << 20  # the blocks that are transformed at once, all channels: they stay in cache
@@ -98,7 +97,8 @@ class PatchGrid:
         self.hop = hop
         self.margin = margin
         self.patch = 2 * hop
-        self.block: int = scipy.fft.next_fast_len(self.patch + 2 * radius, real=True)
+        self.transforms = transforms(self.patch + 2 * radius)
+        self.block = self.transforms.length
         self.reach = 2 * radius + 1
         self.rows = -(-shape[0] // hop) + 1
         self.columns = -(-shape[1] // hop) + 1
@@ -190,35 +190,6 @@ class PatchGrid:
         """Add a strip's blocks, overlapped, to a latent image (C, H, W)."""
         add_at(out, *self._origin(strip, self.margin - self.radius), piece)
 
-    def rfft(self, blocks: Image, *, conjugate: bool = False) -> Spectrum:
-        """Transform blocks (..., n, n), zero-padded to N x N, to their (conjugate) spectra."""
-        n = self.block
-        spectra: Spectrum
-        if conjugate:  # transforms of the other sign: cheaper than to conjugate afterwards
-            rows = scipy.fft.ihfft(blocks, n, norm="forward", workers=1)
-            spectra = scipy.fft.ifft(rows, n, axis=-2, norm="forward", overwrite_x=True, workers=1)
-        else:
-            rows = scipy.fft.rfft(blocks, n, workers=1)
-            spectra = scipy.fft.fft(rows, n, axis=-2, overwrite_x=True, workers=1)
-        return spectra
-
-    def irfft(
-        self, spectra: Spectrum, size: int | None = None, *, conjugate: bool = False
-    ) -> Image:
-        """Transform (conjugate) spectra, which are overwritten, back to blocks (..., N, N).
-
-        With `size`, only the first rows and columns (..., size, size) are worked out.
-        """
-        n = self.block if size is None else size
-        blocks: Image
-        if conjugate:
-            spectra = scipy.fft.fft(spectra, axis=-2, norm="forward", overwrite_x=True, workers=1)
-            blocks = scipy.fft.hfft(spectra[..., :n, :], self.block, norm="forward", workers=1)
-        else:
-            spectra = scipy.fft.ifft(spectra, axis=-2, overwrite_x=True, workers=1)
-            blocks = scipy.fft.irfft(spectra[..., :n, :], self.block, workers=1)
-        return blocks[..., :n]
-
     def cross_correlations(
         self, observed: Image, latent: Image, reduce: Callable[[Strip, Image], T]
     ) -> Iterable[tuple[Strip, T]]:
@@ -241,11 +212,12 @@ class PatchGrid:
             patches, blocks = self.patches(observed, strip), self.blocks(latent, strip)
             padded = self.padding(len(observed), strip)
             for batch in self.batches(strip):
-                product = self.rfft(self.padded(patches[:, batch], padded), conjugate=True)
-                product *= self.rfft(blocks[:, batch])
+                product = self.transforms.rfft(blocks[:, batch])
+                seen = self.transforms.rfft(self.padded(patches[:, batch], padded))
+                self.transforms.multiply(product, seen, conjugate=True)
                 for more in product[1:]:
                     product[0] += more
-                out[batch] = self.irfft(product[0], self.reach)
+                out[batch] = self.transforms.irfft(product[0], self.reach)
             return reduce(strip, out)
 
         return self.map_strips(work)
@@ -256,10 +228,10 @@ class PatchGrid:
         ``ac_p(v) = sum_c sum_i sqrt(win_p(i) win_p(i+v)) o_c(i) o_c(i+v)``, (count, 4r+1, 4r+1)
         with lag 0 in the middle.
         """
-        spectrum = self.rfft(self.patches(observed, strip) * np.sqrt(self.window))
-        power = (spectrum.real**2 + spectrum.imag**2).sum(0)
+        product = self.transforms.rfft(self.patches(observed, strip) * np.sqrt(self.window))
+        self.transforms.multiply(product, product, conjugate=True)
         lags = min(2 * self.radius, self.patch - 1)  # beyond a patch's width there is nothing
-        rolled = np.roll(self.irfft(power.astype(np.complex64)), (lags, lags), (1, 2))
+        rolled = np.roll(self.transforms.irfft(product.sum(0)), (lags, lags), (1, 2))
         beyond = 2 * self.radius - lags
         within = rolled[:, : 2 * lags + 1, : 2 * lags + 1]
         return np.pad(within, ((0, 0), (beyond, beyond), (beyond, beyond)))

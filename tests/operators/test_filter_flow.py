@@ -300,9 +300,19 @@ def test_hop_is_short_where_displacements_change_fast() -> None:
     roll = patch_hop(camera, line * [0, 0, 0.02])
     assert roll < pan
     assert patch_hop(camera, line * [0, 0, 0.04]) < roll
-    assert patch_hop(camera, np.zeros((1, 3))) == 128
     # a turn that all rotations share changes displacements, too
     assert patch_hop(camera, line * [0, 0.02, 0] + np.array([0, 0, 0.05])) < pan
+
+
+@pytest.mark.parametrize("shape", [(60, 80), (500, 700), (3000, 4000)])
+@pytest.mark.parametrize("extent", [0.0, 30.0, 300.0])
+def test_hop_is_cheap_where_displacements_agree(shape: tuple[int, int], extent: float) -> None:
+    camera = Camera.uniform(*shape)
+    theta = np.array([[0.0, -0.5, 0.0], [0.0, 0.5, 0.0]]) * extent / camera.focal_px
+    grids = [FilterFlow(camera, theta, hop=hop).grid for hop in (None, 12, 24, 48, 96, 128, 192)]
+    chosen, *others = (grid.rows * grid.columns * grid.block**2 for grid in grids)
+    assert chosen <= 1.3 * min(others)  # larger blocks take longer a pixel
+    assert grids[0].block <= 640
 
 
 def test_wrong_input_is_refused(camera: Camera, theta: np.ndarray, weights: np.ndarray) -> None:

@@ -78,22 +78,6 @@ def test_blocks_are_what_patches_look_at() -> None:
     assert np.all(grid.blocks(image, grid.strips[0])[:, 0, : r + grid.hop] == 0)
 
 
-def test_transforms_are_those_of_two_dimensions() -> None:
-    grid = grid_of((50, 70))
-    n, p = grid.block, grid.patch
-    small = np.random.default_rng(0).random((3, p, p)).astype(np.float32)
-    spectra = np.fft.rfft2(small, (n, n))
-    np.testing.assert_allclose(grid.rfft(small), spectra, atol=1e-3)
-    np.testing.assert_allclose(grid.rfft(small, conjugate=True), spectra.conj(), atol=1e-3)
-    for conjugate in (False, True):
-        back = grid.irfft(grid.rfft(small, conjugate=conjugate), conjugate=conjugate)
-        assert back.dtype == np.float32
-        np.testing.assert_allclose(back[:, :p, :p], small, atol=1e-6)
-        np.testing.assert_allclose(back[:, p:], 0, atol=1e-6)
-        part = grid.irfft(grid.rfft(small, conjugate=conjugate), 7, conjugate=conjugate)
-        np.testing.assert_allclose(part, small[:, :7, :7], atol=1e-6)
-
-
 def test_cross_correlations_are_sums_over_pixels() -> None:
     grid = grid_of((30, 40), radius=3, hop=10, margin=3)
     rng = np.random.default_rng(0)

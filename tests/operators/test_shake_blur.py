@@ -10,7 +10,6 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import displacements, grid_steps, homographies
 from deshake.operators.convolution import Convolution
-from deshake.operators.filter_flow import FilterFlow
 from deshake.operators.local_filters import LocalFilters
 from deshake.operators.shake_blur import ShakeBlur, blur_filters, observation_mask
 
@@ -127,12 +126,6 @@ def test_rotations_without_weight_do_not_count() -> None:
     more = RotationKernel(theta, [*kernel.weights, 0.0], kernel.steps, camera)
     assert isinstance(blur_filters(more), Convolution)
     assert ShakeBlur(more).margin == ShakeBlur(kernel).margin
-
-
-def test_uniform_patches_are_as_long_as_they_can_be() -> None:
-    camera = Camera.uniform(500, 700)
-    theta = np.linspace(-15, 15, 31)[:, None] * [0, 1, 0] / camera.focal_px
-    assert FilterFlow(camera, theta).grid.hop == 128
 
 
 def test_delta_kernel_changes_nothing(photo: np.ndarray) -> None:

@@ -1,0 +1,108 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from deshake.operators.transforms import ComplexTransforms, PackedTransforms, transforms
+
+KINDS = [ComplexTransforms, PackedTransforms]
+LENGTHS = [8, 20, 47, 64]
+
+
+@pytest.fixture(params=KINDS)
+def kind(request):
+    return request.param
+
+
+def pictures(*shape: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).normal(size=shape).astype(np.float32)
+
+
+def filtered(blocks: np.ndarray, spectrum: np.ndarray) -> np.ndarray:
+    """Filter blocks (..., N, N) by the textbook."""
+    return np.fft.irfft2(np.fft.rfft2(blocks) * spectrum, blocks.shape[-2:])
+
+
+@pytest.mark.parametrize("least", LENGTHS)
+def test_there_and_back_again(kind, least: int) -> None:
+    fourier = kind(least)
+    n = fourier.length
+    assert n >= least
+    blocks = pictures(2, 3, n, n)
+    before = blocks.copy()
+    spectra = fourier.rfft(blocks)
+    np.testing.assert_array_equal(blocks, before)
+    assert spectra.nbytes == 6 * fourier.nbytes
+    back = fourier.irfft(spectra)
+    assert back.dtype == np.float32
+    np.testing.assert_allclose(back, blocks, atol=1e-5)
+    part = fourier.irfft(fourier.rfft(blocks), 5)
+    np.testing.assert_allclose(part, blocks[..., :5, :5], atol=1e-5)
+
+
+def test_smaller_blocks_lie_in_the_corner_of_zeros(kind) -> None:
+    fourier = kind(20)
+    small = pictures(2, 7, 6)
+    back = fourier.irfft(fourier.rfft(small))
+    np.testing.assert_allclose(back[:, :7, :6], small, atol=1e-5)
+    np.testing.assert_allclose(back[:, 7:], 0, atol=1e-5)
+    np.testing.assert_allclose(back[..., 6:], 0, atol=1e-5)
+
+
+def test_takes_blocks_that_overlap_in_memory(kind) -> None:
+    fourier = kind(16)
+    n = fourier.length
+    wide = pictures(n, 3 * n)
+    view = np.lib.stride_tricks.sliding_window_view(wide, n, axis=1)[:, ::5].swapaxes(0, 1)
+    back = fourier.irfft(fourier.rfft(view))
+    np.testing.assert_allclose(back, view, atol=1e-5)
+
+
+@pytest.mark.parametrize("least", LENGTHS)
+@pytest.mark.parametrize("conjugate", [False, True])
+def test_products_filter(kind, least: int, conjugate: bool) -> None:  # noqa: FBT001
+    fourier = kind(least)
+    n = fourier.length
+    blocks, filters = pictures(3, 2, n, n), pictures(2, 5, 5, seed=1)
+    spectra, kernels = fourier.rfft(blocks), fourier.rfft(filters)
+    before = kernels.copy()
+    fourier.multiply(spectra, kernels, conjugate=conjugate)
+    np.testing.assert_array_equal(kernels, before)
+    h = np.fft.rfft2(filters, (n, n))
+    expected = filtered(blocks, h.conj() if conjugate else h)
+    np.testing.assert_allclose(fourier.irfft(spectra), expected, atol=1e-3)
+
+
+def test_a_product_with_itself_is_the_power(kind) -> None:
+    fourier = kind(24)
+    n = fourier.length
+    block = pictures(1, n, n)
+    spectrum = fourier.rfft(block)
+    fourier.multiply(spectrum, spectrum, conjugate=True)
+    expected = np.fft.irfft2(np.abs(np.fft.rfft2(block)) ** 2, (n, n))
+    np.testing.assert_allclose(fourier.irfft(spectrum), expected, atol=1e-3)
+
+
+@pytest.mark.parametrize("least", LENGTHS)
+def test_weighs_by_power_and_by_direction(kind, least: int) -> None:
+    fourier = kind(least)
+    n = fourier.length
+    rng = np.random.default_rng(2)
+    half = rng.random(n // 2 + 1).astype(np.float32)
+    down = half[np.minimum(np.arange(n), n - np.arange(n))]  # as of a real symmetric filter
+    across = rng.random(n // 2 + 1).astype(np.float32)
+    filters, blocks = pictures(2, 3, 3, seed=3), pictures(2, n, n)
+    weights = fourier.power(fourier.rfft(filters)) + fourier.weights(down, across)
+    spectra = fourier.rfft(blocks)
+    fourier.weigh(spectra, weights)
+    expected = np.abs(np.fft.rfft2(filters, (n, n))) ** 2 + down[:, None] + across
+    np.testing.assert_allclose(fourier.irfft(spectra), filtered(blocks, expected), atol=1e-4)
+
+
+def test_the_faster_library_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    for there, expected in ((True, PackedTransforms), (False, ComplexTransforms)):
+        monkeypatch.setattr(cv2.ipp, "useIPP", lambda there=there: there)
+        transforms.cache_clear()
+        assert isinstance(transforms(30), expected)
+    transforms.cache_clear()
