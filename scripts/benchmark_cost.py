@@ -181,7 +181,7 @@ def deblur_counted(case: Case, file: Path, quality: str, threads: int) -> Share:
     return Share(cost, dict(applied), float(bare), float(bare_cpu))
 
 
-def alone(work: Callable[..., Any], case: Case, quality: str, threads: int) -> Any:  # noqa: ANN401
+def alone(work: Callable[..., Any], case: Case, how: str, threads: int) -> Any:  # noqa: ANN401
     """Make a photo in one new process and do some work on it in another."""
     spawn = get_context("spawn")
     with (
@@ -190,7 +190,7 @@ def alone(work: Callable[..., Any], case: Case, quality: str, threads: int) -> A
     ):
         file = Path(folder) / "photo.npy"
         pool.submit(write_photo, case, file).result()
-        return pool.submit(work, case, file, quality, threads).result()
+        return pool.submit(work, case, file, how, threads).result()
 
 
 def line(cost: Cost) -> str:
@@ -254,7 +254,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         case = base._replace(megapixels=args.fft)
         print_share(alone(deblur_counted, case, args.quality, args.threads))
         return 0
-    measured = cache(partial(alone, deblur, quality=args.quality, threads=args.threads))
+    measured = cache(partial(alone, deblur, how=args.quality, threads=args.threads))
     for title, cases in {
         "by megapixels": [base._replace(megapixels=size) for size in args.megapixels],
         "by extent of the blur": [base._replace(extent=extent) for extent in args.extents],

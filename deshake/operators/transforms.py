@@ -1,9 +1,9 @@
 """Fourier transforms of square blocks, by the library that is faster on the machine.
 
-Where OpenCV has Intel's primitives below it, it transforms a block in about two thirds of SciPy's
-time; without them in two to three times that. Each library lays out spectra in its own way, complex
-or packed into as many real numbers as the block has pixels, so that only `Transforms` looks into
-them: callers pass them from one method to the next.
+Where OpenCV has Intel's primitives below it, it transforms a large block in about two thirds of
+SciPy's time; without them in two to three times that. SciPy takes many small ones at once. Each
+library lays out spectra in its own way, complex or packed into as many real numbers as the block
+has pixels, so that only `Transforms` looks into them: callers pass them from one method to the next.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ Spectrum = NDArray[np.complex64]
 Spectra = NDArray[Any]
 """Spectra of blocks, (..., N, M): complex64 or float32."""
 
+_ONE_BY_ONE = 100  # pixels a side from which blocks are worth a call each
 _EVEN_STEP = 8  # packed lengths are multiples of it: others take up to half as long again
 
 
@@ -59,7 +60,8 @@ class Transforms(Protocol):
 @cache
 def transforms(least: int) -> Transforms:
     """Return the transforms of blocks that hold at least so many pixels a side, fast ones."""
-    return PackedTransforms(least) if cv2.ipp.useIPP() else ComplexTransforms(least)
+    one_by_one = least >= _ONE_BY_ONE and cv2.ipp.useIPP()
+    return PackedTransforms(least) if one_by_one else ComplexTransforms(least)
 
 
 class ComplexTransforms:

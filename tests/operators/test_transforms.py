@@ -101,8 +101,12 @@ def test_weighs_by_power_and_by_direction(kind, least: int) -> None:
 
 
 def test_the_faster_library_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    for there, expected in ((True, PackedTransforms), (False, ComplexTransforms)):
+    for least, there, expected in (
+        (300, True, PackedTransforms),
+        (300, False, ComplexTransforms),
+        (30, True, ComplexTransforms),
+    ):
         monkeypatch.setattr(cv2.ipp, "useIPP", lambda there=there: there)
         transforms.cache_clear()
-        assert isinstance(transforms(30), expected)
+        assert isinstance(transforms(least), expected)
     transforms.cache_clear()
