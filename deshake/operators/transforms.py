@@ -3,7 +3,7 @@
 Where OpenCV has Intel's primitives below it, it transforms a large block in about two thirds of
 SciPy's time; without them in two to three times that. SciPy takes many small ones at once. Each
 library lays out spectra in its own way, complex or packed into as many real numbers as the block
-has pixels, so that only `Transforms` looks into them: callers pass them from one method to the next.
+has pixels, so that only `Transforms` looks into them: callers pass them from one method to another.
 """
 
 from __future__ import annotations
