@@ -48,7 +48,7 @@ Image = NDArray[np.float32]
 T = TypeVar("T")
 
 _POWER = 0.7
-_TAU = 0.5
+_TAU = 0.26  # of one plane; C planes have that times the root of C
 _COLOUR = 1.5  # k
 _NEGATIVE = 0.01  # squared negative light, in noise variances a pixel, that is cut off
 _BAND_PIXELS = 1 << 17  # the pixels of a band, all channels: its arrays stay in the cache
@@ -91,6 +91,7 @@ class HalfQuadratic:
         self.f, self.Af, self.g, self.m, self.s = f, Af, g, m, s[None]
         self.inverse, self.blur = inverse, inverse.filters
         self.margin = (f.shape[1] - g.shape[1]) // 2
+        self.tau = _TAU * len(g) ** 0.5
         self.threads = threads or available_threads()
         self._pool = ThreadPoolExecutor(self.threads)
 
@@ -154,7 +155,7 @@ class HalfQuadratic:
         n = squared_lengths(down, _COLOUR)
         n += squared_lengths(across, _COLOUR)
         np.sqrt(np.maximum(n, 0, out=n), out=n)
-        rest = 1 - shrunk(n, _TAU / rho, _POWER)
+        rest = 1 - shrunk(n, self.tau / rho, _POWER)
         rest *= np.float32(rho) * self.s[0, first : rows.stop]
         weigh_colour(down, _COLOUR)
         weigh_colour(across, _COLOUR)

@@ -9,8 +9,8 @@ the blur does, D the differences of neighbours, down and across, and |.|_k takes
 all colours together; colour differences count k times as much as light, since edges are weaker in
 them. s = 1 / sigma(x) divides by the noise, whose variance grows with the light; edges count in
 the same units, which are nearly those of display, so that dark and bright parts are smoothed
-alike. A share of what the first estimate leaves unexplained is added to the noise, since no kernel
-is quite right.
+alike. What the first estimate leaves unexplained is added to the noise, since no kernel is quite
+right. tau grows as the root of the number of colours.
 
 Half-quadratic splitting finds it in a few stages (`half_quadratic`). The first estimate is that of
 a few iterations of Richardson-Lucy, in whose model clipped lights may be brighter than they look.
@@ -61,11 +61,10 @@ class _Level(NamedTuple):
 
 _LEVELS = {
     "fast": _Level(4, 2, 3, 0),
-    "default": _Level(6, 3, 6, 0),
-    "high": _Level(6, 3, 6, 3),
+    "default": _Level(8, 3, 5, 0),
+    "high": _Level(8, 3, 5, 3),
 }
 _RHO = (0.02, 1.0)
-_MISFIT = 0.5  # of what the start leaves unexplained, that is reckoned as noise
 _EFFORT = 2  # of a stage with the denoiser, in stages without
 
 
@@ -163,7 +162,7 @@ def _precision(g: Image, Af: Image, m: Image, margin: int) -> Image:
     error = np.zeros_like(m)
     for plane, blurred in zip(channels_first(g), Af, strict=True):
         error += np.square(plane - blurred)
-    error *= np.float32(_MISFIT / len(Af)) * m
+    error *= m / np.float32(len(Af))
     variance = noise_variance(g, margin, error)
     np.sqrt(variance, out=variance)
     np.reciprocal(variance, out=variance)

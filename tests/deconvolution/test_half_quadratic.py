@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deshake.deconvolution.half_quadratic import _COLOUR, _POWER, _TAU, HalfQuadratic
+from deshake.deconvolution.half_quadratic import _COLOUR, _POWER, HalfQuadratic
 from deshake.deconvolution.opponent import reflect, squared_lengths
 from deshake.deconvolution.shrinkage import shrunk
 from deshake.operators.filter_flow import FilterFlow
@@ -55,7 +55,7 @@ def gradients(descent):
     """Return the best w for f, in closed form."""
     down, across = slopes(descent, descent.f)
     n = np.sqrt(squared_lengths(down, _COLOUR) + squared_lengths(across, _COLOUR))
-    share = shrunk(n, _TAU / RHO, _POWER)
+    share = shrunk(n, descent.tau / RHO, _POWER)
     return share * down, share * across
 
 

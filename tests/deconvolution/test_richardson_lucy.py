@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
@@ -225,6 +226,16 @@ def test_total_variation_needs_no_early_end(lab):
     assert lab.psnr(long, lab.frame(sharp)) > lab.psnr(ended, lab.frame(sharp)) - 0.5
     wild = richardson_lucy(g, lab.all_axes, iterations=60).pixels
     assert lab.psnr(long, lab.frame(sharp)) > lab.psnr(wild, lab.frame(sharp)) + 3
+
+
+def test_total_variation_ends_at_the_noise_of_smooth_photos(lab):
+    sharp = cv2.GaussianBlur(lab.scene(), (0, 0), 8)
+    g = lab.noisy(lab.shaken(lab.all_axes, sharp), 0.005)
+    ended = richardson_lucy_tv(g, lab.all_axes)
+    more = richardson_lucy_tv(g, lab.all_axes, iterations=4)  # where it would stall
+    assert ended.iterations < 4
+    frame = lab.frame(sharp)
+    assert lab.psnr(ended.pixels, frame) > lab.psnr(more.pixels, frame) + 0.5
 
 
 def test_total_variation_leaves_clipped_lamps_bright(lab):
