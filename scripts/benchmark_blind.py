@@ -37,8 +37,10 @@ from PIL import Image as Pictures
 from skimage import data
 from sklearn.datasets import load_sample_image
 
+from deshake.deconvolution.dark_halos import without_dark_halos
 from deshake.deconvolution.methods import RestorationOptions, restore
 from deshake.errors import DeshakeError
+from deshake.estimation.candidates import STILL
 from deshake.estimation.methods import Estimator, best_estimate, estimate_candidates
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
@@ -189,7 +191,7 @@ def score(case: Case, run: Run) -> Scores:
     def gain(kernel: RotationKernel) -> float:
         options = RESTORATIONS[run.restoration]
         done = restore(light, kernel, options, clipped=clipped, threads=1)
-        return aligned_psnr(done.pixels, sharp) - blurred
+        return aligned_psnr(without_dark_halos(done.pixels, light, kernel), sharp) - blurred
 
     results = {}
     for method in run.methods:
@@ -205,6 +207,7 @@ def score(case: Case, run: Run) -> Scores:
         found = best_estimate(grey, candidates, clipped=clipped, threads=1)
         seconds = time.process_time() - begin
         gains = {name: gain(candidate.kernel) for name, candidate in candidates.items()}
+        gains[STILL] = 0.0  # the photo is left as it is
         won, best = gains[found.name], max(gains.values())
         results[method] = Result(won, best, found.name, found.confidence, seconds)
     return Scores(blurred, gain(true), true.extent_px(), results)

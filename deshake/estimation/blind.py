@@ -33,8 +33,10 @@ _SMALLEST_PHOTO = 48  # px, shorter side
 _CONTRAST = 30.0  # rms gradient, of 0..256, that the photo is scaled to at 100 px
 _CONTRAST_SIDE = 100  # px
 _LEAST_CONTRAST = 0.02  # of 0..256 at 100 px: below it there is nothing to go by
-_NOISY = 2.0  # of 0..256, in the contrast of the priors: photos above it are smoothed first
-_SMOOTHING_PX = 1.0
+_FINE_BLUR = 12.0  # px: up to this bound nothing is smoothed but for noise
+_SMOOTHING = 1 / 20  # of how far the bound of the blur lies above it
+_SMOOTHING_NOISE = 0.13  # px, for noise of 1 of 0..256, in the contrast of the priors
+_MOST_SMOOTHING = 1.0  # px
 _CLOSE = 0.005  # the same at a coarse scale, where a larger one costs little
 
 
@@ -141,7 +143,7 @@ def estimate_blind(
     scale = min(1.0, _LONGEST_SIDE / max(h, w))
     shape = round(h * scale), round(w * scale)
     contrast = _contrast_scale(picture)
-    gradients = _gradients(_without_noise(resize((picture * contrast)[None], shape)[0]))
+    small = resize((picture * contrast)[None], shape)[0]
     usable = resize(1 - bad.astype(np.float32)[None], shape)[0] > 1 - 1e-3
     tell = _rising(progress)
     trials = []
@@ -150,7 +152,7 @@ def estimate_blind(
         trials.append(
             ScaleByScale(
                 plan,
-                gradients,
+                _gradients(_smoothed(small, bound * scale)),
                 usable,
                 finest=finest,
                 roll_rate=roll_rate,
@@ -207,16 +209,19 @@ def _contrast_scale(grey: Image) -> np.float32:
     return np.float32(priors.INTENSITY_RANGE * _CONTRAST / contrast)
 
 
-def _without_noise(image: Image) -> Image:
-    """Smooth a noisy photo a little: the noise of differences puts a spike into the kernel.
+def _smoothed(image: Image, blur_px: float) -> Image:
+    """Smooth a photo a little: the more, the wider its blur may be and the noisier it is.
 
-    The noise is told by the median of the photo's second differences across 2 x 2 pixels.
+    Kernels of wide blurs break up on the finest detail, and the noise of differences puts a spike
+    into any. The noise is told by the median of the photo's second differences across 2 x 2 pixels.
     """
     across = image[1:, 1:] - image[1:, :-1] - image[:-1, 1:] + image[:-1, :-1]
     noise = float(np.median(np.abs(across))) / 2 / 0.6745
-    if noise < _NOISY:
+    width = _SMOOTHING * (blur_px - _FINE_BLUR)
+    sigma = min(max(width, _SMOOTHING_NOISE * noise), _MOST_SMOOTHING)
+    if not sigma > 0:
         return image
-    smooth: Image = cv2.GaussianBlur(image, (0, 0), _SMOOTHING_PX).astype(np.float32)
+    smooth: Image = cv2.GaussianBlur(image, (0, 0), sigma).astype(np.float32)
     return smooth
 
 

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 from deshake.estimation import judge
 from deshake.estimation.edges import SETTINGS, EdgeEstimate, EdgeSetting, estimate_edges
+from deshake.estimation.kernel_faults import is_point
+from deshake.estimation.sharpness import looks_sharp
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
 
 if TYPE_CHECKING:
@@ -23,7 +25,16 @@ if TYPE_CHECKING:
 
     from deshake.geometry.camera import Camera
 
-__all__ = ["ESTIMATE_SIDE", "JUDGE_SIDE", "STILL", "Choice", "choose", "edge_candidates", "reduced"]
+__all__ = [
+    "ESTIMATE_SIDE",
+    "JUDGE_SIDE",
+    "STILL",
+    "Choice",
+    "choose",
+    "edge_candidates",
+    "is_at_rest",
+    "reduced",
+]
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -36,6 +47,9 @@ JUDGE_SIDE = 400
 
 STILL = "still"
 """Name of the camera that stood still among the scores."""
+
+_HANDICAP = 0.01
+"""Of kernels that are hardly more than a point, in the score: they sharpen any photo a little."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +167,7 @@ def choose(
     usable: Mask | None = None,
     threads: int | None = None,
 ) -> Choice:
-    """Choose the kernel that the judge finds best.
+    """Choose the kernel that the judge finds best, if need be rather no mere point.
 
     Parameters
     ----------
@@ -185,6 +199,20 @@ def choose(
         for name, kernel in trials.items()
     }
     still = scores.pop(STILL)
-    best = judge.best(scores, still)
+    held = {
+        name: found._replace(energy=found.energy + _HANDICAP * is_point(kernels[name]))
+        for name, found in scores.items()
+    }
+    best = judge.best(held, still)
     confidence = judge.confidence(scores[best], still)
     return Choice(best, kernels[best], confidence, {STILL: still, **scores})
+
+
+def is_at_rest(grey: Image, kernels: Mapping[str, RotationKernel]) -> bool:
+    """Tell whether a photo (h, w) was not shaken: it looks sharp, and most kernels are mere points.
+
+    Either alone is no proof: kernels collapse on shaken photos, too, and light trails are sharp.
+    """
+    points = sum(is_point(kernel) for kernel in kernels.values())
+    camera = next(iter(kernels.values())).camera
+    return 2 * points > len(kernels) and looks_sharp(reduced(grey, camera, None, ESTIMATE_SIDE)[0])

@@ -15,19 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake.estimation.coarse_to_fine import turned_gradients
+from deshake.estimation.edge_scale import EdgeScale
 from deshake.estimation.edge_settings import FAINT, SETTINGS, EdgeSetting
-from deshake.estimation.kernel_step import fitted_weights, normal_equations
-from deshake.estimation.latent_edges import (
-    Observation,
-    contrast_scaled,
-    differences,
-    edge_gradients,
-    l0_picture,
-)
+from deshake.estimation.latent_edges import contrast_scaled, noise_level
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
 from deshake.geometry.rotations import grid_steps
-from deshake.operators.filter_flow import reach
-from deshake.operators.patch_solve import PatchFrame, PatchSolver, patch_size
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -42,12 +34,15 @@ Mask = NDArray[np.bool_]
 _RATIO = 2**0.5  # of one scale to the next
 _COARSEST_SIDE = 48  # px, the shorter side of the coarsest scale
 _ITERATIONS = 5  # at each scale
-_BETA_MAX = 16.0
 _CARRIED_UNIFORM = 0.02  # weights that a finer scale begins with, of the largest
 _START_HALF = (2, 2, 1)  # grid steps
 _GROWTH_LIMIT = 6  # the kernel grows up to one over this of the shorter side
 _MOST_GROWN = 500  # rotations: an estimate's cost grows with their square
 _BELIEVED = 0.5  # share of a pixel that must be usable when the photo is reduced
+_FINISHING = 4  # iterations at the finest scale, in the end
+_FINISHING_PRICE = 1e-3
+_FINISHING_CUT = 0.015
+_LEAST_PRICE = 10.0  # of an edge, in variances of the noise, that tells it from noise
 _ROOM_STEPS = 2  # grid steps that the box is wider than the bound of the blur
 
 
@@ -161,10 +156,10 @@ class _Run:
             active = self._start(camera) if active is None else self._finer(active, camera)
             active = self._estimate(active, level)
         assert active is not None  # noqa: S101 - there is at least one scale
+        kernel = self._finished(active)
         assert self.latent is not None  # noqa: S101
         if progress is not None:
             progress(1.0, "kernel estimated")
-        kernel = active.above(self.setting.cut)
         latent = turned_gradients(self.latent, self.camera, kernel.centroid)
         return EdgeEstimate(kernel.centred(), latent / np.float32(self.contrast))
 
@@ -211,19 +206,38 @@ class _Run:
         grey, usable = self._resized(camera)
         total = self.scales * _ITERATIONS
         setting = self.setting
-        patches = _Patches(kernel, grey, usable, self.threads)
+        scale = EdgeScale(kernel, grey, usable, self.threads)
         for i in range(_ITERATIONS):
             done = (self.scales - 1 - level) * _ITERATIONS + i
             lam = setting.first * (setting.last / setting.first) ** (done / max(total - 1, 1))
-            edges = patches.edges(kernel, lam, shock=i < setting.shocks)
-            kernel = patches.refined(kernel, edges, cut=setting.cut)
+            edges = scale.edges(kernel, lam, shock=i < setting.shocks)
+            kernel = scale.refined(kernel, edges, cut=setting.cut)
             if level == self.scales - 1 and i < _ITERATIONS - 1:
                 grown = self._grown(kernel)
                 if len(grown.weights) > len(kernel.weights):
                     kernel = grown
-                    patches = _Patches(kernel, grey, usable, self.threads)
-        self.latent = patches.latent_gradients()
+                    scale = EdgeScale(kernel, grey, usable, self.threads)
+        self.latent = scale.latent_gradients()
         return kernel
+
+    def _finished(self, kernel: RotationKernel) -> RotationKernel:
+        """Estimate in turn a few times more, from edges as they are and at a low price.
+
+        What finds a kernel, few edges and sharpened ones, is not what is truest to it. Only uniform
+        blur is known well enough for that, and only where the noise is weaker than such edges.
+        """
+        kernel = kernel.above(self.setting.cut)
+        noisy = _LEAST_PRICE * noise_level(self.grey) ** 2 > _FINISHING_PRICE
+        if noisy or not kernel.camera.is_uniform:
+            return kernel
+        cut = min(self.setting.cut, _FINISHING_CUT)
+        kernel = self._inside(kernel.dilated(self.axes))
+        scale = EdgeScale(kernel, *self._resized(kernel.camera), self.threads)
+        for _ in range(_FINISHING):
+            edges = scale.strong_edges(kernel, _FINISHING_PRICE)
+            kernel = scale.refined(kernel, edges, cut=cut)
+        self.latent = scale.latent_gradients()
+        return kernel.above(cut)
 
     def _grown(self, kernel: RotationKernel) -> RotationKernel:
         """Give the kernel room around its non-zero weights, where it may still grow."""
@@ -246,54 +260,3 @@ class _Run:
             return grey, None
         part = cv2.resize(self.usable.astype(np.float32), size, interpolation=cv2.INTER_AREA)
         return grey, np.asarray(part > _BELIEVED)
-
-
-class _Patches:
-    """A scale's picture, cut up for solves and for correlations."""
-
-    def __init__(
-        self, kernel: RotationKernel, grey: Image, usable: Mask | None, threads: int | None
-    ) -> None:
-        camera = kernel.camera
-        far = reach(camera, kernel.theta)
-        self.seen = Observation.of(grey, max(2 * far, 8), usable)
-        patch = None if camera.is_uniform else patch_size(camera, kernel.theta)
-        margin = self.seen.margin
-        self.solving = PatchFrame(camera, margin=margin, room=far + 4, patch=patch, threads=threads)
-        self.fitting = PatchFrame(camera, margin=margin, room=2 * far, patch=patch, threads=threads)
-        self.filled = self.latent = self.seen.picture
-        # Gradients count beside pixels that are not to be believed, too: without them the strongest
-        # edges, those of lights, would be missed, and kernels collapse.
-        frame = np.zeros(self.filled.shape, np.float32)
-        frame[margin : -margin - 1, margin : -margin - 1] = 1
-        across, down = differences(self.seen.picture)
-        self.gradients = across * frame, down * frame
-        # edges whose blur is not wholly within it would be missed
-        inner = margin + min(max(far // 2, 1), min(camera.shape) // 8)
-        self.interior = np.zeros(self.filled.shape, np.float32)
-        self.interior[inner:-inner, inner:-inner] = 1
-
-    def edges(self, kernel: RotationKernel, lam: float, *, shock: bool) -> tuple[Image, Image]:
-        """Gradients of the latent picture under a kernel; fill in what is not known."""
-        used = kernel.weights > 0
-        solver = PatchSolver(self.solving, kernel.theta[used], kernel.weights[used])
-        picture, across, down = l0_picture(solver, self.filled, lam, beta_max=_BETA_MAX)
-        self.filled = self.seen.filled(solver.forward(picture))
-        self.latent = picture
-        if shock:
-            across, down = edge_gradients(picture, lam)
-        return across * self.interior, down * self.interior
-
-    def latent_gradients(self) -> Image:
-        """Gradients (2, h, w) of the last latent picture, before any filter or threshold."""
-        margin = self.seen.margin
-        return np.stack(differences(self.latent))[:, margin:-margin, margin:-margin]
-
-    def refined(
-        self, kernel: RotationKernel, edges: tuple[Image, Image], *, cut: float
-    ) -> RotationKernel:
-        """Estimate the weights anew from the edges; the same kernel where there are none."""
-        indices = kernel.indices
-        fit = normal_equations(self.fitting, indices, kernel.steps, edges, self.gradients)
-        weights = fitted_weights(fit, indices, kernel.weights, cut=cut)
-        return RotationKernel(kernel.theta, weights, kernel.steps, kernel.camera)

@@ -7,10 +7,8 @@ Two measures, both smaller for better kernels. The energy of the L0 picture,
 weighs how well a kernel explains the photo against how many edges it needs for that; a kernel too
 wide or too small needs more of them. The normalised sparsity ``|grad f|_1 / |grad f|_2`` of the
 restored picture (Krishnan, Tay & Fergus, CVPR 2011), against the photo's own, rises with ringing
-and falls with sharpness. The score is ``ln E + 0.1 ln nsp``.
-
-Tone curves and lights spoil the energy, of good kernels too: how far a kernel is to be trusted is
-told with more weight on the sparsity, ``ln E + 0.5 ln nsp``.
+and falls with sharpness. The score is ``ln E + 0.5 ln nsp``: the energy alone would do for
+simulated shakes, but the tone curves and the lights of real photos spoil it.
 """
 
 from __future__ import annotations
@@ -43,14 +41,13 @@ Mask = NDArray[np.bool_]
 _LAM = 2e-3
 _BETA_MAX = 64.0
 _LIVE = 1 / 64  # gradients whose square is above this share of lam are counted as edges
-_SPARSITY_WEIGHT = 0.1
+_SPARSITY_WEIGHT = 0.5
 _BORDER = 12  # px left out on every side
 _LEAST_NOISE = 0.002
 _POWER = 0.8  # of the gradients, in the restored picture's prior
 _PRIOR = 0.5
 _PENALTIES = tuple(float(beta) for beta in np.geomspace(0.01, 0.5, 7))
 _FILL_AT = 4  # penalties in, when what is not known is filled in
-_TRUST_WEIGHT = 0.5  # of the sparsity, in the confidence
 _SLOPE = 0.03  # of the confidence
 _CONVINCING = 0.01  # margin of the best score over that of no shake at all
 _POSSIBLE = 0.25  # confidence
@@ -73,7 +70,7 @@ class Score(NamedTuple):
 
     @property
     def total(self) -> float:
-        """``ln E + 0.1 ln nsp``."""
+        """``ln E + 0.5 ln nsp``."""
         return self.energy + _SPARSITY_WEIGHT * self.sparsity
 
 
@@ -114,11 +111,11 @@ def score(
 def confidence(found: Score, still: Score) -> float:
     """Chance that a kernel makes the photo better, by its score and that of no shake at all.
 
-    The logistic function of the margin in ``ln E + 0.5 ln nsp``, one half where there is none and
-    0.88 at 0.06. Fitted to kernels of simulated shakes, whose gain was known, to wrong kernels, and
+    The logistic function of the margin in the score, one half where there is none and 0.88 at
+    0.06. Fitted to kernels of simulated shakes, whose gain was known, to wrong kernels, and
     to real photos, where the eye was the judge.
     """
-    margin = still.energy - found.energy + _TRUST_WEIGHT * (still.sparsity - found.sparsity)
+    margin = still.total - found.total
     return float(1 / (1 + np.exp(-np.clip(margin / _SLOPE, -50, 50))))
 
 

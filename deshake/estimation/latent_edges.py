@@ -26,7 +26,9 @@ __all__ = [
     "differences",
     "edge_gradients",
     "l0_picture",
+    "noise_level",
     "shocked",
+    "strong_gradients",
 ]
 
 Image = NDArray[np.float32]
@@ -35,6 +37,8 @@ Mask = NDArray[np.bool_]
 _CONTRAST = 0.1  # rms gradient, reduced to `_CONTRAST_SIDE`
 _CONTRAST_SIDE = 100  # px, the longer side
 _LEAST_CONTRAST = 1e-4  # of 0..1: below it there is nothing to go by
+_SECOND_DIFFERENCES = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6
+_MEDIAN = 0.6745  # of the absolute value of a standard normal variable
 _BETA_GROWTH = 2.83
 _SHOCK_STEPS = 2
 _SHOCK_TIME = 0.5
@@ -70,6 +74,12 @@ def contrast_scaled(grey: Image) -> tuple[Image, float]:
         raise EstimationError(msg, hint="the photo is all of one colour, or nearly so")
     scale = _CONTRAST / contrast
     return (grey * np.float32(scale)).astype(np.float32), scale
+
+
+def noise_level(picture: Image) -> float:
+    """Estimate the standard deviation of white noise, by the median of second differences."""
+    rough = cv2.filter2D(picture, -1, _SECOND_DIFFERENCES)
+    return float(np.median(np.abs(rough))) / _MEDIAN
 
 
 def differences(image: Image) -> tuple[Image, Image]:
@@ -155,6 +165,11 @@ def l0_picture(
 def edge_gradients(picture: Image, lam: float) -> tuple[Image, Image]:
     """Gradients of the shock-filtered picture, without those far below an edge's."""
     return _above(*differences(shocked(picture)), _SHOCK_FLOOR * lam)
+
+
+def strong_gradients(picture: Image, lam: float) -> tuple[Image, Image]:
+    """Gradients of a picture whose squared length is `lam` or more: steps worth their price."""
+    return _above(*differences(picture), lam)
 
 
 def shocked(picture: Image) -> Image:

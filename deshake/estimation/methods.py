@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from deshake.errors import EstimationError
 from deshake.estimation.blind import BlindEstimate, check_size, estimate_blind
-from deshake.estimation.candidates import choose, edge_candidates
+from deshake.estimation.candidates import STILL, choose, edge_candidates, is_at_rest
+from deshake.estimation.kernel_faults import faults
 from deshake.geometry.camera import Camera
-from deshake.geometry.kernel import ALL_AXES
+from deshake.geometry.kernel import ALL_AXES, RotationKernel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -27,6 +28,7 @@ Region = tuple[int, int, int, int]
 Estimator = Literal["auto", "edges", "variational"]
 
 _DOUBTFUL = 0.5  # confidence below which the user is told
+_HOPELESS = 0.1  # confidence below which the photo is better left as it is
 _EDGES_SHARE = 0.5  # of the time, where both estimators run
 _JUDGED_AT = 0.98  # of the time
 
@@ -60,7 +62,9 @@ def estimate_kernel(
     Returns
     -------
     BlindEstimate
-        Its confidence is the judge's: the chance that deblurring betters the photo.
+        Its confidence is the judge's: the chance that deblurring betters the photo. Where there is
+        hardly one, or the photo looks sharp, the kernel is that of a camera that stood still,
+        which leaves the photo as it is: the notes say so, and the confidence is 0.1 at most.
 
     Raises
     ------
@@ -121,7 +125,8 @@ def estimate_candidates(
         )
         for name, found in by_edges.items():
             kernel = found.kernel.for_camera(whole)
-            candidates[name] = BlindEstimate(kernel, 0.0, [], [], found.latent, name)
+            notes = faults(found.kernel, blur_px=blur_px)
+            candidates[name] = BlindEstimate(kernel, 0.0, notes, [], found.latent, name)
     if estimator != "edges":
         try:
             inferred = estimate_blind(
@@ -138,7 +143,9 @@ def estimate_candidates(
             if not candidates:
                 raise
         else:
-            candidates[inferred.name] = inferred
+            seen = inferred.kernel.for_camera(inferred.kernel.camera.cropped(x, y, w, h))
+            notes = inferred.notes or faults(seen, blur_px=max(w, h))
+            candidates[inferred.name] = replace(inferred, notes=notes)
     return candidates
 
 
@@ -164,16 +171,23 @@ def best_estimate(
     """
     height, width = grey.shape
     x, y, w, h = (0, 0, width, height) if region is None else region
-    choice = choose(
-        grey[y : y + h, x : x + w],
-        {
-            name: found.kernel.for_camera(found.kernel.camera.cropped(x, y, w, h))
-            for name, found in candidates.items()
-        },
-        usable=None if clipped is None else ~clipped[y : y + h, x : x + w],
-        threads=threads,
-    )
+    picture = grey[y : y + h, x : x + w]
+    kernels = {
+        name: found.kernel.for_camera(found.kernel.camera.cropped(x, y, w, h))
+        for name, found in candidates.items()
+    }
+    usable = None if clipped is None else ~clipped[y : y + h, x : x + w]
+    choice = choose(picture, kernels, usable=usable, threads=threads)
     found = candidates[choice.name]
+    if choice.confidence < _HOPELESS:
+        note = (
+            f"no kernel was found that betters the photo, the best is doubtful ({choice.name}, "
+            f"confidence {choice.confidence:.2f}): the photo is left as it is"
+        )
+        return _left(found, choice.confidence, note)
+    if is_at_rest(picture, kernels):
+        note = "no shake was found, the photo looks sharp: it is left as it is"
+        return _left(found, _HOPELESS, note)
     notes = list(found.notes)
     if choice.confidence < _DOUBTFUL:
         notes.append(
@@ -181,3 +195,9 @@ def best_estimate(
             "compare the result with the photo"
         )
     return replace(found, confidence=choice.confidence, notes=notes)
+
+
+def _left(found: BlindEstimate, confidence: float, note: str) -> BlindEstimate:
+    """Leave the photo as it is: the kernel of a camera that stood still."""
+    kernel = RotationKernel.delta(found.kernel.camera, steps=found.kernel.steps)
+    return replace(found, kernel=kernel, confidence=confidence, notes=[note], name=STILL)

@@ -168,8 +168,13 @@ class RotationKernel:
     def centred(self) -> RotationKernel:
         """Return the kernel turned so that its centroid is the origin.
 
-        Blurring the sharp image, turned the opposite way, gives the same photo.
+        Blurring the sharp image, turned the opposite way, gives the same photo. Under the uniform
+        model the kernel moves by whole steps of its grid, and its centroid to within half a step
+        of the origin: translations by parts of a pixel would blur it by interpolation.
         """
+        if self.camera.is_uniform:
+            offset = np.rint(self.centroid / self.steps) * self.steps
+            return replace(self, theta=self.theta - offset)
         theta = self.theta
         for _ in range(3):  # the mean of angle-axis vectors is not exactly equivariant
             theta = compose(-(self.weights @ theta), theta)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from deshake import __version__
+from deshake.deconvolution.dark_halos import without_dark_halos
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions, restore
 from deshake.errors import CalibrationError, DeshakeError
 from deshake.estimation.blind import blur_bound
@@ -215,7 +216,8 @@ def deblur(
 ) -> Photo:
     """Deblur a photo with a kernel for its size.
 
-    Format, depth, opacity and metadata stay as they are.
+    Format, depth, opacity and metadata stay as they are. The kernel of a camera that stood still
+    leaves the photo as it is. Dark halos are kept from falling to black.
 
     Parameters
     ----------
@@ -231,6 +233,10 @@ def deblur(
         Told the fraction done and what is being done.
 
     """
+    if not kernel.theta[kernel.weights > 0].any():
+        if progress is not None:
+            progress(1.0, "nothing to undo")
+        return photo
     try:
         restored = restore(
             photo.pixels,
@@ -244,7 +250,7 @@ def deblur(
         error.file = error.file or str(photo.source)
         raise
     _log.info("%s: deblurred in %d iterations", photo.source, restored.iterations)
-    return photo.with_pixels(restored.pixels)
+    return photo.with_pixels(without_dark_halos(restored.pixels, photo.pixels, kernel))
 
 
 def _camera(photo: Photo, options: EstimateOptions) -> tuple[CameraFile, list[str]]:

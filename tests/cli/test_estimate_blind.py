@@ -52,7 +52,7 @@ def test_writes_a_kernel_with_its_provenance(deshake, shaken, tmp_path):
     assert provenance["input_sha256"] == hashlib.sha256(photo.read_bytes()).hexdigest()
     assert provenance["camera"] == "--focal-35mm 40"
     assert provenance["notes"] == report["notes"]
-    assert provenance["estimated_by"] in {"fine", "medium", "level", "variational"}
+    assert provenance["estimated_by"] in {"fine", "medium", "level", "variational", "still"}
     assert str(tmp_path) not in json.dumps(provenance)
     for note in report["notes"]:
         assert f"warning: {photo}: {note}" in outcome.err

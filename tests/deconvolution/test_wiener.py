@@ -76,7 +76,7 @@ def test_borders_do_not_wrap_around(method, lab, uniform):
     g = np.full(lab.shape, 0.2, np.float32)
     g[:, 95:] = 0.8
     f = method(g, uniform).pixels
-    assert np.abs(f[:, :8] - 0.2).max() < 0.05
+    assert np.abs(f[:, :8] - 0.2).max() < 0.06
     assert np.abs(f[:, -8:] - 0.8).max() < 0.05
 
 

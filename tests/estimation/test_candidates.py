@@ -8,9 +8,11 @@ from deshake.estimation.candidates import (
     STILL,
     choose,
     edge_candidates,
+    is_at_rest,
     reduced,
 )
 from deshake.estimation.edges import EdgeSetting
+from deshake.estimation.kernel_faults import is_point
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
@@ -44,6 +46,35 @@ def test_a_kernel_that_spoils_the_photo_is_not_trusted(sharp, shaken) -> None:
     choice = choose(grey, {"blur": true}, threads=1)
     assert choice.name == "blur"
     assert choice.confidence < 0.1
+
+
+def test_a_mere_point_must_be_better_by_a_margin(shaken) -> None:
+    grey, true = shaken
+    indices = true.indices * [-3, 3, 3]  # nothing like the shake: the less of it, the better
+    away = np.abs(indices).max(1) > 1
+
+    def kernel(rest: float) -> RotationKernel:
+        shares = np.append(true.weights[away] / true.weights[away].sum() * (1 - rest), rest)
+        places = np.concatenate([indices[away], [[0, 0, 0]]])
+        return RotationKernel.from_indices(places, shares, true.steps, true.camera)
+
+    point, path = kernel(0.905), kernel(0.895)
+    assert is_point(point)
+    assert not is_point(path)
+    choice = choose(grey, {"point": point, "path": path}, threads=1)
+    assert 0 < choice.scores["path"].total - choice.scores["point"].total < 0.01
+    assert choice.name == "path"
+    assert choose(grey, {"point": point, "worse": kernel(0.5)}, threads=1).name == "point"
+
+
+def test_a_photo_is_at_rest_if_it_is_sharp_and_most_kernels_are_points(sharp, shaken) -> None:
+    grey, true = shaken
+    still = sharp[MARGIN:-MARGIN, MARGIN:-MARGIN]
+    point = RotationKernel.delta(true.camera)
+    mostly = {"a": point, "b": point, "c": true}
+    assert is_at_rest(still, mostly)
+    assert not is_at_rest(still, {"a": point, "b": true})
+    assert not is_at_rest(grey, mostly)
 
 
 def test_no_candidates_are_an_error(sharp) -> None:

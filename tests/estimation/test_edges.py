@@ -6,6 +6,7 @@ import pytest
 from skimage import data
 
 from deshake.errors import EstimationError
+from deshake.estimation import edges
 from deshake.estimation.edges import FAINT, SETTINGS, EdgeSetting, estimate_edges
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
@@ -65,6 +66,22 @@ def test_finds_a_uniform_blur(uniform) -> None:
     assert np.abs(found.theta[:, 2]).max() < 1e-9
     assert misfit(found, true) < 0.3
     np.testing.assert_allclose(found.weights @ found.theta, 0, atol=1e-3 * found.steps.max())
+
+
+def test_the_last_steps_bring_a_uniform_blur_nearer_the_truth(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    path = np.array([[5.0, -5, 0], [-5, -2, 0], [3, 1, 0], [3, 6, 0]])
+    grey, true = shaken(Camera.uniform(232, 232), path)
+    how = {"axes": (True, True, False), "setting": SETTINGS[1], "threads": 1}
+    noise = np.random.default_rng(1).normal(scale=0.02, size=grey.shape).astype(np.float32)
+    finished = estimate_edges(grey, true.camera, **how).kernel
+    noisy = estimate_edges(grey + noise, true.camera, **how).kernel
+    monkeypatch.setattr(edges, "_FINISHING", 0)
+    before = estimate_edges(grey, true.camera, **how).kernel
+    assert misfit(finished, true) < 0.7 * misfit(before, true)
+    noisy_before = estimate_edges(grey + noise, true.camera, **how).kernel
+    np.testing.assert_array_equal(noisy.weights, noisy_before.weights)
 
 
 def test_finds_a_rotation_about_all_axes(rolled) -> None:

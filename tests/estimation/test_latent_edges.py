@@ -11,7 +11,9 @@ from deshake.estimation.latent_edges import (
     differences,
     edge_gradients,
     l0_picture,
+    noise_level,
     shocked,
+    strong_gradients,
 )
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
@@ -95,3 +97,19 @@ def test_the_unknown_is_filled_with_what_the_estimate_says() -> None:
     np.testing.assert_array_equal(filled[18:20, 13:17], 7)
     np.testing.assert_array_equal(filled[8:18, 8:-8], seen.picture[8:18, 8:-8])
     assert 0 < filled[0, 30] < 0.1  # in the margin it fades
+
+
+def test_noise_is_told_from_edges(sharp) -> None:
+    noise = np.random.default_rng(0).normal(scale=0.02, size=sharp.shape).astype(np.float32)
+    soft = cv2.GaussianBlur(sharp, (0, 0), 2.0)
+    assert noise_level(soft + noise) == pytest.approx(0.02, rel=0.1)
+    assert noise_level(soft) < 0.002
+
+
+def test_strong_gradients_are_those_worth_their_price(sharp) -> None:
+    across, down = differences(sharp)
+    x, y = strong_gradients(sharp, 0.01)
+    kept = across**2 + down**2 >= np.float32(0.01)
+    assert 0 < kept.mean() < 0.5
+    np.testing.assert_array_equal(x, across * kept)
+    np.testing.assert_array_equal(y, down * kept)

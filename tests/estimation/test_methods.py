@@ -10,7 +10,14 @@ import pytest
 from deshake.deconvolution.poisson import poisson_image
 from deshake.deconvolution.richardson_lucy import richardson_lucy
 from deshake.errors import EstimationError
-from deshake.estimation.methods import Estimator, best_estimate, estimate_kernel
+from deshake.estimation.candidates import STILL
+from deshake.estimation.kernel_faults import TOUCHING
+from deshake.estimation.methods import (
+    Estimator,
+    best_estimate,
+    estimate_candidates,
+    estimate_kernel,
+)
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
@@ -126,13 +133,45 @@ def test_the_best_is_taken_whoever_estimated_it(
     assert not any("doubtful" in note for note in best.notes)
 
 
+def test_where_no_kernel_will_do_the_photo_is_left_as_it_is(
+    found: dict[str, BlindEstimate], photo: np.ndarray
+) -> None:
+    good = found["edges"]
+    kernel = good.kernel
+    long = RotationKernel(kernel.theta * 2.5, kernel.weights, kernel.steps, CAMERA)
+    left = best_estimate(photo, {"long": replace(good, kernel=long, name="long")}, threads=2)
+    assert left.kernel.weights.tolist() == [1]
+    assert not left.kernel.theta.any()
+    assert left.kernel.camera is CAMERA
+    assert left.name == STILL
+    assert len(left.notes) == 1
+    assert "long" in left.notes[0]
+    assert "left as it is" in left.notes[0]
+
+
+def test_a_photo_at_rest_is_left_as_it_is(
+    found: dict[str, BlindEstimate], truth: np.ndarray
+) -> None:
+    sharp = np.clip(2 * truth - cv2.GaussianBlur(truth, (0, 0), 1), 0, 1)
+    point = RotationKernel.from_indices([[0, 0, 0], [0, 1, 0]], [3, 1], grid_steps(CAMERA), CAMERA)
+    left = best_estimate(sharp, {"fine": replace(found["edges"], kernel=point)}, threads=2)
+    assert not left.kernel.theta.any()
+    assert left.confidence <= 0.1
+    assert any("looks sharp" in note or "left as it is" in note for note in left.notes)
+
+
+def test_what_is_wrong_with_a_kernel_is_noted(photo: np.ndarray) -> None:
+    narrow = estimate_candidates(photo, CAMERA, estimator="edges", blur_px=2, threads=2)
+    assert any(TOUCHING in found.notes for found in narrow.values())
+
+
 def test_the_confidence_speaks_for_a_real_shake_and_against_none(
     found: dict[str, BlindEstimate], truth: np.ndarray
 ) -> None:
     assert found["auto"].confidence > 0.9
     still = estimate_kernel(truth, CAMERA, estimator="edges", blur_px=12, threads=2)
     assert still.confidence < found["auto"].confidence
-    assert any("doubtful" in note for note in still.notes) == (still.confidence < 0.5)
+    assert any("as it is" in note for note in still.notes) == (still.confidence <= 0.1)
 
 
 def test_uniform_kernels_do_not_roll(photo: np.ndarray) -> None:

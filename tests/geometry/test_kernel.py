@@ -169,6 +169,15 @@ def test_centred_kernel_has_its_mean_at_the_origin() -> None:
     np.testing.assert_array_equal(centred.weights, kernel.weights)
 
 
+def test_uniform_kernels_are_centred_by_whole_steps() -> None:
+    camera = Camera.uniform(60, 80)
+    indices = np.array([[0, 0, 0], [5, 2, 0], [9, 2, 0]])
+    kernel = RotationKernel.from_indices(indices, [1, 2, 3], grid_steps(camera), camera)
+    centred = kernel.centred()
+    assert np.abs(centred.centroid / kernel.steps).max() <= 0.5
+    np.testing.assert_allclose(centred.theta / kernel.steps, indices - [6, 2, 0], atol=1e-9)
+
+
 def test_centred_kernel_gives_the_same_photo_of_the_turned_scene() -> None:
     """No warp is involved: the scenes are functions."""
     offset = np.array([0.05, -0.04, 0.2])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions
+from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions, restore
 from deshake.errors import CalibrationError, EstimationError
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
@@ -86,6 +86,23 @@ def test_an_assumed_lens_is_long_and_noted(shaken):
     assert found.camera.source == "assumed: 50 mm-equivalent"
     assert "50 mm-equivalent is assumed" in found.notes[0]
     assert found.content.provenance["notes"] == found.notes
+
+
+def test_a_camera_that_stood_still_leaves_the_photo_as_it_is(shaken):
+    photo, truth, _ = shaken
+    told = []
+    still = RotationKernel.delta(truth.camera)
+    result = deblur(photo, still, progress=lambda share, _: told.append(share))
+    assert np.array_equal(result.pixels, photo.pixels)
+    assert told == [1]
+
+
+def test_dark_halos_do_not_fall_to_black(shaken):
+    photo, truth, _ = shaken
+    long = RotationKernel(truth.theta * 2, truth.weights, truth.steps, truth.camera)
+    result = deblur(photo, long)
+    assert result.pixels.min() >= 0.095 * photo.pixels.min()
+    assert restore(photo.pixels, long, BY_DEFAULT).pixels.min() < 0.1 * photo.pixels.min()
 
 
 def test_what_cannot_be_estimated_names_the_photo(shaken):

@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from deshake.estimation.kernel_faults import COLLAPSED, SCATTERED, TOUCHING, faults
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
+from deshake.geometry.rotations import grid_steps
+
+CAMERA = Camera.from_focal(300.0, 200, 300)
+STEPS = grid_steps(CAMERA)
+
+
+def kernel(indices: np.ndarray, weights: np.ndarray | None = None) -> RotationKernel:
+    shares = np.ones(len(indices)) if weights is None else weights
+    return RotationKernel.from_indices(indices, shares, STEPS, CAMERA).centred()
+
+
+def path(length: int) -> np.ndarray:
+    """Grid indices of a turn about all axes, a step at a time."""
+    along = np.arange(length + 1)
+    return np.stack([along // 2, along, along // 3], 1)
+
+
+def test_a_path_within_its_bounds_is_faultless() -> None:
+    assert faults(kernel(path(20))) == []
+    assert faults(kernel(path(20)), blur_px=24) == []
+
+
+def test_a_point_is_no_shake() -> None:
+    assert faults(RotationKernel.delta(CAMERA)) == [COLLAPSED]
+    assert faults(kernel(path(2), np.array([1.0, 3, 1]))) == [COLLAPSED]
+    tail = np.array([1.0] + [0.005] * 20)
+    assert faults(kernel(path(20), tail)) == [COLLAPSED]
+    assert faults(kernel(path(20), tail + 0.02)) == []
+
+
+@pytest.mark.parametrize(("blur_px", "told"), [(24, []), (19, []), (12, [TOUCHING])])
+def test_the_bounds_that_were_given_count(blur_px: float, told: list[str]) -> None:
+    assert faults(kernel(path(20)), blur_px=blur_px) == told
+
+
+def test_without_bounds_a_kernel_must_not_run_away() -> None:
+    assert faults(kernel(path(50))) == []
+    assert faults(kernel(path(90))) == [TOUCHING]
+
+
+def test_bounds_are_pixels_of_the_photo_at_any_size() -> None:
+    found = kernel(path(20))
+    photo = Camera.from_focal(1200.0, 800, 1200)
+    large = found.for_camera(photo)
+    assert faults(large, blur_px=96) == []
+    assert faults(large, blur_px=48) == [TOUCHING]
+
+
+def test_specks_all_over_are_noise() -> None:
+    rng = np.random.default_rng(0)
+    specks = rng.integers(-20, 21, (30, 3)) * (1, 1, 0)
+    assert faults(kernel(specks)) == [SCATTERED]
+    gap = np.concatenate([path(8), path(8) + np.array([4, 10, 2])])  # the camera rushed on
+    assert faults(kernel(gap)) == []
+    heavy = np.concatenate([np.full(21, 0.1), np.full(30, 0.01)])
+    assert faults(kernel(np.concatenate([path(20), specks - (0, 10, 0)]), heavy)) == []
