@@ -176,14 +176,14 @@ def restoration_options(command: F) -> F:
         default="default",
         show_default=True,
         callback=_goes_with("sparse"),
-        help="How much time sparse takes: about 0.6, 1 or 1.5 times that of the default.",
+        help="How much time sparse takes: about 0.6, 1 or 1.4 times that of the default.",
     )
     iterations = click.option(
         "--iterations",
         type=click.IntRange(1, 10_000),
         metavar="N",
         callback=_goes_with("sparse", "rl", "rl-accelerated", "rl-tv", "unsupervised-wiener"),
-        help="Iterations of the method.  [default: 6 for sparse, else by the photo's noise]",
+        help="Iterations of the method.  [default: 5 for sparse, else by the photo's noise]",
     )
     return method(quality(iterations(command)))
 
