@@ -101,6 +101,15 @@ def test_a_known_kernel_is_recovered(
     assert found.notes == []
 
 
+def test_strong_noise_leaves_the_kernel_to_be_found(shots: dict[str, Shot]) -> None:
+    photo, true = shots["Y"].photo, shots["Y"].true
+    display = photo ** (1 / 2.2)
+    display = display + np.random.default_rng(1).normal(0, 10 / 255, photo.shape)
+    noisy = ((np.rint(255 * np.clip(display, 0, 1)) / 255) ** 2.2).astype(np.float32)
+    found = estimate_blind(noisy, true.camera, blur_px=12, threads=2)
+    assert cosine(true, found.kernel) > 0.7
+
+
 def test_the_kernel_is_centred(estimates: dict[str, BlindEstimate]) -> None:
     for found in estimates.values():
         assert np.all(np.abs(found.kernel.centroid) < 1e-6)

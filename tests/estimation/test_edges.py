@@ -158,3 +158,28 @@ def test_progress_runs_to_one(uniform) -> None:
 def test_flat_photos_are_refused() -> None:
     with pytest.raises(EstimationError):
         estimate_edges(np.zeros((64, 64), np.float32), Camera.from_focal(64.0, 64, 64))
+
+
+def in_display(grey: np.ndarray) -> np.ndarray:
+    return np.clip(grey, 0, 1) ** (1 / 2.2)
+
+
+def with_jpeg(grey: np.ndarray) -> np.ndarray:
+    codes = np.rint(255 * in_display(grey)).astype(np.uint8)
+    quality = [cv2.IMWRITE_JPEG_QUALITY, 75]
+    return cv2.imdecode(cv2.imencode(".jpg", codes, quality)[1], cv2.IMREAD_GRAYSCALE) / 255
+
+
+@pytest.mark.parametrize(
+    ("file", "exposure"),
+    [(in_display, 1.0), (with_jpeg, 1.0), (in_display, 1.6)],
+    ids=["8 bit", "jpeg", "clipped"],
+)
+def test_finds_a_shake_in_files_as_cameras_write_them(rolled, file, exposure) -> None:
+    grey, true = rolled
+    codes = np.clip(np.rint(255 * file(exposure * grey)), 0, 255)
+    read = ((codes / 255) ** 2.2).astype(np.float32)
+    usable = codes < 255
+    assert (exposure > 1) == (usable.mean() < 0.97)
+    how = {"usable": usable, "setting": SETTINGS[1], "threads": 1}
+    assert misfit(estimate_edges(read, true.camera, **how).kernel, true) < 0.35
