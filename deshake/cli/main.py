@@ -50,6 +50,7 @@ class _Entry(NamedTuple):
 COMMANDS: Final = {
     "fix": _Entry("deshake.cli.fix", "Remove camera shake from photos, in one go."),
     "calibrate": _Entry("deshake.cli.calibrate", "Find a photo's focal length in pixels."),
+    "register": _Entry("deshake.cli.register", "Find how a noisy photo lies to a blurred one."),
     "estimate-blind": _Entry(
         "deshake.cli.estimate_blind", "Estimate the blur kernel of a shaken photo."
     ),
