@@ -30,7 +30,6 @@ _DARK = 0.7  # share of the pixels that tells nothing: noise clipped at black lo
 _HUBER = 2.0
 _MAD = 1.4826
 _SCALE_ITERATIONS = 10
-_CURVE_SMOOTH_PX = 4.0
 _CLIPPED = 0.985
 _BINS = 96
 _ENDS = (0.005, 0.995)  # quantiles between which the curve is known
@@ -132,7 +131,7 @@ class ToneCurve:
         )
 
 
-def tone_curves(f_D: Image, g: Image, mask: Mask) -> list[ToneCurve]:
+def tone_curves(f_D: Image, g: Image, mask: Mask, *, smooth_px: float = 4.0) -> list[ToneCurve]:
     """Find the curve of each channel that takes a photo's values to those of another.
 
     The curves are the isotonic regression of medians in bins of equal count, averaged over a small
@@ -147,6 +146,8 @@ def tone_curves(f_D: Image, g: Image, mask: Mask) -> list[ToneCurve]:
         The blurred photo.
     mask : (h, w) array of bool
         Where both see the scene.
+    smooth_px : float
+        Sigma that both are smoothed by; 1.5 is enough where `f_D` has been blurred as `g` is.
 
     Raises
     ------
@@ -158,7 +159,7 @@ def tone_curves(f_D: Image, g: Image, mask: Mask) -> list[ToneCurve]:
     curves = []
     for c in range(channels):
         x, y = (
-            _smoothed(image if image.ndim == 2 else image[..., c], mask, _CURVE_SMOOTH_PX)
+            _smoothed(image if image.ndim == 2 else image[..., c], mask, smooth_px)
             for image in (f_D, g)
         )
         usable = mask & (x < _CLIPPED) & (y < _CLIPPED)

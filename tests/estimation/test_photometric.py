@@ -74,6 +74,19 @@ def test_a_curve_is_found(light):
     assert np.abs(found.slope(x) - 0.9 * 6 * x * (1 - x)).max() < 0.3
 
 
+def test_blur_bends_a_curve_less_where_both_are_smoothed_or_blurred(light):
+    fine = np.clip(light + 0.3 * (np.random.default_rng(1).random(light.shape) - 0.5), 0, 1)
+    blurred = cv2.blur(fine.astype(np.float32), (9, 1))
+    x = np.linspace(*np.quantile(blurred, [0.1, 0.9]), 50).astype(np.float32)
+
+    def misfit(f, smooth_px):
+        [found] = tone_curves(f.astype(np.float32), blurred, everywhere(f), smooth_px=smooth_px)
+        return np.abs(found(x) - x).max()
+
+    assert misfit(fine, 4) < 0.5 * misfit(fine, 0.5)
+    assert misfit(blurred, 1.5) < 0.01
+
+
 def test_each_channel_has_its_own(light):
     f = np.stack([light, light, light], -1)
     g = f * np.array([1.0, 0.5, 0.25], np.float32)
