@@ -29,14 +29,14 @@ if TYPE_CHECKING:
 
     from deshake.geometry.camera import Camera
 
-__all__ = ["Registration", "register", "registered"]
+__all__ = ["MAX_ANGLE", "Registration", "register", "registered"]
 
 Image = NDArray[np.float32]
 
 MAX_ANGLE = radians(10)
 """Half the range that is searched about each axis."""
 
-_SEARCH = 0.75  # of that, the side of the copies that are searched
+_SEARCH = 0.75  # side of the copies that are searched, in sides of those that are aligned
 _SEARCH_PX = (1.2, 8.0)  # sigmas between which details are compared
 _CANDIDATES, _APART_PX = 5, 2.5
 _SHADOW = 0.05  # of the mean light, below which details count less
