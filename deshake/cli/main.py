@@ -54,6 +54,9 @@ COMMANDS: Final = {
     "estimate-blind": _Entry(
         "deshake.cli.estimate_blind", "Estimate the blur kernel of a shaken photo."
     ),
+    "estimate-pair": _Entry(
+        "deshake.cli.estimate_pair", "Estimate a blur kernel from a blurred and a noisy photo."
+    ),
     "deblur": _Entry("deshake.cli.deblur", "Deblur a photo whose blur kernel is known."),
     "render-kernel": _Entry("deshake.cli.render_kernel", "Draw a blur kernel as a picture."),
     "simulate": _Entry("deshake.cli.simulate", "Shake a sharp photo by a known rotation."),

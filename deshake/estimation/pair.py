@@ -26,6 +26,7 @@ from deshake.estimation.pair_pixels import (
 )
 from deshake.estimation.pair_rows import PairRows
 from deshake.estimation.simplex import least_on_simplex
+from deshake.estimation.trimming import most_of, strongest, without_strays
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
 from deshake.geometry.rotations import grid_steps
@@ -50,13 +51,13 @@ _RIDGE = 0.01
 _CUT = 0.03  # weights below this share of the largest do not pass to the next scale
 _MOST_PASSED = 160  # weights that do
 _FINAL_CUT = 0.02
-_TOUCHING = 0.1  # share of the weight on the faces of the cube that calls for a larger one
-_MOST = 0.9  # share of the weight by whose extent the finest scale is chosen
+_TOUCHING = 0.05  # share of the weight on the faces of the cube that calls for a larger one
+_FINE_SIDE = 400  # px, of the longer side up to which every scale is worked on
 _LEAST_LIGHT = 1e-7  # of the noisy photo
 _STILL_PX = 2.0  # an extent below it at the finest scale is no shake
 _DOUBTFUL = 0.5  # confidence below which the user is told
-_EVEN_MISFIT = 0.1  # share of the edges left unexplained at which a kernel is half believed
-_MISFIT_RANGE = 0.35  # of its logarithm
+_EVEN_MISFIT = 0.07  # share of the edges left unexplained at which a kernel is half believed
+_MISFIT_RANGE = 0.5  # of its logarithm
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class PairEstimate:
         The photometric factor a.
     confidence : float
         0..1, by the share of the blurred photo's edges that the pair does not explain, at pixels
-        that the kernel was not fitted to: 0.5 where it is a tenth.
+        that the kernel was not fitted to: 0.5 where it is 7 %.
     explained : float
         Share of the edges that the kernel explains beyond what the best single rotation does, of
         all that this one leaves; noise included, it may be below 0.
@@ -189,7 +190,7 @@ class _Scales:
         self.coarser = min(max(ceil(log2(self.blur / _COARSEST_BLUR)), 0), room)
         self.kernel = RotationKernel.delta(camera)
         self.scale = 0.0
-        self.touches = False
+        self.bounds = np.zeros(3)
         self.misfits = (0.0, 0.0, 0.0)
         self.reports: list[PairScale] = []
 
@@ -199,23 +200,25 @@ class _Scales:
         progress(0.0, f"scale 1 of {count}")
         self._first()
         for level in range(self.coarser - 1, -1, -1):
-            if 2 * _most_of(self.kernel).extent_px() > _ENOUGH_BLUR:
+            fine = max(self.kernel.camera.shape) >= _FINE_SIDE
+            if fine and 2 * most_of(self.kernel).extent_px() > _ENOUGH_BLUR:
                 break
             progress(1 - 4.0 ** -(count - 1 - level), f"scale {count - level} of {count}")
-            active = _strongest(self.kernel.above(_CUT), _MOST_PASSED)
+            active = strongest(without_strays(self.kernel.above(_CUT)), _MOST_PASSED)
             start = RotationKernel.from_indices(
                 2 * active.indices, active.weights, self.kernel.steps / 2, self.whole
             ).dilated(self.axes)
             self._solve(level, start.indices, start.weights)
         progress(1.0, "kernel estimated")
-        kernel = self.kernel.above(_FINAL_CUT)
+        kernel = without_strays(self.kernel.above(_FINAL_CUT))
         energy, left, single = self.misfits
         share = max(left / energy, 1e-6)
         confidence = 1 / (1 + exp(log(share / _EVEN_MISFIT) / _MISFIT_RANGE))
         notes = []
-        if _most_of(kernel).extent_px() < _STILL_PX:
+        if most_of(kernel).extent_px() < _STILL_PX:
             notes.append("no shake was found: the kernel is a single point")
-        if self.touches:
+        beyond = np.any(np.abs(kernel.theta) > self.bounds, 1)
+        if kernel.weights[beyond].sum() > _TOUCHING:
             notes.append("the kernel touches its bounds: try a larger --blur-size")
         if confidence < _DOUBTFUL:
             notes.append(
@@ -236,8 +239,7 @@ class _Scales:
         box = [np.arange(-reach, reach + 1) if axis else np.zeros(1, int) for axis in self.axes]
         cube = np.stack(np.meshgrid(*box, indexing="ij"), -1).reshape(-1, 3)
         self._solve(self.coarser, cube, np.ones(len(cube)))
-        faces = np.any(np.abs(self.kernel.indices) == reach, 1)
-        self.touches = float(self.kernel.weights[faces].sum()) > _TOUCHING
+        self.bounds = (reach - 0.5) * self.kernel.steps
 
     def _solve(self, level: int, indices: Indices, start: NDArray[np.float64]) -> None:
         """Estimate the weights of some rotations, and the photometric factor, at one scale."""
@@ -284,24 +286,9 @@ def _check(height: int, width: int, bound: float) -> None:
         raise EstimationError(msg, hint=hint)
 
 
-def _most_of(kernel: RotationKernel) -> RotationKernel:
-    """Return the largest weights that make up most of a kernel."""
-    held = np.cumsum(np.sort(kernel.weights)[::-1])
-    return _strongest(kernel, int(np.searchsorted(held, _MOST)) + 1)
-
-
 def _brightness(g: Image, f: Image) -> float:
     """Return how many times as bright one picture is as the other."""
     light = float(f.mean(dtype=np.float64))
     if not light > _LEAST_LIGHT:
         raise EstimationError("the noisy photo is black", hint="it must show the same scene")
     return float(g.mean(dtype=np.float64)) / light
-
-
-def _strongest(kernel: RotationKernel, most: int) -> RotationKernel:
-    """Return a kernel's largest weights, at most so many."""
-    if len(kernel.weights) <= most:
-        return kernel
-    kept = np.sort(np.argsort(-kernel.weights, kind="stable")[:most])
-    weights = kernel.weights[kept]
-    return RotationKernel(kernel.theta[kept], weights / weights.sum(), kernel.steps, kernel.camera)

@@ -28,12 +28,11 @@ __all__ = ["LeastSquares", "least_eigenvalue", "least_on_simplex", "pairwise_des
 Vector = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-WHOLE = 2000
+WHOLE = 3000
 """Weights up to which G is worked out as a whole."""
 
 _TOLERANCE = 1e-6  # of the largest slope: differences of slopes below it are none
 _MOST_MOVES = 500  # for each weight
-_GROWTH = 500  # weights by which a working set grows at once
 _MOST_ROUNDS = 100
 _LEAST_CURVATURE = 1e-12  # of G's diagonal
 _SAFETY = 1.05  # of the least eigenvalue, which is approached from above
@@ -79,9 +78,10 @@ def least_on_simplex(
     """
     w = np.array(start, np.float64)
     count = len(w)
-    working = np.arange(count)
+    working, growth = np.arange(count), max(whole // 3, 1)
     if count > whole:
-        working = np.sort(np.argsort(-w, kind="stable")[: whole - _GROWTH])
+        likely = np.lexsort((-problem.right, -w))  # of equal weights, what is most like g
+        working = np.sort(likely[: max(whole // 2, 1)])
         w[np.setdiff1d(np.arange(count), working)] = 0
     w /= w.sum()
     r = 0.0
@@ -99,7 +99,7 @@ def least_on_simplex(
         better = better[~np.isin(better, working)]
         if not len(better):
             break
-        lowest = better[np.argsort(slope[better], kind="stable")[:_GROWTH]]
+        lowest = better[np.argsort(slope[better], kind="stable")[:growth]]
         working = np.union1d(used, lowest)
     return w
 

@@ -163,6 +163,7 @@ def test_threads_change_no_byte_and_progress_rises(photo, camera):
 
 def test_large_photos_are_worked_on_where_the_blur_is_wide_enough(photo, camera, monkeypatch):
     monkeypatch.setattr("deshake.estimation.pair._ENOUGH_BLUR", 12.0)
+    monkeypatch.setattr("deshake.estimation.pair._FINE_SIDE", 50)
     g, f_reg, twins, truth = shaken(photo, camera, 2 * PATH, sigma=0.02)
     found = estimate(g, f_reg, camera, noise=twins, blur_size=30)
     assert (found.scales[-1].height, found.scales[-1].width) < SHAPE

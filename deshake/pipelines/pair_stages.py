@@ -1,0 +1,262 @@
+"""The stages for a blurred and a noisy photo of one scene: to the blur kernel, Sec. 6.
+
+The noisy photo is registered to the blurred one, unless that was done before, and so is noise that
+is drawn like its own: the estimate takes off what such noise would do to the kernel.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deshake import __version__
+from deshake.deconvolution.noise import mean_light, noise_model
+from deshake.errors import DeshakeError, KernelFileError
+from deshake.estimation.pair import estimate_pair_kernel
+from deshake.estimation.registration import Registration, register, registered
+from deshake.io.files import check_output
+from deshake.io.kernel_file import CameraFile, KernelFile, write_kernel
+from deshake.io.photo import read_photo
+from deshake.io.registration_file import read_registration
+from deshake.operators.planes import channels_first
+from deshake.pipelines.stages import _blur_px, _camera
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from deshake.estimation.pair import PairEstimate
+    from deshake.io.photo import Photo
+    from deshake.pipelines.stages import EstimateOptions
+
+    Progress = Callable[[float, str], None]
+
+__all__ = ["PairKernel", "estimate_pair", "estimate_pair_file"]
+
+_log = logging.getLogger(__name__)
+
+Image = NDArray[np.float32]
+
+_TWINS: Final = 2
+_BAND: Final = 256  # rows that get their noise at once
+_REGISTERED: Final = 0.3  # of the time
+
+
+@dataclass(frozen=True, eq=False)
+class PairKernel:
+    """A kernel as it goes to its file, and what the user should know of it.
+
+    Parameters
+    ----------
+    content : KernelFile
+        The kernel with its confidence and provenance, in the frame of the registered noisy photo.
+    camera : CameraFile
+        The camera that was gone by, and where its focal length comes from.
+    registration : Registration
+        How the noisy photo lies to the blurred one.
+    scale : float
+        The photometric factor, fitted together with the kernel.
+    notes : list of str
+        In plain words.
+
+    """
+
+    content: KernelFile
+    camera: CameraFile
+    registration: Registration
+    scale: float
+    notes: list[str]
+
+    def report(self) -> dict[str, Any]:
+        """Return the figures of the estimate as JSON data."""
+        kernel = self.content.kernel
+        return {
+            "rotations": len(kernel.weights),
+            "extent_px": round(kernel.extent_px(), 2),
+            "confidence": round(self.content.confidence, 4),
+            "scale": round(self.scale, 5),
+            "registration_confidence": round(self.registration.confidence, 4),
+            "notes": self.notes,
+            "focal_px": round(self.camera.camera.focal_px, 2),
+            "camera_source": self.camera.source,
+        }
+
+
+def estimate_pair(
+    blurred: Photo,
+    noisy: Photo,
+    options: EstimateOptions,
+    *,
+    registration: Registration | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> PairKernel:
+    """Estimate the blur kernel of a photo with the help of a noisy one.
+
+    Parameters
+    ----------
+    blurred, noisy : Photo
+        The pair.
+    options : EstimateOptions
+        What to go by; region and estimator do not count.
+    registration : Registration, optional
+        How the noisy photo lies to the blurred one, with the camera to go by. By default it is
+        found, with the camera that the options or the blurred photo tell.
+    threads : int, optional
+        Threads to use; by default all processors.
+    progress : callable, optional
+        Told the fraction done and what is being done.
+
+    Raises
+    ------
+    CalibrationError
+        If a focal length that was given is absurd.
+    KernelFileError
+        If the camera or the registration that was given does not fit the photo.
+    EstimationError
+        If the photos do not show the same scene, or are too small, too flat or too much clipped.
+
+    """
+    notes: list[str] = []
+    if registration is None:
+        camera, notes = _camera(blurred, options)
+    else:
+        camera = CameraFile(registration.camera, "the registration")
+        _check_fit(registration, blurred)
+    tell = progress or (lambda _share, _text: None)
+    try:
+        if registration is None:
+            registration = register(
+                blurred.pixels,
+                noisy.pixels,
+                camera.camera,
+                threads=threads,
+                progress=lambda share, text: tell(_REGISTERED * share, text),
+            )
+        f_reg, valid = registered(noisy.pixels, registration)
+        found = estimate_pair_kernel(
+            blurred.pixels,
+            f_reg,
+            valid,
+            camera.camera,
+            uniform=options.uniform,
+            blur_size=_blur_px(camera.camera, options),
+            noise=_registered_noise(noisy.pixels, registration),
+            threads=threads,
+            progress=lambda share, text: tell(_REGISTERED + (1 - _REGISTERED) * share, text),
+        )
+    except DeshakeError as error:
+        error.file = error.file or str(blurred.source)
+        raise
+    notes += found.notes
+    for note in notes:
+        _log.warning("%s: %s", blurred.source, note)
+    provenance = _provenance((blurred, noisy), options, registration, found)
+    provenance |= {"camera": camera.source, "notes": notes}
+    content = KernelFile(found.kernel, found.confidence, provenance, camera.distortion)
+    return PairKernel(content, camera, registration, found.scale, notes)
+
+
+def estimate_pair_file(
+    blurred: Path,
+    noisy: Path,
+    output: Path,
+    options: EstimateOptions,
+    *,
+    registration: Path | None = None,
+    overwrite: bool = False,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> PairKernel:
+    """Estimate the kernel of a photo from a pair of files, and write its kernel file.
+
+    Raises
+    ------
+    PhotoError, CalibrationError, KernelFileError, EstimationError
+        For the reasons of `read_photo` and `estimate_pair`.
+    OutputError
+        If the output cannot be written.
+
+    """
+    inputs = [path for path in (blurred, noisy, registration) if path is not None]
+    check_output(output, *inputs, overwrite=overwrite)
+    known = None if registration is None else _read_registration(registration)
+    found = estimate_pair(
+        read_photo(blurred, transfer=options.transfer),
+        read_photo(noisy, transfer=options.transfer),
+        options,
+        registration=known,
+        threads=threads,
+        progress=progress,
+    )
+    write_kernel(output, found.content, overwrite=overwrite)
+    return found
+
+
+def _read_registration(file: Path) -> Registration:
+    content = read_registration(file)
+    return Registration(content.theta, content.scale, content.confidence, content.camera)
+
+
+def _check_fit(registration: Registration, photo: Photo) -> None:
+    """Check that a registration was made for photos of this size."""
+    camera = registration.camera
+    if camera.shape != photo.shape:
+        height, width = photo.shape
+        raise KernelFileError(
+            f"the registration is for pictures of {camera.width} x {camera.height} pixels, and "
+            f"{photo.source} has {width} x {height}",
+            hint="register the photos again",
+        )
+
+
+def _registered_noise(f_N: Image, registration: Registration) -> Iterator[Image]:
+    """Draw noise like that of the mean of a photo's channels, and register it as the photo was."""
+    slope, floor = noise_model(f_N)
+    sigma = mean_light(f_N)
+    sigma *= np.float32(slope)
+    sigma += np.float32(floor)
+    sigma /= np.float32(len(channels_first(f_N)))
+    np.sqrt(sigma, out=sigma)
+    for twin in range(_TWINS):
+        rng = np.random.default_rng(twin)
+        noise = np.empty_like(sigma)
+        for top in range(0, len(noise), _BAND):
+            band = sigma[top : top + _BAND]
+            noise[top : top + _BAND] = rng.standard_normal(band.shape, np.float32) * band
+        yield registered(noise, registration)[0]
+
+
+def _provenance(
+    pair: tuple[Photo, Photo],
+    options: EstimateOptions,
+    registration: Registration,
+    found: PairEstimate,
+) -> dict[str, Any]:
+    """Tell what shaped the kernel, the camera aside."""
+    names = ("transfer", "blur_size", "max_angle", "uniform")
+    return {
+        "deshake": __version__,
+        "command": "estimate-pair",
+        "options": {name: getattr(options, name) for name in names},
+        "input_sha256": _sha256(pair[0].source),
+        "noisy_sha256": _sha256(pair[1].source),
+        "registration": {
+            "theta": registration.theta.tolist(),
+            "scale": registration.scale,
+            "confidence": registration.confidence,
+        },
+        "scale": found.scale,
+        "explained": found.explained,
+        "scales": [asdict(scale) for scale in found.scales],
+    }
+
+
+def _sha256(file: Path) -> str:
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
