@@ -42,8 +42,8 @@ _CANDIDATES, _APART_PX = 5, 2.5
 _SHADOW = 0.05  # of the mean light, below which details count less
 _LEAST_CONTRAST = 0.005
 _SAME_SCENE = 0.5  # confidence
-_EVEN_LIKENESS = 0.63  # at which a registration is as likely right as wrong
-_LIKENESS_SCALE = 0.035
+_EVEN_LIKENESS = 0.58  # at which a registration is as likely right as wrong
+_LIKENESS_SCALE = 0.05
 _QUARTER = pi / 2
 _BAND = 256  # rows and columns that are warped at once
 
