@@ -1,7 +1,8 @@
 """The stages for a blurred and a noisy photo of one scene: to the blur kernel, Sec. 6.
 
-The noisy photo is registered to the blurred one, unless that was done before, and so is noise that
-is drawn like its own: the estimate takes off what such noise would do to the kernel.
+The noisy photo is registered to the blurred one, unless that was done before. Where the kernel then
+explains the blurred photo badly, the two photos' tones are matched (`registered_pair`), and the
+kernel is kept that explains it better.
 """
 
 from __future__ import annotations
@@ -11,23 +12,18 @@ import logging
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from deshake import __version__
-from deshake.deconvolution.noise import mean_light, noise_model
 from deshake.errors import DeshakeError, KernelFileError
-from deshake.estimation.pair import estimate_pair_kernel
 from deshake.estimation.registration import Registration, register, registered
 from deshake.io.files import check_output
 from deshake.io.kernel_file import CameraFile, KernelFile, write_kernel
 from deshake.io.photo import read_photo
 from deshake.io.registration_file import read_registration
-from deshake.operators.planes import channels_first
-from deshake.pipelines.stages import _blur_px, _camera
+from deshake.pipelines.registered_pair import RegisteredPair
+from deshake.pipelines.stages import _camera
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
     from pathlib import Path
 
     from deshake.estimation.pair import PairEstimate
@@ -40,11 +36,8 @@ __all__ = ["PairKernel", "estimate_pair", "estimate_pair_file"]
 
 _log = logging.getLogger(__name__)
 
-Image = NDArray[np.float32]
-
-_TWINS: Final = 2
-_BAND: Final = 256  # rows that get their noise at once
 _REGISTERED: Final = 0.3  # of the time
+_SURE: Final = 0.9  # confidence below which tone curves are tried
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,30 +129,30 @@ def estimate_pair(
                 noisy.pixels,
                 camera.camera,
                 threads=threads,
-                progress=lambda share, text: tell(_REGISTERED * share, text),
+                progress=_part(tell, 0, _REGISTERED),
             )
-        f_reg, valid = registered(noisy.pixels, registration)
-        found = estimate_pair_kernel(
-            blurred.pixels,
-            f_reg,
-            valid,
-            camera.camera,
-            uniform=options.uniform,
-            blur_size=_blur_px(camera.camera, options),
-            noise=_registered_noise(noisy.pixels, registration),
-            threads=threads,
-            progress=lambda share, text: tell(_REGISTERED + (1 - _REGISTERED) * share, text),
-        )
+        later = _part(tell, _REGISTERED, 1)
+        pair = RegisteredPair(blurred, noisy, registration, *registered(noisy.pixels, registration))
+        found = pair.kernel(options, threads, later)
+        curved = False
+        if found.confidence < _SURE:
+            other = pair.on_curves().kernel(options, threads, later)
+            curved = other.confidence > found.confidence
+            found = other if curved else found
     except DeshakeError as error:
         error.file = error.file or str(blurred.source)
         raise
+    scale = found.scale
+    if curved:
+        scale *= registration.scale
+        notes.append("the photos have tone curves of their own, which were matched")
     notes += found.notes
     for note in notes:
         _log.warning("%s: %s", blurred.source, note)
     provenance = _provenance((blurred, noisy), options, registration, found)
-    provenance |= {"camera": camera.source, "notes": notes}
+    provenance |= {"camera": camera.source, "tone_curves": curved, "notes": notes}
     content = KernelFile(found.kernel, found.confidence, provenance, camera.distortion)
-    return PairKernel(content, camera, registration, found.scale, notes)
+    return PairKernel(content, camera, registration, scale, notes)
 
 
 def estimate_pair_file(
@@ -215,21 +208,9 @@ def _check_fit(registration: Registration, photo: Photo) -> None:
         )
 
 
-def _registered_noise(f_N: Image, registration: Registration) -> Iterator[Image]:
-    """Draw noise like that of the mean of a photo's channels, and register it as the photo was."""
-    slope, floor = noise_model(f_N)
-    sigma = mean_light(f_N)
-    sigma *= np.float32(slope)
-    sigma += np.float32(floor)
-    sigma /= np.float32(len(channels_first(f_N)))
-    np.sqrt(sigma, out=sigma)
-    for twin in range(_TWINS):
-        rng = np.random.default_rng(twin)
-        noise = np.empty_like(sigma)
-        for top in range(0, len(noise), _BAND):
-            band = sigma[top : top + _BAND]
-            noise[top : top + _BAND] = rng.standard_normal(band.shape, np.float32) * band
-        yield registered(noise, registration)[0]
+def _part(progress: Progress, start: float, end: float) -> Progress:
+    """Return what tells `progress` of a part of the work."""
+    return lambda share, text: progress(start + (end - start) * share, text)
 
 
 def _provenance(
