@@ -54,6 +54,7 @@ _FINAL_CUT = 0.02
 _TOUCHING = 0.05  # share of the weight on the faces of the cube that calls for a larger one
 _FINE_SIDE = 400  # px, of the longer side up to which every scale is worked on
 _LEAST_LIGHT = 1e-7  # of the noisy photo
+_MOST_CHANGE = 2.0  # of the photometric factor at one scale
 _STILL_PX = 2.0  # an extent below it at the finest scale is no shake
 _DOUBTFUL = 0.5  # confidence below which the user is told
 _EVEN_MISFIT = 0.07  # share of the edges left unexplained at which a kernel is half believed
@@ -159,7 +160,9 @@ def estimate_pair_kernel(
         msg = f"{g.shape[:2]}, {f_reg.shape[:2]}, {valid.shape} and {camera.shape} are not one size"
         raise ValueError(msg)
     height, width = camera.shape
-    bound = BLUR_SHARE * max(height, width) if blur_size is None else blur_size
+    bound = min(BLUR_SHARE * max(height, width), min(height, width) / 4)
+    if blur_size is not None:
+        bound = blur_size
     _check(height, width, bound)
     whole = Camera.uniform(height, width) if uniform else camera
     pictures = PairPictures.of(g, f_reg, valid, noise or ())
@@ -258,20 +261,21 @@ class _Scales:
         rows = PairRows(camera, theta, f, edges, drawn.fitted, noise=noise, threads=self.threads)
         w = least_on_simplex(rows, start, ridge=_RIDGE)
         used = w > 0
+        theta, w = theta[used], w[used]
         judge = PairRows(camera, theta, f, edges, drawn.held_out, noise=noise, threads=self.threads)
         self.misfits = judge.misfits(w)
         light = PairRows(
             camera,
-            theta[used],
+            theta,
             seen.f[None] * a,
             seen.g[None],
             drawn.fitted,
             noise=[e[None] * a for e in seen.noise],
             threads=self.threads,
         )
-        self.scale *= light.scale(w[used])
-        self.kernel = RotationKernel(theta[used], w[used] / w.sum(), steps, camera)
-        self.reports.append(PairScale(*shape, len(w), int(used.sum()), self.scale))
+        self.scale *= min(max(light.scale(w), 1 / _MOST_CHANGE), _MOST_CHANGE)
+        self.kernel = RotationKernel(theta, w / w.sum(), steps, camera)
+        self.reports.append(PairScale(*shape, len(indices), len(w), self.scale))
 
 
 def _check(height: int, width: int, bound: float) -> None:

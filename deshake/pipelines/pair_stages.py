@@ -7,13 +7,14 @@ kernel is kept that explains it better.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import logging
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from deshake import __version__
-from deshake.errors import DeshakeError, KernelFileError
+from deshake.errors import DeshakeError, EstimationError, KernelFileError
 from deshake.estimation.registration import Registration, register, registered
 from deshake.io.files import check_output
 from deshake.io.kernel_file import CameraFile, KernelFile, write_kernel
@@ -136,9 +137,10 @@ def estimate_pair(
         found = pair.kernel(options, threads, later)
         curved = False
         if found.confidence < _SURE:
-            other = pair.on_curves().kernel(options, threads, later)
-            curved = other.confidence > found.confidence
-            found = other if curved else found
+            with contextlib.suppress(EstimationError):  # then it stays at the one factor
+                other = pair.on_curves().kernel(options, threads, later)
+                curved = other.confidence > found.confidence
+                found = other if curved else found
     except DeshakeError as error:
         error.file = error.file or str(blurred.source)
         raise

@@ -187,6 +187,16 @@ def test_what_cannot_be_estimated_is_said(photo, camera, change, what):
         estimate_pair_kernel(**case)
 
 
+def test_narrow_photos_have_bounds_that_fit(photo):
+    narrow = Camera.from_focal(200.0, 48, 220)
+    g, f_reg, _, _ = shaken(photo, Camera.from_focal(200.0, *SHAPE), 0 * PATH)
+    rows = slice(50, 98)
+    wide = [np.tile(picture[rows], (1, 5)) for picture in (g, f_reg)]
+    camera = narrow.cropped(-440, 0, 1100, 48)
+    found = estimate_pair_kernel(*wide, np.ones((48, 1100)), camera, threads=1)
+    assert found.kernel.extent_px() < 3
+
+
 def test_a_black_noisy_photo_is_no_pair(photo, camera):
     g, f_reg, _, _ = shaken(photo, camera)
     with pytest.raises(EstimationError, match="the noisy photo is black"):
