@@ -57,7 +57,7 @@ _LEAST_LIGHT = 1e-7  # of the noisy photo
 _MOST_CHANGE = 2.0  # of the photometric factor at one scale
 _STILL_PX = 2.0  # an extent below it at the finest scale is no shake
 _DOUBTFUL = 0.5  # confidence below which the user is told
-_EVEN_MISFIT = 0.07  # share of the edges left unexplained at which a kernel is half believed
+_EVEN_MISFIT = 0.03  # share of the edges left unexplained at which a kernel is half believed
 _MISFIT_RANGE = 0.5  # of its logarithm
 
 
@@ -85,7 +85,7 @@ class PairEstimate:
         The photometric factor a.
     confidence : float
         0..1, by the share of the blurred photo's edges that the pair does not explain, at pixels
-        that the kernel was not fitted to: 0.5 where it is 7 %.
+        that the kernel was not fitted to: 0.5 where it is 3 %.
     explained : float
         Share of the edges that the kernel explains beyond what the best single rotation does, of
         all that this one leaves; noise included, it may be below 0.
