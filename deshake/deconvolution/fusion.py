@@ -13,8 +13,9 @@ sigma_g has the errors of the kernel in it, and v is 0 where the noisy photo doe
 that the blurred one saw (`pair_weights`). s = (1 / sigma_g^2 + 1 / sigma_N^2)^(1/2), where the
 second is averaged, is about what both together tell.
 
-It begins with f_D and takes a few stages of half-quadratic splitting (`half_quadratic`). Beyond the
-frame, and where v = 0, it is a deconvolution of the blurred photo alone. The noisy photo in such a
+It begins with f_D, or where v = 0 with a few iterations of Richardson-Lucy, and takes a few stages
+of half-quadratic splitting (`half_quadratic`). Beyond the frame, and where v = 0, it is a
+deconvolution of the blurred photo alone. The noisy photo in such a
 sum is what L. Yuan, J. Sun, L. Quan and H.-Y. Shum, "Image deblurring with blurred/noisy image
 pairs", ACM Transactions on Graphics 26, 2007, https://doi.org/10.1145/1276377.1276379, do without.
 """
@@ -39,6 +40,7 @@ from deshake.deconvolution.pair_weights import (
     padded,
 )
 from deshake.deconvolution.restoration import Restoration, check_photo
+from deshake.deconvolution.richardson_lucy import latent_start
 from deshake.operators.filter_flow import reach
 from deshake.operators.patch_inverse import approximate_inverse
 from deshake.operators.planes import channels_first
@@ -67,7 +69,8 @@ _PRECISION_PX = 15  # over which the noisy photo's precision is averaged for s
 _WHITE = 0.9  # light that is displayed as white or nearly so, even if it was clipped
 _CLIPPED_PX, _CLIPPED_SHARE = 5, 0.5  # noise clips a few pixels of bright parts: that is no harm
 _BEYOND = 1.05  # light that a clipped pixel does not tell: below, it is about as bright as it looks
-_PREPARING = 3.0  # effort of all before the first stage, in stages
+_ALONE = 6  # iterations of Richardson-Lucy, to begin with where the noisy photo sees nothing
+_PREPARING = 8.0  # effort of all before the first stage, in stages
 
 
 def fuse(
@@ -136,7 +139,16 @@ def fuse(
     if noisy_clipped is not None:
         share = uniform_filter(noisy_clipped.astype(np.float32), _CLIPPED_PX)
         v[(share > _CLIPPED_SHARE) & (noisy.denoised.max(0) < _WHITE)] = 0
-    start = _start(light, noisy, v, blur, margin)
+    alone = latent_start(
+        light,
+        kernel,
+        clipped=clipped,
+        iterations=_ALONE,
+        threads=threads,
+        progress=lambda part, text: tell(_PREPARING * (part - 1) / 2, text),
+    )
+    start = _start(light, noisy, v, alone, blur)
+    del alone
     descent = _descent(light, noisy, start, blur, clipped, threads=threads)
     del noisy, start, v
     for stage, rho in enumerate(np.geomspace(*_RHO[::-1], stages)[::-1], 1):
@@ -156,18 +168,15 @@ class _Start(NamedTuple):
     v: Image
 
 
-def _start(g: Image, noisy: NoisyPhoto, v: Image, blur: Filters, margin: int) -> _Start:
-    """Take the denoised photo where the photos agree, else the blurred one."""
+def _start(g: Image, noisy: NoisyPhoto, v: Image, alone: Image, blur: Filters) -> _Start:
+    """Take the denoised photo where the photos agree, else the blurred one, deblurred alone."""
+    margin = (alone.shape[1] - len(g)) // 2
     f = padded(noisy.denoised, margin)
-    Af = blur.forward(f)
-    v = v * agreement(g, Af)
-    if v.min() < 1:
-        inside = f[:, margin:-margin, margin:-margin]
-        for c, blurred in enumerate(channels_first(g)):
-            inside[c] += (1 - v) * (np.maximum(blurred, 0) - inside[c])
-        f = padded(inside, margin)
-        Af = blur.forward(f)
-    return _Start(f, Af, v)
+    v = v * agreement(g, blur.forward(f))
+    doubt = 1 - np.pad(v, margin)
+    for c, plane in enumerate(alone):
+        f[c] += doubt * (plane - f[c])
+    return _Start(f, blur.forward(f), v)
 
 
 def _descent(
