@@ -35,7 +35,6 @@ __all__ = [
     "overwrite_option",
     "photo_argument",
     "region_option",
-    "restoration_options",
     "transfer_option",
     "uniform_option",
 ]
@@ -94,19 +93,6 @@ def _only_one_of(*names: str) -> Callable[[click.Context, click.Parameter, Any],
     return check
 
 
-def _goes_with(*methods: str | None) -> Callable[[click.Context, click.Parameter, Any], Any]:
-    """Make a callback that fails where the option was given with another --method."""
-
-    def check(ctx: click.Context, param: click.Parameter, value: Any) -> Any:  # noqa: ANN401
-        method = ctx.params.get("method")
-        if value not in {None, param.default} and method not in methods:
-            msg = f"{param.opts[-1]} does not go with --method {method}."
-            raise click.UsageError(msg, ctx)
-        return value
-
-    return check
-
-
 def general_options(command: F) -> F:
     """Add -v, -q, --threads and --progress, which work before and after the command's name."""
     for option in (
@@ -155,61 +141,6 @@ def output_option(default: str, *, metavar: str = "FILE", note: str = "") -> Cal
         metavar=metavar,
         help=f"Where to write{note}.  [default: {default}]",
     )
-
-
-def restoration_options(command: F, *, pair: bool = False) -> F:
-    """Add how a photo is deblurred; the names are those of `RestorationOptions`.
-
-    For a command that knows a noisy photo too, there are two more methods, and no default: it is
-    None, and so is the quality's.
-    """
-    methods = ["sparse", "rl", "rl-accelerated", "rl-tv", "wiener", "unsupervised-wiener"]
-    text = (
-        "How to deblur: by sparse gradients, by Richardson-Lucy (plain, accelerated or with "
-        "total variation), or, if the blur is uniform, by Wiener filters."
-    )
-    if pair:
-        methods += ["fusion", "residual"]
-        text += (
-            " With --noisy: by fusion of both photos, or by residual Richardson-Lucy.  [default: "
-            "sparse; with --noisy, fusion]"
-        )
-    method = click.option(
-        "--method",
-        type=click.Choice(methods),
-        default=None if pair else "sparse",
-        show_default=not pair,
-        is_eager=True,  # the other two look at it
-        help=text,
-    )
-    quality = click.option(
-        "--quality",
-        type=click.Choice(["fast", "default", "high"]),
-        default="default",
-        show_default=True,
-        callback=_goes_with("sparse", "fusion", None),
-        help="How much time sparse takes: about 0.6, 1 or 1.5 times that of the default"
-        + (", and fusion: about 0.7, 1 or 1.5 times." if pair else "."),
-    )
-    iterations = click.option(
-        "--iterations",
-        type=click.IntRange(1, 10_000),
-        metavar="N",
-        callback=_goes_with(
-            "sparse",
-            "rl",
-            "rl-accelerated",
-            "rl-tv",
-            "unsupervised-wiener",
-            "fusion",
-            "residual",
-            None,
-        ),
-        help="Iterations of the method.  [default: 6 for sparse, "
-        + ("10 for fusion, 20 for residual, " if pair else "")
-        + "else by the photo's noise]",
-    )
-    return method(quality(iterations(command)))
 
 
 def focal_options(command: F) -> F:

@@ -21,9 +21,9 @@ from deshake.io.photo import read_photo, write_photo
 from deshake.io.registration_file import read_registration
 from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import ShakeBlur
-from deshake.pipelines.file_stages import _check_encoding, _part
+from deshake.pipelines.file_stages import check_encoding, part
 from deshake.pipelines.fitting import fitting_kernel
-from deshake.pipelines.stages import EstimateOptions, _camera, luminance
+from deshake.pipelines.stages import EstimateOptions, camera_for, luminance
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -118,17 +118,19 @@ def deblur_pair(
         If the photos do not show the same scene.
 
     """
+    start = 0.0
     try:
         if registration is None:
+            start = _REGISTERED
             camera = kernel.camera
             if camera.is_uniform:
-                camera = _camera(blurred, EstimateOptions())[0].camera
+                camera = camera_for(blurred, EstimateOptions())[0].camera
             registration = register(
                 blurred.pixels,
                 noisy.pixels,
                 camera,
                 threads=threads,
-                progress=_part(progress, 0, _REGISTERED),
+                progress=part(progress, 0, start),
             )
         restored = _restored(
             blurred,
@@ -137,7 +139,7 @@ def deblur_pair(
             options,
             registration=registration,
             threads=threads,
-            progress=_part(progress, _REGISTERED, 1),
+            progress=part(progress, start, 1),
         )
     except DeshakeError as error:
         error.file = error.file or str(blurred.source)
@@ -179,7 +181,7 @@ def deblur_pair_file(
     content = read_kernel(kernel_file)
     known = None if registration is None else read_registration(registration)
     photo, noisy = (read_photo(item, transfer=transfer) for item in (source, noisy_file))
-    _check_encoding(photo, path)
+    check_encoding(photo, path)
     kernel = fitting_kernel(content, photo, kernel_file)
     if known is not None and known.camera.shape != photo.shape:
         height, width = known.camera.shape

@@ -15,13 +15,14 @@ from typing import TYPE_CHECKING, Any, Final
 
 from deshake import __version__
 from deshake.errors import DeshakeError, EstimationError, KernelFileError
-from deshake.estimation.registration import Registration, register, registered
+from deshake.estimation.registration import Registration, registered
 from deshake.io.files import check_output
 from deshake.io.kernel_file import CameraFile, KernelFile, write_kernel
 from deshake.io.photo import read_photo
 from deshake.io.registration_file import read_registration
+from deshake.pipelines.file_stages import part
+from deshake.pipelines.register import find_registration
 from deshake.pipelines.registered_pair import RegisteredPair
-from deshake.pipelines.stages import _camera
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -108,8 +109,8 @@ def estimate_pair(
 
     Raises
     ------
-    CalibrationError
-        If a focal length that was given is absurd.
+    PhotoError, CalibrationError
+        For the reasons of `find_registration`.
     KernelFileError
         If the camera or the registration that was given does not fit the photo.
     EstimationError
@@ -117,22 +118,18 @@ def estimate_pair(
 
     """
     notes: list[str] = []
+    start = 0.0
     if registration is None:
-        camera, notes = _camera(blurred, options)
+        first = find_registration(
+            blurred, noisy, options, threads=threads, progress=part(progress, 0, _REGISTERED)
+        )
+        registration, camera, notes = first.registration, first.camera, list(first.notes)
+        start = _REGISTERED
     else:
         camera = CameraFile(registration.camera, "the registration")
         _check_fit(registration, blurred)
-    tell = progress or (lambda _share, _text: None)
+    later = part(progress, start, 1) or (lambda _share, _text: None)
     try:
-        if registration is None:
-            registration = register(
-                blurred.pixels,
-                noisy.pixels,
-                camera.camera,
-                threads=threads,
-                progress=_part(tell, 0, _REGISTERED),
-            )
-        later = _part(tell, _REGISTERED, 1)
         pair = RegisteredPair(blurred, noisy, registration, *registered(noisy.pixels, registration))
         found = pair.kernel(options, threads, later)
         curved = False
@@ -208,11 +205,6 @@ def _check_fit(registration: Registration, photo: Photo) -> None:
             f"{photo.source} has {width} x {height}",
             hint="register the photos again",
         )
-
-
-def _part(progress: Progress, start: float, end: float) -> Progress:
-    """Return what tells `progress` of a part of the work."""
-    return lambda share, text: progress(start + (end - start) * share, text)
 
 
 def _provenance(

@@ -20,8 +20,8 @@ from deshake.io.files import STREAM, check_output, write_bytes
 from deshake.io.metadata import Metadata
 from deshake.io.photo import encode_photo, output_format, read_photo
 from deshake.io.registration_file import RegistrationFile, write_registration
-from deshake.pipelines.file_stages import _gone_on_failure
-from deshake.pipelines.stages import EstimateOptions, _camera, calibrate, luminance
+from deshake.pipelines.file_stages import gone_on_failure
+from deshake.pipelines.stages import EstimateOptions, calibrate, camera_for, luminance
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,9 +29,10 @@ if TYPE_CHECKING:
 
     from deshake.estimation.registration import Registration
     from deshake.io.encoding import Format
+    from deshake.io.kernel_file import CameraFile
     from deshake.io.photo import Photo
 
-__all__ = ["Found", "checkerboard", "register_file", "registration_name"]
+__all__ = ["Found", "checkerboard", "find_registration", "register_file", "registration_name"]
 
 _log = logging.getLogger(__name__)
 
@@ -49,15 +50,15 @@ class Found:
     ----------
     registration : Registration
         The registration.
-    camera_source : str
-        Where the camera's focal length comes from.
+    camera : CameraFile
+        The camera that was gone by, and where its focal length comes from.
     notes : list of str
         In plain words.
 
     """
 
     registration: Registration
-    camera_source: str
+    camera: CameraFile
     notes: list[str]
 
     def report(self) -> dict[str, Any]:
@@ -69,13 +70,65 @@ class Found:
             "confidence": round(found.confidence, 4),
             "notes": self.notes,
             "focal_px": round(found.camera.focal_px, 2),
-            "camera_source": self.camera_source,
+            "camera_source": self.camera.source,
         }
 
 
 def registration_name(source: Path) -> str:
     """Return the default name of a blurred photo's registration: ``<stem>.registration.npz``."""
     return f"{source.stem}.registration.npz"
+
+
+def find_registration(
+    blurred: Photo,
+    noisy: Photo,
+    options: EstimateOptions,
+    *,
+    max_angle: float = MAX_ANGLE,
+    threads: int | None = None,
+    progress: Callable[[float, str], None] | None = None,
+) -> Found:
+    """Register a noisy photo to a blurred one.
+
+    Parameters
+    ----------
+    blurred, noisy : Photo
+        The photos.
+    options : EstimateOptions
+        Of which the camera counts.
+    max_angle : float
+        Largest rotation about any axis to look for, in radians.
+    threads : int, optional
+        Threads to use; by default all processors.
+    progress : callable, optional
+        Told the fraction done and what is being done.
+
+    Raises
+    ------
+    PhotoError
+        If the photos were taken at different focal lengths.
+    CalibrationError, KernelFileError
+        If the camera that was given is absurd or does not fit.
+    EstimationError
+        If the photos do not show the same scene, or have different proportions.
+
+    """
+    camera, notes = camera_for(blurred, options)
+    if options.camera is None and options.focal_px is None and options.focal_35mm is None:
+        _check_zoom(blurred, noisy)
+    try:
+        registration = register(
+            blurred.pixels,
+            noisy.pixels,
+            camera.camera,
+            max_angle=max_angle,
+            progress=progress,
+            threads=threads,
+        )
+    except DeshakeError as error:
+        error.file = error.file or f"{blurred.source}, {noisy.source}"
+        raise
+    return Found(registration, camera, notes)
 
 
 def register_file(
@@ -111,11 +164,9 @@ def register_file(
     Raises
     ------
     PhotoError
-        If a photo cannot be read, or they were taken at different focal lengths.
-    CalibrationError, KernelFileError
-        If the camera that was given is absurd or does not fit.
-    EstimationError
-        If the photos do not show the same scene, or have different proportions.
+        If a photo cannot be read, or for the reasons of `find_registration`.
+    CalibrationError, KernelFileError, EstimationError
+        For those reasons.
     OutputError
         If an output cannot be written.
 
@@ -125,25 +176,11 @@ def register_file(
         check_output(preview, blurred, noisy, output, overwrite=overwrite)
     g, f_N = (read_photo(path, transfer=options.transfer) for path in (blurred, noisy))
     form = None if preview is None else _preview_format(preview, g)
-    camera, notes = _camera(g, options)
-    if options.camera is None and options.focal_px is None and options.focal_35mm is None:
-        _check_zoom(g, f_N)
     angle = MAX_ANGLE if options.max_angle is None else math.radians(options.max_angle)
-    try:
-        registration = register(
-            g.pixels,
-            f_N.pixels,
-            camera.camera,
-            max_angle=angle,
-            progress=progress,
-            threads=threads,
-        )
-    except DeshakeError as error:
-        error.file = error.file or f"{blurred}, {noisy}"
-        raise
-    for note in notes:
+    found = find_registration(g, f_N, options, max_angle=angle, threads=threads, progress=progress)
+    registration = found.registration
+    for note in found.notes:
         _log.warning("%s: %s", blurred, note)
-    found = Found(registration, camera.source, notes)
     content = RegistrationFile(
         registration.theta,
         registration.scale,
@@ -154,7 +191,7 @@ def register_file(
     with contextlib.ExitStack() as outputs:
         if preview is not None:
             data = encode_photo(checkerboard(g, f_N, registration), form)
-            outputs.enter_context(_gone_on_failure(preview))
+            outputs.enter_context(gone_on_failure(preview))
             write_bytes(preview, data, overwrite=overwrite)
         write_registration(output, content, overwrite=overwrite)
     return found
@@ -228,6 +265,6 @@ def _provenance(
         "options": {"transfer": options.transfer, "max_angle": options.max_angle},
         "input_sha256": digests[0],
         "noisy_sha256": digests[1],
-        "camera": found.camera_source,
+        "camera": found.camera.source,
         "notes": found.notes,
     }

@@ -19,7 +19,7 @@ from deshake.estimation.pair import estimate_pair_kernel
 from deshake.estimation.photometric import tone_curves
 from deshake.estimation.registration import registered
 from deshake.operators.planes import channels_first
-from deshake.pipelines.stages import _blur_px, luminance
+from deshake.pipelines.stages import largest_blur, luminance
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -77,7 +77,7 @@ class RegisteredPair:
             self.valid,
             camera,
             uniform=options.uniform,
-            blur_size=_blur_px(camera, options),
+            blur_size=largest_blur(camera, options),
             noise=self.noise(),
             threads=threads,
             progress=progress,

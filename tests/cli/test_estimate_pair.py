@@ -11,31 +11,11 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.rotations import grid_steps
 from deshake.io.kernel_file import CameraFile, read_kernel, write_camera
 from deshake.io.registration_file import RegistrationFile, write_registration
-from deshake.operators.warps import Warps
 
 SHAPE = (100, 140)
-MARGIN = 15
 CAMERA = Camera.from_focal(150.0, *SHAPE)
 STEPS = grid_steps(CAMERA)
 FAST = ("--focal-px", 150, "--blur-size", 8, "--threads", 1)
-
-
-@pytest.fixture
-def pair(tmp_path):
-    """Write a photo turned by five pixels about Y, and a dark, noisy one."""
-    height, width = SHAPE[0] + 2 * MARGIN, SHAPE[1] + 2 * MARGIN
-    photo = cv2.resize(data.astronaut()[:370], (width, height), interpolation=cv2.INTER_AREA)
-    sharp = ((photo / 255) ** 2.2).astype(np.float32)
-    path = np.linspace([0, -2.5, 0], [0, 2.5, 0], 20) * STEPS
-    g = Warps(CAMERA, path, margin=MARGIN).blur(sharp, np.full(20, 1 / 20))
-    noisy = Warps(CAMERA, np.array([[2, -2, 1]]) * STEPS, margin=MARGIN).blur(sharp, [1.0]) / 4
-    noisy += 0.004 * np.random.default_rng(0).normal(size=noisy.shape)
-    files = []
-    for name, picture in (("blurred.png", g), ("noisy.png", noisy)):
-        codes = np.rint(65535 * np.clip(picture, 0, 1) ** (1 / 2.2)).astype(np.uint16)
-        cv2.imwrite(str(tmp_path / name), codes[..., ::-1])
-        files.append(tmp_path / name)
-    return files
 
 
 def test_writes_a_kernel_and_reports_it(deshake, pair, tmp_path):

@@ -101,7 +101,7 @@ def test_a_zoom_between_the_two_is_told(pair, tmp_path):
     same = with_focal_length(pair[1], 35, tmp_path / "same.jpg")
     zoomed = with_focal_length(pair[1], 50, tmp_path / "zoomed.jpg")
     found = register_file(g, same, tmp_path / "r.npz", EstimateOptions(), threads=1)
-    assert "35 mm" in found.camera_source
+    assert "35 mm" in found.camera.source
     with pytest.raises(PhotoError, match=r"taken at 1\.43 times the focal length of"):
         register_file(g, zoomed, tmp_path / "z.npz", EstimateOptions(), threads=1)
     register_file(g, zoomed, tmp_path / "z.npz", EstimateOptions(focal_35mm=35), threads=1)
