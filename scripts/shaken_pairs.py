@@ -11,6 +11,7 @@ is delivered darker and, as cameras do, denoised.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
@@ -20,12 +21,14 @@ from shaken_photos import PHOTOS, Case, path_of, reduced, seen
 
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
-from deshake.geometry.rotations import compose, grid_steps, homographies
-from deshake.io.transfer import Srgb, decode, encode
+from deshake.geometry.rotations import compose, displacements, grid_steps, homographies
+from deshake.io.encoding import Encoding
+from deshake.io.metadata import Metadata
+from deshake.io.photo import Photo
+from deshake.io.transfer import Srgb, decode, encode, is_clipped
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
 __all__ = ["PAIRS", "Pair", "PairCase", "ToneCurve", "shaken_pair"]
 
@@ -120,6 +123,27 @@ class Pair:
         [h] = homographies(camera, theta[None])
         light = np.clip(reduced(seen(self.scene, h, camera)), 0, 1)
         return light if self.curve is None else Srgb().to_linear(self.curve.develop(light))
+
+    def photos(self) -> tuple[Photo, Photo]:
+        """Return both as photos, as if they had been read from files."""
+        photos = []
+        for pixels in (self.g, self.f_n):
+            if self.curve is None:
+                clipped = (pixels >= 1).any(-1)
+            else:
+                clipped = is_clipped(encode(pixels, Srgb(), 8)).any(-1)
+            encoding = Encoding("PNG", transfer=Srgb())
+            photos.append(Photo(pixels, clipped, None, encoding, Metadata(), Path(__file__)))
+        return photos[0], photos[1]
+
+    def misplaced(self, frame: NDArray[np.float64]) -> float:
+        """Return how far a frame is from that of the blur's centroid: px, rms over the photo."""
+        camera = self.kernel.camera
+        xs, ys = np.linspace(0, camera.width - 1, 9), np.linspace(0, camera.height - 1, 9)
+        points = np.stack(np.meshgrid(xs, ys), -1).reshape(-1, 2)
+        h = homographies(camera, np.stack([frame, self.kernel.centroid]))
+        moved = displacements(h, points)
+        return float(np.sqrt(np.square(moved[:, 0] - moved[:, 1]).sum(-1).mean()))
 
 
 def shaken_pair(case: PairCase, logs: Sequence[Path]) -> Pair:
