@@ -31,11 +31,12 @@ RED = (176, 0, 0)
 
 
 class Line(NamedTuple):
-    """A line of the sheet: pictures side by side, and the words above them."""
+    """A line of the sheet: pictures side by side, titles above them, and words above all."""
 
     caption: list[str]
     cells: list[Picture]
     failed: bool = False
+    titles: Sequence[str] = ()
 
 
 def shown(photo: Photo) -> Picture:
@@ -72,7 +73,9 @@ def sheet(lines: Sequence[Line], width: int = 0) -> Image.Image:
     """Draw the lines below each other, on a page of at least that width."""
     font = ImageFont.load_default(FONT)
     heights = [
-        LINE * len(line.caption) + max((cell.shape[0] for cell in line.cells), default=0) + 3 * GAP
+        LINE * (len(line.caption) + bool(line.titles))
+        + max((cell.shape[0] for cell in line.cells), default=0)
+        + 3 * GAP
         for line in lines
     ]
     widths = [sum(cell.shape[1] + GAP for cell in line.cells) + GAP for line in lines]
@@ -83,9 +86,11 @@ def sheet(lines: Sequence[Line], width: int = 0) -> Image.Image:
         for number, text in enumerate(line.caption):
             colour = RED if line.failed else (0, 0, 0)
             draw.text((GAP, top + number * LINE), text, colour, font)
-        below = top + LINE * len(line.caption) + GAP
+        below = top + LINE * (len(line.caption) + bool(line.titles)) + GAP
         left = GAP
-        for cell in line.cells:
+        for number, cell in enumerate(line.cells):
+            if line.titles:
+                draw.text((left, below - LINE), line.titles[number], (0, 0, 0), font)
             image.paste(Image.fromarray(cell), (left, below))
             left += cell.shape[1] + GAP
         top += height
