@@ -164,9 +164,8 @@ def display(light: Image) -> Image:
     return Srgb().from_linear(np.clip(light, 0, 1)).astype(np.float32)
 
 
-def aligned_psnr(light: Image, sharp: Image) -> float:
-    """PSNR after the shift and turn that fit best."""
-    image, truth = display(light), display(sharp)
+def aligned(image: Image, truth: Image) -> Image:
+    """Move an image to where it fits the truth best, by a shift and a turn; display values."""
     turn = np.eye(2, 3, dtype=np.float32)
     stop = (3, 60, 1e-5)
     try:
@@ -174,11 +173,17 @@ def aligned_psnr(light: Image, sharp: Image) -> float:
             truth @ GREY, image @ GREY, turn, cv2.MOTION_EUCLIDEAN, stop, None, 3
         )
     except cv2.error:  # nothing fits
-        return psnr(image, truth)
+        return image
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
     size = (image.shape[1], image.shape[0])
-    moved = cv2.warpAffine(image, turn, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
-    return max(psnr(image, truth), psnr(moved, truth))
+    moved: Image = cv2.warpAffine(image, turn, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    return moved
+
+
+def aligned_psnr(light: Image, sharp: Image) -> float:
+    """PSNR after the shift and turn that fit best."""
+    image, truth = display(light), display(sharp)
+    return max(psnr(image, truth), psnr(aligned(image, truth), truth))
 
 
 def score(case: Case, run: Run) -> Scores:

@@ -19,18 +19,14 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
-import cv2
-import numpy as np
-from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
+from sheets import CHARACTER, GAP, Line, at_least, detailed_part, resized, sheet, shown
 
 from deshake.errors import DeshakeError, OutputError
 from deshake.io.files import check_output
 from deshake.io.kernel_file import write_kernel
 from deshake.io.photo import read_photo, write_photo
-from deshake.io.transfer import encode
 from deshake.pipelines.batch import find_photos
 from deshake.pipelines.file_stages import kernel_name
 from deshake.pipelines.render import render_kernel
@@ -42,54 +38,8 @@ if TYPE_CHECKING:
     from deshake.io.photo import Photo
     from deshake.pipelines.stages import Estimate
 
-Picture = NDArray[np.uint8]
-
 WIDTH = 480
 LEAST_WIDTH = 120
-GAP = 8
-FONT = 16
-LINE = 22  # from one line of text to the next
-CHARACTER = 8.5  # width of a character of the font, about
-DETAIL_STEPS = 24  # places across and down where the part with most detail is looked for
-RED = (176, 0, 0)
-
-
-class Line(NamedTuple):
-    """What a photo's line on the sheet shows."""
-
-    caption: list[str]
-    cells: list[Picture]
-    failed: bool = False
-
-
-def shown(photo: Photo) -> Picture:
-    """Return a photo's pixels as they are shown: (H, W, 3) uint8."""
-    codes = encode(photo.pixels, photo.encoding.transfer, 8)
-    return np.dstack([codes] * 3) if codes.ndim == 2 else codes
-
-
-def resized(picture: Picture, width: int) -> Picture:
-    """Resize a picture to a width."""
-    height = max(round(picture.shape[0] * width / picture.shape[1]), 1)
-    image = Image.fromarray(picture).resize((width, height), Image.Resampling.LANCZOS)
-    return np.asarray(image)
-
-
-def detailed_part(picture: Picture, width: int, height: int) -> tuple[slice, slice]:
-    """Find the part of this size, or less in a small picture, with the most detail.
-
-    Detail is the mean of the Laplacian's magnitude after a little smoothing, so that noise does
-    not count for texture.
-    """
-    h, w = min(height, picture.shape[0]), min(width, picture.shape[1])
-    grey = cv2.GaussianBlur(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), (0, 0), 1.5)
-    total = cv2.integral(np.abs(cv2.Laplacian(grey, cv2.CV_32F)))
-    top = np.unique(np.linspace(0, picture.shape[0] - h, DETAIL_STEPS).astype(int))
-    left = np.unique(np.linspace(0, picture.shape[1] - w, DETAIL_STEPS).astype(int))
-    y, x = np.meshgrid(top, left, indexing="ij")
-    detail = total[y + h, x + w] - total[y, x + w] - total[y + h, x] + total[y, x]
-    best = np.unravel_index(np.argmax(detail), detail.shape)
-    return slice(y[best], y[best] + h), slice(x[best], x[best] + w)
 
 
 def caption(photo: Photo, found: Estimate, seconds: float, columns: int) -> list[str]:
@@ -130,38 +80,6 @@ def fixed(source: Path, width: int, folder: Path | None) -> Line:
     part = detailed_part(before, width, max(small.shape[0], width // 2))
     cells = [small, resized(after, width), render_kernel(found.content.kernel, size=width)]
     return Line(caption(photo, found, seconds, columns), [*cells, before[part], after[part]])
-
-
-def sheet(lines: Sequence[Line], width: int) -> Image.Image:
-    """Draw the lines below each other."""
-    font = ImageFont.load_default(FONT)
-    heights = [
-        LINE * len(line.caption) + max((cell.shape[0] for cell in line.cells), default=0) + 3 * GAP
-        for line in lines
-    ]
-    image = Image.new("RGB", (5 * width + 6 * GAP, sum(heights) + GAP), "white")
-    draw = ImageDraw.Draw(image)
-    top = GAP
-    for line, height in zip(lines, heights, strict=True):
-        for number, text in enumerate(line.caption):
-            colour = RED if line.failed else (0, 0, 0)
-            draw.text((GAP, top + number * LINE), text, colour, font)
-        below = top + LINE * len(line.caption) + GAP
-        for column, cell in enumerate(line.cells):
-            image.paste(Image.fromarray(cell), (GAP + column * (width + GAP), below))
-        top += height
-    return image
-
-
-def at_least(least: int, text: str) -> int:
-    """Read a whole number that must not be too small."""
-    try:
-        number = int(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None
-    if number < least:
-        raise argparse.ArgumentTypeError(f"must be at least {least}")
-    return number
 
 
 def checked(photos: Sequence[Path], output: Path, folder: Path | None) -> list[Path]:
@@ -209,7 +127,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             for line in pool.map(partial(fixed, width=args.width, folder=args.keep), photos):
                 print(line.caption[0], flush=True)
                 lines.append(line)
-        sheet(lines, args.width).save(args.output)
+        sheet(lines, 5 * args.width + 6 * GAP).save(args.output)
     except (DeshakeError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         if hint := getattr(error, "hint", None):

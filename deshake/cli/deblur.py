@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from deshake.cli.options import (
+    FILE,
     general_options,
     kernel_argument,
     output_option,
     overwrite_option,
     photo_argument,
-    restoration_options,
     transfer_option,
 )
+from deshake.cli.restoration import noisy_option, restoration, restoration_options
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -29,6 +31,13 @@ __all__ = ["command"]
 @photo_argument
 @kernel_argument
 @output_option("PHOTO's name with .deshaken before its ending")
+@noisy_option
+@click.option(
+    "--registration",
+    type=FILE,
+    metavar="FILE.npz",
+    help="Registration file written by register, for --noisy.  [default: register the photos]",
+)
 @restoration_options
 @transfer_option
 @overwrite_option
@@ -41,26 +50,35 @@ def command(
     photo: Path,
     kernel: Path,
     output: Path | None,
+    noisy: Path | None,
+    registration: Path | None,
     transfer: TransferName | None,
     overwrite: bool,
-    **choices: Any,  # noqa: ANN401 - the fields of RestorationOptions
+    **choices: Any,  # noqa: ANN401 - how to deblur
 ) -> None:
     """Deblur a photo whose blur kernel is known.
 
     KERNEL is a kernel file (.npz), or - for standard input. It may have been made from PHOTO at
-    another size. The result has the format, depth and metadata of PHOTO.
+    another size. With --noisy it is that of estimate-pair: where nothing else is said, the photos
+    are registered as they were there. The result has the format, depth and metadata of PHOTO.
     """
-    from deshake.deconvolution.methods import RestorationOptions
-    from deshake.pipelines.file_stages import deblur_file
+    if noisy is None and registration is not None:
+        raise click.UsageError("--registration needs --noisy.")
+    chosen: Any = restoration(noisy, **choices)
+    common: dict[str, Any] = {
+        "transfer": transfer,
+        "overwrite": overwrite,
+        "threads": context.threads,
+    }
+    if noisy is not None:
+        from deshake.pipelines.pair_deblurring import deblur_pair_file
 
-    with context.bar(photo.name) as bar:
-        deblur_file(
-            photo,
-            kernel,
-            output,
-            transfer=transfer,
-            restoration=RestorationOptions(**choices),
-            overwrite=overwrite,
-            threads=context.threads,
-            progress=bar,
+        run = partial(
+            deblur_pair_file, photo, noisy, kernel, output, chosen, registration=registration
         )
+    else:
+        from deshake.pipelines.file_stages import deblur_file
+
+        run = partial(deblur_file, photo, kernel, output, restoration=chosen)
+    with context.bar(photo.name) as bar:
+        run(**common, progress=bar)

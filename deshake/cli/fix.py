@@ -16,16 +16,14 @@ from deshake.cli.options import (
     json_option,
     output_option,
     overwrite_option,
-    restoration_options,
 )
+from deshake.cli.restoration import noisy_option, restoration, restoration_options
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
     from deshake.cli.context import Context, Progress
-    from deshake.deconvolution.methods import Method
-    from deshake.deconvolution.sparse_gradients import Quality
     from deshake.pipelines.batch import Job
 
 __all__ = ["command"]
@@ -46,6 +44,7 @@ _log = logging.getLogger(__name__)
     metavar="DIR",
     help="Write each photo's kernel file into this folder.",
 )
+@noisy_option
 @estimate_options
 @restoration_options
 @json_option
@@ -64,8 +63,9 @@ def command(
     output: Path | None,
     keep_kernels: Path | None,
     camera: Path | None,
-    method: Method,
-    quality: Quality,
+    noisy: Path | None,
+    method: str | None,
+    quality: str,
     iterations: int | None,
     as_json: bool,
     overwrite: bool,
@@ -78,21 +78,32 @@ def command(
     Calibrates each PHOTO, estimates its blur kernel and deblurs it: the same bytes as calibrate,
     estimate-blind and deblur give one by one. A PHOTO may be a folder, whose photos are then
     taken by name; earlier results in it are passed over. If one photo fails, the others go on.
+
+    With --noisy the kernel of the one PHOTO is estimated, and PHOTO deblurred, with the help of a
+    noisy photo: the same bytes as register, estimate-pair and deblur --noisy give one by one.
     """
-    from deshake.deconvolution.methods import RestorationOptions
     from deshake.io.kernel_file import read_camera
     from deshake.pipelines.batch import PlanError, plan, run
     from deshake.pipelines.stages import EstimateOptions
 
     if overwrite and skip_existing:
         raise click.UsageError("--overwrite and --skip-existing cannot both be given.")
+    chosen = restoration(noisy, method=method, quality=quality, iterations=iterations)
+    if noisy is not None:
+        _check_pair_options(**choices)
     try:
-        jobs = plan(photos, output, keep_kernels, overwrite=overwrite, skip_existing=skip_existing)
+        jobs = plan(
+            photos,
+            output,
+            keep_kernels,
+            noisy=noisy,
+            overwrite=overwrite,
+            skip_existing=skip_existing,
+        )
     except PlanError as error:
         raise click.UsageError(str(error), ctx) from None
     known = None if camera is None else read_camera(camera)
     options = EstimateOptions(camera=known, **choices)
-    restoration = RestorationOptions(method, quality, iterations)
     context: Context = ctx.obj
     failed = 0
     for number, job in enumerate(jobs, 1):
@@ -102,7 +113,7 @@ def command(
                 found = run(
                     job,
                     options,
-                    restoration=restoration,
+                    restoration=chosen,
                     threads=context.threads,
                     progress=_titled(bar, text),
                 )
@@ -119,13 +130,25 @@ def command(
     return 1 if failed else 0
 
 
+def _check_pair_options(*, region: object, estimator: str, **_: object) -> None:
+    """Refuse what only a blind estimate goes by."""
+    for name, given in {"region": region is not None, "estimator": estimator != "auto"}.items():
+        if given:
+            raise click.UsageError(f"--{name} does not go with --noisy.")
+
+
 def _titled(bar: Progress, title: str) -> Callable[[float, str], None]:
     """Return what shows a title on the bar before what is being done."""
     return lambda share, text: bar(share, f"{title}: {text}")
 
 
 def _files(job: Job) -> dict[str, str]:
-    files = {"input": job.source, "output": job.output, "kernel": job.kernel}
+    files = {
+        "input": job.source,
+        "noisy": job.noisy,
+        "output": job.output,
+        "kernel": job.kernel,
+    }
     return {name: str(path) for name, path in files.items() if path is not None}
 
 

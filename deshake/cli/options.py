@@ -35,7 +35,6 @@ __all__ = [
     "overwrite_option",
     "photo_argument",
     "region_option",
-    "restoration_options",
     "transfer_option",
     "uniform_option",
 ]
@@ -94,19 +93,6 @@ def _only_one_of(*names: str) -> Callable[[click.Context, click.Parameter, Any],
     return check
 
 
-def _goes_with(*methods: str) -> Callable[[click.Context, click.Parameter, Any], Any]:
-    """Make a callback that fails where the option was given with another --method."""
-
-    def check(ctx: click.Context, param: click.Parameter, value: Any) -> Any:  # noqa: ANN401
-        method = ctx.params.get("method")
-        if value not in {None, param.default} and method not in methods:
-            msg = f"{param.opts[-1]} does not go with --method {method}."
-            raise click.UsageError(msg, ctx)
-        return value
-
-    return check
-
-
 def general_options(command: F) -> F:
     """Add -v, -q, --threads and --progress, which work before and after the command's name."""
     for option in (
@@ -155,37 +141,6 @@ def output_option(default: str, *, metavar: str = "FILE", note: str = "") -> Cal
         metavar=metavar,
         help=f"Where to write{note}.  [default: {default}]",
     )
-
-
-def restoration_options(command: F) -> F:
-    """Add how a photo is deblurred; the names are those of `RestorationOptions`."""
-    method = click.option(
-        "--method",
-        type=click.Choice(
-            ["sparse", "rl", "rl-accelerated", "rl-tv", "wiener", "unsupervised-wiener"]
-        ),
-        default="sparse",
-        show_default=True,
-        is_eager=True,  # the other two look at it
-        help="How to deblur: by sparse gradients, by Richardson-Lucy (plain, accelerated or with "
-        "total variation), or, if the blur is uniform, by Wiener filters.",
-    )
-    quality = click.option(
-        "--quality",
-        type=click.Choice(["fast", "default", "high"]),
-        default="default",
-        show_default=True,
-        callback=_goes_with("sparse"),
-        help="How much time sparse takes: about 0.6, 1 or 1.4 times that of the default.",
-    )
-    iterations = click.option(
-        "--iterations",
-        type=click.IntRange(1, 10_000),
-        metavar="N",
-        callback=_goes_with("sparse", "rl", "rl-accelerated", "rl-tv", "unsupervised-wiener"),
-        help="Iterations of the method.  [default: 5 for sparse, else by the photo's noise]",
-    )
-    return method(quality(iterations(command)))
 
 
 def focal_options(command: F) -> F:

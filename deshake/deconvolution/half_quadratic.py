@@ -2,13 +2,14 @@
 
 Steps towards the sharp photo f that minimises
 
-    1/2 |sqrt(m) s (A f - g)|^2 + tau sum |s D f|_k^p  [+ what a denoiser stands for],
+    1/2 |sqrt(m) s (A f - g)|^2 + tau sum |s D f|_k^p
+        [+ 1/2 |sqrt(q) s (f - f_N)|^2]  [+ what a denoiser stands for],
 
 with the symbols of `sparse_gradients`. A variable w is put near s D f, at a cost of rho / 2 |.|^2,
 and found in closed form, pixel by pixel [1]; so may be a denoised v near s f, at alpha / 2 |.|^2
 [2]. Then f moves one step of exact length along the gradient of what is left, a quadratic form;
 its preconditioner is the blur's approximate inverse between divisions by s, since data and edges
-carry the same weights.
+carry the same weights. f_N, if there is one, is another photo of the scene: sharp, but noisy.
 
 References
 ----------
@@ -72,6 +73,12 @@ class HalfQuadratic:
         How far each pixel is trusted, 0..1.
     s : (H, W) array of float32
         1 / sigma of the noise; changes slowly.
+    f_N : (C, H, W) array of float32, optional
+        The second photo, with the blur's margin, where q is 0.
+    q : (H, W) array of float32, optional
+        How far each pixel of f_N is trusted, in units of s^2: the precision of f_N over s^2.
+    tau : float, optional
+        Weight of the prior, > 0; by default 0.26 times the root of the number of planes.
     threads : int, optional
         Threads to use; by default all processors. The result does not depend on it.
 
@@ -86,12 +93,17 @@ class HalfQuadratic:
         *,
         m: Image,
         s: Image,
+        f_N: Image | None = None,
+        q: Image | None = None,
+        tau: float | None = None,
         threads: int | None = None,
     ) -> None:
         self.f, self.Af, self.g, self.m, self.s = f, Af, g, m, s[None]
         self.inverse, self.blur = inverse, inverse.filters
         self.margin = (f.shape[1] - g.shape[1]) // 2
-        self.tau = _TAU * len(g) ** 0.5
+        self.tau = _TAU * len(g) ** 0.5 if tau is None else tau
+        self.f_N, self.q = f_N, q
+        self._near = np.float32(0) if q is None else inverse.means(self._framed(q))
         self.threads = threads or available_threads()
         self._pool = ThreadPoolExecutor(self.threads)
 
@@ -114,7 +126,9 @@ class HalfQuadratic:
         gradient = self.blur.adjoint(r)
         del r
         self._each_band(height, partial(self._add_priors, gradient, rho, alpha, v))
-        d = self.inverse.apply(gradient, rho * plane_weights(len(gradient), _COLOUR), alpha)
+        d = self.inverse.apply(
+            gradient, rho * plane_weights(len(gradient), _COLOUR), self._near + alpha
+        )
         along = sum(self._each_band(height, partial(self._product, gradient, d)))
         del gradient
         squared = sum(self._each_band(height, partial(self._prior_power, d, rho, alpha)))
@@ -126,6 +140,19 @@ class HalfQuadratic:
         if negative > _NEGATIVE * self.f.size:
             np.maximum(self.f, 0, out=self.f)
             self.Af = self.blur.forward(self.f)
+
+    def residual(self, clipped: NDArray[np.bool_] | None) -> float:
+        """Root mean square of what A f leaves unexplained of the unclipped pixels."""
+        counted = np.ones(self.m.shape, bool) if clipped is None else ~clipped
+        total = 0.0
+        for g, Af in zip(self.g, self.Af, strict=True):
+            total += float(np.sum(np.square(g - Af), where=counted, dtype=np.float64))
+        return float(np.sqrt(total / max(int(counted.sum()) * len(self.g), 1)))
+
+    def _framed(self, latent: Image) -> Image:
+        """Cut the frame out of a latent map (H, W)."""
+        m = self.margin
+        return np.ascontiguousarray(latent[m : len(latent) - m, m : latent.shape[1] - m])
 
     def _slopes(self, rows: slice) -> tuple[Image, Image]:
         """Return s D f of some rows: down and across."""
@@ -171,6 +198,9 @@ class HalfQuadratic:
         part += across
         part[..., 1:] -= across[..., :-1]
         part /= self.s[:, rows]
+        if self.f_N is not None and self.q is not None:
+            weight = self.q[rows] * self.s[0, rows]
+            part += weight * (self.f_N[:, rows] - self.f[:, rows])
         if v is not None:
             part += np.float32(alpha) * (v[:, rows] - self.s[:, rows] * self.f[:, rows])
         reflect(part)
@@ -191,8 +221,9 @@ class HalfQuadratic:
         across = squared_lengths(here[..., 1:] - here[..., :-1], _COLOUR)
         total = np.sum(down * s[: len(down)], dtype=np.float64)
         total += np.sum(across * s[:, :-1], dtype=np.float64)
-        if alpha > 0:
-            total += alpha * np.sum(np.square(here * self.s[:, rows]), dtype=np.float64)
+        if alpha > 0 or self.q is not None:
+            near = np.float32(alpha) + (self.q[rows] if self.q is not None else 0)
+            total += np.sum(near * np.square(here * self.s[:, rows]), dtype=np.float64)
         return float(total)
 
     def _seen_power(self, Ad: Image, rows: slice) -> float:

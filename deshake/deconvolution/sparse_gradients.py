@@ -138,7 +138,7 @@ def sparse_gradients(
         plug_and_play(descent, stages=level.fine, progress=finely)
     out = np.empty_like(g, np.float32, order="C")
     np.maximum(f[:, margin:-margin, margin:-margin], 0, out=channels_first(out))
-    return Restoration(out, stages, _residual(descent, clipped))
+    return Restoration(out, stages, descent.residual(clipped))
 
 
 def _shares(progress: Progress | None, efforts: tuple[int, ...]) -> list[Progress]:
@@ -167,12 +167,3 @@ def _precision(g: Image, Af: Image, m: Image, margin: int) -> Image:
     np.sqrt(variance, out=variance)
     np.reciprocal(variance, out=variance)
     return np.pad(variance, margin, mode="edge")
-
-
-def _residual(descent: HalfQuadratic, clipped: NDArray[np.bool_] | None) -> float:
-    """Root mean square of what A f leaves unexplained of the unclipped pixels."""
-    counted = np.ones(descent.m.shape, bool) if clipped is None else ~clipped
-    total = 0.0
-    for g, Af in zip(descent.g, descent.Af, strict=True):
-        total += float(np.sum(np.square(g - Af), where=counted, dtype=np.float64))
-    return float(np.sqrt(total / max(int(counted.sum()) * len(descent.g), 1)))

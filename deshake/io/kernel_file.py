@@ -6,25 +6,33 @@ with one line that says what is wrong. Keys that are not in the schema are ignor
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from deshake.errors import KernelFileError
-from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
-from deshake.io.files import read_bytes, write_bytes
+from deshake.io.files import write_bytes
 from deshake.io.npz import Field, pack, unpack
+from deshake.io.shared_keys import (
+    CAMERA_FIELDS,
+    FORMAT,
+    MAX_TEXT,
+    camera_arrays,
+    camera_of,
+    check_format,
+    provenance_array,
+    provenance_of,
+    read_arrays,
+    text_of,
+)
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable
 
     from numpy.typing import NDArray
 
-_T = TypeVar("_T")
+    from deshake.geometry.camera import Camera
 
 __all__ = [
     "FORMAT",
@@ -37,23 +45,16 @@ __all__ = [
     "write_kernel",
 ]
 
-FORMAT: Final = 1
-"""Version of the schemas that is written and read."""
-
 MAX_WEIGHTS: Final = 2_000_000
 """Rotations of the largest kernel that is read."""
 
-_MAX_TEXT: Final = 1 << 20
-_MAX_SIDE: Final = 1_000_000
-_MAX_BYTES: Final = 32 * MAX_WEIGHTS + 4 * _MAX_TEXT + (1 << 20)
+_MAX_BYTES: Final = 32 * MAX_WEIGHTS + 4 * MAX_TEXT + (1 << 20)
 _SUM_TOLERANCE: Final = 1e-6
 _ROUNDING: Final = 1e-12  # a sum this close to 1 is 1: dividing by it would only add noise
 _DISTORTION_LENGTHS: Final = (0, 4, 5, 8, 12, 14)  # OpenCV's models
-_FOCAL_RANGE: Final = (1e-2, 1e5)  # in longer sides; the uniform model's is 1000
 
 _CAMERA_FIELDS: Final = {
-    "camera_matrix": Field("f", (3, 3)),
-    "image_size": Field("i", (2,)),
+    **CAMERA_FIELDS,
     "distortion": Field("f", (None,)),
 }
 _KERNEL_FIELDS: Final = {
@@ -61,7 +62,7 @@ _KERNEL_FIELDS: Final = {
     "weights": Field("f", (None,), MAX_WEIGHTS),
     "steps": Field("f", (3,)),
     "confidence": Field("f"),
-    "provenance": Field("U", limit=_MAX_TEXT),
+    "provenance": Field("U", limit=MAX_TEXT),
 }
 
 
@@ -121,7 +122,7 @@ def read_camera(path: str | os.PathLike[str]) -> CameraFile:
         If it cannot be read or is not a camera file of this version.
 
     """
-    return _read(path, "camera", _parse_camera)
+    return read_arrays(path, "camera", _parse_camera, _MAX_BYTES)
 
 
 def read_kernel(path: str | os.PathLike[str]) -> KernelFile:
@@ -135,7 +136,7 @@ def read_kernel(path: str | os.PathLike[str]) -> KernelFile:
         If it cannot be read or is not a kernel file of this version.
 
     """
-    return _read(path, "kernel", _parse_kernel)
+    return read_arrays(path, "kernel", _parse_kernel, _MAX_BYTES)
 
 
 def write_camera(
@@ -149,7 +150,7 @@ def write_camera(
         If the file may not or cannot be written.
 
     """
-    arrays = _camera_arrays(content.camera, content.distortion)
+    arrays = camera_arrays(content.camera) | _lens(content.distortion)
     write_bytes(path, pack(arrays | {"source": np.array(content.source)}), overwrite=overwrite)
 
 
@@ -167,49 +168,31 @@ def write_kernel(
 
     """
     kernel = content.kernel
-    provenance = json.dumps(content.provenance, sort_keys=True, allow_nan=False)
-    arrays = _camera_arrays(kernel.camera, content.distortion) | {
-        "theta": np.asarray(kernel.theta, np.float64),
-        "weights": np.asarray(kernel.weights, np.float64),
-        "steps": np.asarray(kernel.steps, np.float64),
-        "confidence": np.float64(content.confidence),
-        "provenance": np.array(provenance),
-    }
+    arrays = (
+        camera_arrays(kernel.camera)
+        | _lens(content.distortion)
+        | {
+            "theta": np.asarray(kernel.theta, np.float64),
+            "weights": np.asarray(kernel.weights, np.float64),
+            "steps": np.asarray(kernel.steps, np.float64),
+            "confidence": np.float64(content.confidence),
+            "provenance": provenance_array(content.provenance),
+        }
+    )
     write_bytes(path, pack(arrays), overwrite=overwrite)
 
 
-def _camera_arrays(camera: Camera, distortion: NDArray[np.float64]) -> dict[str, Any]:
-    return {
-        "format": np.int64(FORMAT),
-        "camera_matrix": np.asarray(camera.matrix, np.float64),
-        "image_size": np.array(camera.shape, np.int64),
-        "distortion": np.asarray(distortion, np.float64),
-    }
-
-
-def _read(path: str | os.PathLike[str], what: str, parse: Callable[[bytes], _T]) -> _T:
-    data = read_bytes(path, _MAX_BYTES, KernelFileError)
-    try:
-        return parse(data)
-    except ValueError as error:
-        raise KernelFileError(
-            f"no usable {what} file: {error}",
-            hint=f"docs/kernel-files.md describes what a {what} file holds",
-            file=path,
-        ) from error
-
-
 def _parse_camera(data: bytes) -> CameraFile:
-    _check_format(data)
-    arrays = unpack(data, _CAMERA_FIELDS | {"source": Field("U", limit=_MAX_TEXT)})
-    source = _text(arrays["source"], "source")
+    check_format(data)
+    arrays = unpack(data, _CAMERA_FIELDS | {"source": Field("U", limit=MAX_TEXT)})
+    source = text_of(arrays["source"], "source")
     if not source.isprintable():
         raise ValueError("'source' is not a line of text")
-    return CameraFile(_camera(arrays), source, _distortion(arrays))
+    return CameraFile(camera_of(arrays), source, _distortion(arrays))
 
 
 def _parse_kernel(data: bytes) -> KernelFile:
-    _check_format(data)
+    check_format(data)
     arrays = unpack(data, _CAMERA_FIELDS | _KERNEL_FIELDS)
     theta, weights, steps = arrays["theta"], arrays["weights"], arrays["steps"]
     if len(weights) == 0 or len(theta) != len(weights):
@@ -232,31 +215,12 @@ def _parse_kernel(data: bytes) -> KernelFile:
     confidence = float(arrays["confidence"])
     if not 0 <= confidence <= 1:
         raise ValueError(f"'confidence' is {confidence:g}, not between 0 and 1")
-    kernel = RotationKernel(theta, weights, steps, _camera(arrays))
-    return KernelFile(kernel, confidence, _provenance(arrays), _distortion(arrays))
+    kernel = RotationKernel(theta, weights, steps, camera_of(arrays))
+    return KernelFile(kernel, confidence, provenance_of(arrays), _distortion(arrays))
 
 
-def _check_format(data: bytes) -> None:
-    """Refuse other versions first: their other keys may mean anything."""
-    version = int(unpack(data, {"format": Field("i")})["format"])
-    if version != FORMAT:
-        raise ValueError(f"its format is {version}; this version of deshake reads {FORMAT}")
-
-
-def _camera(arrays: dict[str, NDArray[Any]]) -> Camera:
-    matrix = arrays["camera_matrix"]
-    height, width = (int(side) for side in arrays["image_size"])
-    if not (1 <= height <= _MAX_SIDE and 1 <= width <= _MAX_SIDE):
-        raise ValueError(f"'image_size' is {height} x {width}")
-    if not np.isfinite(matrix).all() or np.any(matrix[[1, 2, 2, 2], [0, 0, 1, 2]] != (0, 0, 0, 1)):
-        raise ValueError("'camera_matrix' is not of the form [[f, s, x], [0, f, y], [0, 0, 1]]")
-    focal, side = np.array([matrix[0, 0], matrix[1, 1]]), max(height, width)
-    low, high = _FOCAL_RANGE
-    if focal.min() < low * side or focal.max() > high * side or focal.max() > 2 * focal.min():
-        raise ValueError("'camera_matrix' holds an absurd focal length")
-    if abs(matrix[0, 1]) > focal.min() or np.abs(matrix[:2, 2]).max() > 1000 * side:
-        raise ValueError("'camera_matrix' holds an absurd skew or principal point")
-    return Camera(matrix, height, width)
+def _lens(distortion: NDArray[np.float64]) -> dict[str, Any]:
+    return {"distortion": np.asarray(distortion, np.float64)}
 
 
 def _distortion(arrays: dict[str, NDArray[Any]]) -> NDArray[np.float64]:
@@ -264,25 +228,3 @@ def _distortion(arrays: dict[str, NDArray[Any]]) -> NDArray[np.float64]:
     if len(values) not in _DISTORTION_LENGTHS or not np.isfinite(values).all():
         raise ValueError("'distortion' is not 0, 4, 5, 8, 12 or 14 finite numbers")
     return values
-
-
-def _provenance(arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
-    text = _text(arrays["provenance"], "provenance")
-    try:
-        provenance = json.loads(text, parse_constant=_refuse_constant)
-    except (ValueError, RecursionError) as error:
-        raise ValueError("'provenance' is not JSON") from error
-    if not isinstance(provenance, dict):
-        raise ValueError("'provenance' is not a JSON object")  # noqa: TRY004
-    return provenance
-
-
-def _refuse_constant(name: str) -> None:
-    raise ValueError(f"{name} is not JSON")
-
-
-def _text(array: NDArray[Any], key: str) -> str:
-    try:
-        return str(array.item())
-    except ValueError as error:  # code points that no character has
-        raise ValueError(f"{key!r} is not text") from error

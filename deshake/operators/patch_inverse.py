@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from deshake.operators.local_filters import LocalFilters
+    from deshake.operators.patches import PatchGrid
     from deshake.operators.strips import Strip
 
 __all__ = ["FourierInverse", "PatchInverse", "approximate_inverse"]
@@ -67,7 +68,26 @@ class PatchInverse:
             for horizontal in {self._ends(i, grid.columns) for i in range(grid.columns)}
         }
 
-    def apply(self, latent: Image, rho: ArrayLike, alpha: float = 0.0) -> Image:
+    def means(self, weights: Image) -> Image:
+        """Average weights of observed pixels (h, w) patch by patch, as an alpha of `apply`.
+
+        Parameters
+        ----------
+        weights : (h, w) array of float32
+            In the frame.
+
+        Returns
+        -------
+        (rows, columns) array of float32
+            Over what each patch covers of the frame.
+
+        """
+        grid = self.filters.grid
+        check_size(weights[None], grid.shape)
+        sums, counts = (_patch_sums(image, grid) for image in (weights, np.ones_like(weights)))
+        return (sums / np.maximum(counts, 1)).astype(np.float32)
+
+    def apply(self, latent: Image, rho: ArrayLike, alpha: ArrayLike = 0.0) -> Image:
         """Apply P to a latent image (C, H, W).
 
         Parameters
@@ -76,8 +96,8 @@ class PatchInverse:
             An image with the blur's margin.
         rho : float or (C,) array
             Weight of the smoothness term, >= 0, or that of each plane.
-        alpha : float
-            Weight of the identity, >= 0.
+        alpha : float or (rows, columns) array
+            Weight of the identity, >= 0, or that of each patch.
 
         Returns
         -------
@@ -93,7 +113,8 @@ class PatchInverse:
         check_size(latent, grid.latent_shape)
         n = grid.block
         weights, plane = _distinct(rho, len(latent))
-        plain = [weight * self._slopes + (np.float32(alpha) + _FLOOR) for weight in weights]
+        plain = [weight * self._slopes + _FLOOR for weight in weights]
+        near = np.broadcast_to(np.asarray(alpha, np.float32), (grid.rows, grid.columns))
 
         def work(strip: Strip) -> Image:
             spectra, blocks = self.filters.spectra(strip), grid.blocks(latent, strip)
@@ -108,6 +129,7 @@ class PatchInverse:
                     np.multiply(blocks[:, batch.start + j], window, out=windowed[:, j])
                 product = transforms.rfft(windowed[:, :count])
                 power = transforms.power(spectra[batch])
+                power += near[strip.row, strip.first : strip.last][batch, None, None]
                 for i, smoothness in enumerate(plain):
                     inverse = power + smoothness
                     np.reciprocal(inverse, out=inverse)
@@ -149,7 +171,11 @@ class FourierInverse:
         down, self._across = _slopes(*filters.torus)
         self._down = down[:, None]
 
-    def apply(self, latent: Image, rho: ArrayLike, alpha: float = 0.0) -> Image:
+    def means(self, weights: Image) -> Image:
+        """Average weights of observed pixels (h, w): there is one patch, (1, 1)."""
+        return np.full((1, 1), weights.mean(dtype=np.float64), np.float32)
+
+    def apply(self, latent: Image, rho: ArrayLike, alpha: ArrayLike = 0.0) -> Image:
         """Apply P to a latent image (C, H, W), as `PatchInverse.apply` does."""
         blur = self.filters
         check_size(latent, blur.latent_shape)
@@ -158,7 +184,7 @@ class FourierInverse:
         for i, weight in enumerate(weights):
             inverse = np.square(blur.spectrum.real)
             inverse += np.square(blur.spectrum.imag)
-            inverse += weight * self._down + (np.float32(alpha) + _FLOOR)
+            inverse += weight * self._down + (np.asarray(alpha, np.float32) + _FLOOR)
             inverse += weight * self._across
             np.reciprocal(inverse, out=inverse)
             for c in np.flatnonzero(plane == i):
@@ -166,6 +192,17 @@ class FourierInverse:
                 product *= inverse
                 out[c] = blur.irfft(product, blur.latent_shape)
         return out
+
+
+def _patch_sums(image: Image, grid: PatchGrid) -> NDArray[np.float64]:
+    """Sum an observed image (h, w) over the patches of a grid, which overlap by half."""
+    rows, columns = (range(0, side, grid.hop) for side in image.shape)
+    squares = np.zeros((grid.rows + 1, grid.columns + 1))
+    sums = np.add.reduceat(np.add.reduceat(image, rows, 0, np.float64), columns, 1)
+    squares[1 : 1 + len(rows), 1 : 1 + len(columns)] = sums
+    pairs = squares[1:] + squares[:-1]
+    overlapped: NDArray[np.float64] = pairs[:, 1:] + pairs[:, :-1]
+    return overlapped
 
 
 def _slopes(height: int, width: int) -> tuple[Image, Image]:

@@ -8,13 +8,15 @@ from __future__ import annotations
 import logging
 import os
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions
 from deshake.errors import DeshakeError, OutputError, PhotoError
 from deshake.io.encoding import SUFFIXES
 from deshake.io.files import STREAM, check_output, output_name
 from deshake.pipelines.file_stages import fix_file, kernel_name
+from deshake.pipelines.pair_deblurring import PairRestorationOptions
+from deshake.pipelines.pair_fixing import FixedPair, fix_pair_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -51,6 +53,8 @@ class Job:
         Whether the result is there already, and is to be left as it is.
     overwrite, overwrite_kernel : bool
         Whether an existing result, or an existing kernel, may be replaced.
+    noisy : Path or None
+        A sharp but noisy photo of the same scene.
 
     """
 
@@ -61,6 +65,7 @@ class Job:
     skipped: bool = False
     overwrite: bool = False
     overwrite_kernel: bool = False
+    noisy: Path | None = None
 
 
 def find_photos(inputs: Sequence[Path]) -> list[Path]:
@@ -100,6 +105,7 @@ def plan(
     output: Path | None = None,
     keep_kernels: Path | None = None,
     *,
+    noisy: Path | None = None,
     overwrite: bool = False,
     skip_existing: bool = False,
 ) -> list[Job]:
@@ -115,6 +121,8 @@ def plan(
         photos, called ``<stem>.deshaken.<ext>``.
     keep_kernels : Path, optional
         Folder for the kernels, called ``<stem>.kernel.npz``; made likewise.
+    noisy : Path, optional
+        A sharp but noisy photo of the same scene, for one photo only.
     overwrite : bool
         Whether existing outputs may be replaced.
     skip_existing : bool
@@ -128,7 +136,8 @@ def plan(
     Raises
     ------
     PlanError
-        If two outputs would be the same file, or several photos have one file to go to.
+        If two outputs would be the same file, several photos have one file to go to or one noisy
+        photo, or the noisy photo is the photo itself.
     PhotoError
         For the reasons of `find_photos`.
     OutputError
@@ -141,6 +150,11 @@ def plan(
     several = len(inputs) > 1 or inputs[0].is_dir()
     if several and output is not None and output.exists() and not output.is_dir():
         raise PlanError(f"{output} is a file; for several photos, -o names a folder")
+    if noisy is not None:
+        if several:
+            raise PlanError("one noisy photo goes with one blurred photo", hint="fix them in turn")
+        if noisy == photos[0] or (_identity(noisy) or 0) == _identity(photos[0]):
+            raise PlanError(f"{noisy} is the photo itself", hint="name the noisy one with --noisy")
     into = output is not None and (several or output.is_dir())
     jobs = []
     for source in photos:
@@ -156,6 +170,7 @@ def plan(
                 kernel,
                 overwrite=overwrite,
                 overwrite_kernel=overwrite or skip_existing,
+                noisy=noisy,
             )
         )
     _check_collisions(jobs)
@@ -163,7 +178,8 @@ def plan(
         _make_folder(output)
     if keep_kernels is not None:
         _make_folder(keep_kernels)
-    identities = {identity: source for source in photos if (identity := _identity(source))}
+    inputs = photos if noisy is None else [*photos, noisy]
+    identities = {identity: source for source in inputs if (identity := _identity(source))}
     return [_checked(job, identities, skip_existing=skip_existing) for job in jobs]
 
 
@@ -171,16 +187,31 @@ def run(
     job: Job,
     options: EstimateOptions,
     *,
-    restoration: RestorationOptions = BY_DEFAULT,
+    restoration: RestorationOptions | PairRestorationOptions = BY_DEFAULT,
     threads: int | None = None,
     progress: Callable[[float, str], None] | None = None,
-) -> Estimate | None:
+) -> Estimate | FixedPair | None:
     """Fix the photo of a job; None if it is skipped.
+
+    Parameters
+    ----------
+    job : Job
+        The job.
+    options : EstimateOptions
+        What the estimate goes by.
+    restoration : RestorationOptions or PairRestorationOptions
+        How the photo is deblurred: alone, or with the job's noisy photo.
+    threads : int, optional
+        Threads to use; by default all processors.
+    progress : callable, optional
+        Told the fraction done and what is being done.
 
     Raises
     ------
     DeshakeError
-        The job's problem, or those of `fix_file`.
+        The job's problem, or those of `fix_file` or `fix_pair_file`.
+    TypeError
+        If the job has a noisy photo and the restoration does not know one, or the other way round.
 
     """
     if job.problem is not None:
@@ -188,17 +219,20 @@ def run(
     if job.skipped:
         _log.info("%s: skipped, %s exists already", job.source, job.output)
         return None
-    return fix_file(
-        job.source,
-        job.output,
-        job.kernel,
-        options,
-        restoration=restoration,
-        overwrite=job.overwrite,
-        overwrite_kernel=job.overwrite_kernel,
-        threads=threads,
-        progress=progress,
-    )
+    common: dict[str, Any] = {
+        "overwrite": job.overwrite,
+        "overwrite_kernel": job.overwrite_kernel,
+        "threads": threads,
+        "progress": progress,
+    }
+    places = job.output, job.kernel
+    if isinstance(restoration, PairRestorationOptions) and job.noisy is not None:
+        return fix_pair_file(
+            job.source, job.noisy, *places, options, restoration=restoration, **common
+        )
+    if isinstance(restoration, RestorationOptions) and job.noisy is None:
+        return fix_file(job.source, *places, options, restoration=restoration, **common)
+    raise TypeError("a noisy photo and how to deblur with it are given together")
 
 
 def _is_photo(path: Path) -> bool:

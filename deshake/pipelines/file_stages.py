@@ -29,7 +29,16 @@ if TYPE_CHECKING:
 
     Progress = Callable[[float, str], None]
 
-__all__ = ["calibrate_file", "deblur_file", "estimate_file", "fix_file", "kernel_name"]
+__all__ = [
+    "calibrate_file",
+    "check_encoding",
+    "deblur_file",
+    "estimate_file",
+    "fix_file",
+    "gone_on_failure",
+    "kernel_name",
+    "part",
+]
 
 _ESTIMATE_PIXELS = 8e6
 """Pixels whose deblurring takes about as long as an estimate, which has a size of its own."""
@@ -100,7 +109,7 @@ def estimate_file(
     with contextlib.ExitStack() as outputs:
         if latent is not None:
             picture = latent_photo(photo, found.latent, options.region)
-            outputs.enter_context(_gone_on_failure(latent))
+            outputs.enter_context(gone_on_failure(latent))
             data = encode_photo(picture, _latent_format(latent, photo))
             write_bytes(latent, data, overwrite=overwrite)
         write_kernel(output, found.content, overwrite=overwrite)
@@ -136,7 +145,7 @@ def deblur_file(
     check_output(path, kernel_file, overwrite=overwrite)
     content = read_kernel(kernel_file)
     photo = read_photo(source, transfer=transfer)
-    _check_encoding(photo, path)
+    check_encoding(photo, path)
     kernel = fitting_kernel(content, photo, kernel_file)
     photo = deblur(photo, kernel, restoration, threads=threads, progress=progress)
     write_photo(path, photo, overwrite=overwrite)
@@ -171,23 +180,23 @@ def fix_file(
     if kernel_file is not None:
         check_output(kernel_file, source, output, overwrite=overwrite_kernel)
     photo = read_photo(source, transfer=options.transfer)
-    _check_encoding(photo, output)
+    check_encoding(photo, output)
     pixels = photo.shape[0] * photo.shape[1]
     share = _ESTIMATE_PIXELS / (_ESTIMATE_PIXELS + pixels)
-    first, second = _part(progress, 0, share), _part(progress, share, 1)
+    first, second = part(progress, 0, share), part(progress, share, 1)
     found = estimate(photo, options, threads=threads, progress=first)
     kernel = found.content.kernel
     photo = deblur(photo, kernel, restoration, threads=threads, progress=second)
     with contextlib.ExitStack() as outputs:
         if kernel_file is not None:
-            outputs.enter_context(_gone_on_failure(kernel_file))
+            outputs.enter_context(gone_on_failure(kernel_file))
             write_kernel(kernel_file, found.content, overwrite=overwrite_kernel)
         write_photo(output, photo, overwrite=overwrite)
     return found
 
 
 @contextlib.contextmanager
-def _gone_on_failure(path: Path) -> Iterator[None]:
+def gone_on_failure(path: Path) -> Iterator[None]:
     """Remove a file that was not there before, if what follows fails."""
     existed = path.exists()
     try:
@@ -203,14 +212,14 @@ def _latent_format(path: Path, photo: Photo) -> Format:
     return "PNG" if str(path) == STREAM else output_format(path, photo)
 
 
-def _check_encoding(photo: Photo, output: Path) -> None:
+def check_encoding(photo: Photo, output: Path) -> None:
     """Check that a photo can be written under a name: a second now saves minutes later."""
     form = output_format(output, photo)
     if form != photo.encoding.format:
         encode_photo(photo, form)
 
 
-def _part(progress: Progress | None, start: float, end: float) -> Progress | None:
+def part(progress: Progress | None, start: float, end: float) -> Progress | None:
     """Return what tells `progress` of a part of the work."""
     if progress is None:
         return None

@@ -42,8 +42,10 @@ __all__ = [
     "Estimate",
     "EstimateOptions",
     "calibrate",
+    "camera_for",
     "deblur",
     "estimate",
+    "largest_blur",
     "luminance",
 ]
 
@@ -181,7 +183,7 @@ def estimate(
         If the photo is too small, too flat or too much clipped.
 
     """
-    camera, notes = _camera(photo, options)
+    camera, notes = camera_for(photo, options)
     check_region(photo, options.region)
     try:
         found = estimate_kernel(
@@ -189,7 +191,7 @@ def estimate(
             camera.camera,
             estimator=options.estimator,
             clipped=photo.clipped,
-            blur_px=_blur_px(camera.camera, options),
+            blur_px=largest_blur(camera.camera, options),
             region=options.region,
             uniform=options.uniform,
             threads=threads,
@@ -253,7 +255,7 @@ def deblur(
     return photo.with_pixels(without_dark_halos(restored.pixels, photo.pixels, kernel))
 
 
-def _camera(photo: Photo, options: EstimateOptions) -> tuple[CameraFile, list[str]]:
+def camera_for(photo: Photo, options: EstimateOptions) -> tuple[CameraFile, list[str]]:
     """Return the camera to go by, and a note if it is only assumed."""
     if options.camera is not None:
         return fitting_camera(options.camera, photo), []
@@ -267,7 +269,7 @@ def _camera(photo: Photo, options: EstimateOptions) -> tuple[CameraFile, list[st
         return CameraFile(Camera.from_focal(found.pixels, *photo.shape), found.source), [note]
 
 
-def _blur_px(camera: Camera, options: EstimateOptions) -> float | None:
+def largest_blur(camera: Camera, options: EstimateOptions) -> float | None:
     """Return the bound of the blur in pixels of the photo; None: it is to be found."""
     if options.blur_size is None and options.max_angle is not None:
         return blur_bound(camera, math.radians(options.max_angle))

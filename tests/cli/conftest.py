@@ -11,11 +11,14 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image
+from skimage import data
 
 from deshake.cli import main, options
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
+from deshake.geometry.rotations import grid_steps
 from deshake.io.kernel_file import KernelFile, write_kernel
+from deshake.operators.warps import Warps
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -80,6 +83,25 @@ def pan(tmp_path_factory: pytest.TempPathFactory) -> Path:
     turn = RotationKernel.from_path([(-0.01, -0.01, 0), (0.01, 0.01, 0)], camera)
     write_kernel(path, KernelFile(turn))
     return path
+
+
+@pytest.fixture
+def pair(tmp_path: Path) -> list[Path]:
+    """Write a photo turned by five pixels about Y, and a dark, noisy one; 140 x 100, f = 150 px."""
+    camera, margin = Camera.from_focal(150.0, 100, 140), 15
+    photo = cv2.resize(data.astronaut()[:370], (170, 130), interpolation=cv2.INTER_AREA)
+    sharp = ((photo / 255) ** 2.2).astype(np.float32)
+    steps = grid_steps(camera)
+    path = np.linspace([0, -2.5, 0], [0, 2.5, 0], 20) * steps
+    g = Warps(camera, path, margin=margin).blur(sharp, np.full(20, 1 / 20))
+    noisy = Warps(camera, np.array([[2, -2, 1]]) * steps, margin=margin).blur(sharp, [1.0]) / 4
+    noisy += 0.004 * np.random.default_rng(0).normal(size=noisy.shape)
+    files = []
+    for name, picture in (("blurred.png", g), ("noisy.png", noisy)):
+        codes = np.rint(65535 * np.clip(picture, 0, 1) ** (1 / 2.2)).astype(np.uint16)
+        cv2.imwrite(str(tmp_path / name), codes[..., ::-1])
+        files.append(tmp_path / name)
+    return files
 
 
 @pytest.fixture

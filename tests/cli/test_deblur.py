@@ -11,6 +11,7 @@ from PIL import Image
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.io.kernel_file import KernelFile, write_kernel
+from deshake.io.registration_file import RegistrationFile, write_registration
 
 
 @pytest.fixture
@@ -201,3 +202,50 @@ def test_what_a_format_cannot_hold_is_told_before_the_work(deshake, kernel, tmp_
     assert outcome.code == 1
     assert "a JPEG cannot hold transparency" in outcome.err
     assert "iterations" not in outcome.err
+
+
+@pytest.fixture
+def pair(shaken, tmp_path):
+    """A blurred photo, a noisy one of the same scene and their registration."""
+    blurred, noisy = shaken("a.png"), tmp_path / "noisy.png"
+    grey = cv2.resize(
+        np.random.default_rng(5).random((8, 10), np.float32), (100, 80), interpolation=3
+    )
+    sharp = np.clip(0.5 + 3 * (grey - 0.5), 0.05, 0.95)
+    picture = np.stack([sharp, 0.8 * sharp + 0.1, 0.9 * sharp], -1)
+    picture += np.random.default_rng(6).normal(0, 0.05, picture.shape)
+    Image.fromarray(np.rint(picture.clip(0, 1) * 255).astype(np.uint8)).save(noisy)
+    registration = tmp_path / "r.npz"
+    write_registration(
+        registration, RegistrationFile(np.zeros(3), 1.0, Camera.from_focal(120, 80, 100))
+    )
+    return blurred, noisy, registration
+
+
+def test_a_noisy_photo_helps(deshake, pair, kernel, tmp_path):
+    blurred, noisy, registration = pair
+    found = {}
+    for args in ((), ("--method=fusion",), ("--method=residual",), ("--quality=fast",)):
+        told = ("--noisy", noisy, "--registration", registration, "--overwrite", *args)
+        outcome = deshake("deblur", blurred, kernel, *told)
+        assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
+        found[args] = (tmp_path / "a.deshaken.png").read_bytes()
+    assert found[()] == found[("--method=fusion",)]
+    assert len(set(found.values())) == 3
+    assert contrast(tmp_path / "a.deshaken.png") > 1.02 * contrast(blurred)
+
+
+@pytest.mark.parametrize(
+    ("args", "what"),
+    [
+        (("--method", "fusion"), "needs --noisy"),
+        (("--method", "residual"), "needs --noisy"),
+        (("--registration", "r.npz"), "needs --noisy"),
+        (("--noisy", "n.png", "--method", "rl"), "does not go with --method rl"),
+        (("--noisy", "n.png", "--method", "residual", "--quality", "high"), "does not go with"),
+    ],
+)
+def test_methods_go_with_the_photos_they_need(deshake, shaken, kernel, args, what):
+    outcome = deshake("deblur", shaken("a.png"), kernel, *args)
+    assert outcome.code == 2
+    assert what in outcome.err

@@ -74,8 +74,6 @@ def test_arguments_are_paths(parse):
     [
         (options.output_option("beside the photo", metavar="DIR"), "--output DIR"),
         (options.output_option("beside the photo"), "[default: beside the photo]"),
-        (options.restoration_options, "--iterations N"),
-        (options.restoration_options, "[default: sparse]"),
         (options.region_option, "--region X,Y,W,H"),
         (options.blur_options, "--max-angle DEGREES"),
         (options.blur_options, "--blur-size PX"),

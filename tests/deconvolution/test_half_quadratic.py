@@ -26,8 +26,16 @@ def problem(lab):
     edges = [(0, 0), *[(flow.margin, flow.margin)] * 2]
     f = np.pad(g, edges, mode="edge")
 
-    def make():
-        return HalfQuadratic(f.copy(), blur.forward(f), g, PatchInverse(blur), m=m, s=s, threads=2)
+    second = {
+        "f_N": lab.noisy(f, 0.03, seed=4),
+        "q": np.pad((0.05 + 0.1 * rng.random(lab.shape)).astype(np.float32), flow.margin),
+        "tau": 0.2,
+    }
+
+    def make(*, pair=False):
+        more = second if pair else {}
+        begin = f.copy(), blur.forward(f), g, PatchInverse(blur)
+        return HalfQuadratic(*begin, m=m, s=s, **more, threads=2)
 
     return make
 
@@ -47,7 +55,9 @@ def energy(descent, f, w, v):
     down, across = slopes(descent, f)
     smooth = squared_lengths(down - w[0], _COLOUR) + squared_lengths(across - w[1], _COLOUR)
     near = np.square(descent.s * f - v)
-    parts = (data.sum(0, dtype=float), RHO * smooth, ALPHA * near.sum(0))
+    parts = [data.sum(0, dtype=float), RHO * smooth, ALPHA * near.sum(0)]
+    if descent.q is not None:
+        parts.append(descent.q * np.square(descent.s * (f - descent.f_N)).sum(0))
     return sum(float(np.sum(part, dtype=np.float64)) for part in parts) / 2
 
 
@@ -59,8 +69,9 @@ def gradients(descent):
     return share * down, share * across
 
 
-def test_a_step_goes_down_and_exactly_as_far_as_it_helps(problem):
-    descent = problem()
+@pytest.mark.parametrize("pair", [False, True])
+def test_a_step_goes_down_and_exactly_as_far_as_it_helps(problem, pair):
+    descent = problem(pair=pair)
     w, v = gradients(descent), descent.s * descent.f * 0.9
     before = descent.f.copy()
     start = energy(descent, before, w, v)
@@ -72,8 +83,9 @@ def test_a_step_goes_down_and_exactly_as_far_as_it_helps(problem):
         assert energy(descent, before + np.float32(share) * step, w, v) > there
 
 
-def test_the_direction_is_the_preconditioned_slope_of_the_energy(problem):
-    descent = problem()
+@pytest.mark.parametrize("pair", [False, True])
+def test_the_direction_is_the_preconditioned_slope_of_the_energy(problem, pair):
+    descent = problem(pair=pair)
     w, v = gradients(descent), descent.s * descent.f * 0.9
     gradient = np.empty_like(descent.f)
     kept = {}
@@ -97,6 +109,25 @@ def test_the_direction_is_the_preconditioned_slope_of_the_energy(problem):
             energy(descent, before + h * along, w, v) - energy(descent, before - h * along, w, v)
         ) / (2 * float(h))
         assert slope == pytest.approx(-float(np.vdot(gradient, along)), rel=2e-2)
+
+
+def test_a_second_photo_that_is_trusted_wholly_is_the_result(problem):
+    descent = problem(pair=True)
+    descent.q = np.where(descent.q > 0, 1e4, 0).astype(np.float32)
+    descent._near = np.float32(1e4)
+    for _ in range(3):
+        descent.step(RHO)
+    m = descent.margin
+    inside = np.s_[:, m:-m, m:-m]
+    np.testing.assert_allclose(descent.f[inside], np.maximum(descent.f_N[inside], 0), atol=0.01)
+
+
+def test_the_residual_leaves_clipped_pixels_out(problem, lab):
+    descent = problem()
+    clipped = np.zeros(lab.shape, bool)
+    clipped[:50] = True
+    squares = np.square(descent.g - descent.Af)[:, 50:].astype(float)
+    assert descent.residual(clipped) == pytest.approx(np.sqrt(squares.mean()), rel=1e-5)
 
 
 def test_blurred_estimate_keeps_step(problem):

@@ -125,3 +125,37 @@ def test_threads_do_not_change_a_byte(name: str, camera: Camera, theta, weights)
 def test_refuses_another_size(blur) -> None:
     with pytest.raises(ValueError, match="does not fit"):
         approximate_inverse(blur).apply(np.zeros((1, 9, 9), np.float32), 0.1)
+
+
+def test_every_patch_may_have_its_weight(blur, dot_test: Callable[..., float]) -> None:
+    inverse = approximate_inverse(blur)
+    rng = np.random.default_rng(4)
+    shape = latent(blur)
+    margin = blur.margin if isinstance(blur, Convolution) else blur.grid.margin
+    frame = (shape[0] - 2 * margin, shape[1] - 2 * margin)
+    even = inverse.means(np.full(frame, 0.3, np.float32))
+    np.testing.assert_allclose(even, 0.3, rtol=1e-6)
+    x = rng.normal(size=(1, *shape)).astype(np.float32)
+    np.testing.assert_allclose(
+        inverse.apply(x, 0.1, even), inverse.apply(x, 0.1, 0.3), rtol=1e-4, atol=1e-5
+    )
+    uneven = inverse.means((rng.random(frame) ** 8).astype(np.float32))
+    assert uneven.min() > 0
+
+    def apply(image):
+        return inverse.apply(image, 0.1, uneven)
+
+    assert dot_test(apply, apply, (1, *shape), (1, *shape)) <= 1e-5
+
+
+def test_means_are_those_of_the_patches(camera: Camera, theta, weights) -> None:
+    found = filters("rotations", camera, theta, weights)
+    image = np.random.default_rng(5).random(camera.shape).astype(np.float32)
+    means = PatchInverse(found).means(image)
+    hop = found.grid.hop
+    assert means.shape == (found.grid.rows, found.grid.columns)
+    for row in range(found.grid.rows):
+        for column in range(found.grid.columns):
+            top, left = (row - 1) * hop, (column - 1) * hop
+            part = image[max(top, 0) : top + 2 * hop, max(left, 0) : left + 2 * hop]
+            np.testing.assert_allclose(means[row, column], part.mean(), rtol=1e-5)

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from deshake.errors import OutputError, PhotoError
-from deshake.pipelines.batch import PlanError, find_photos, plan, run
+from deshake.pipelines.batch import Job, PlanError, find_photos, plan, run
+from deshake.pipelines.pair_deblurring import PairRestorationOptions
 from deshake.pipelines.stages import EstimateOptions
 
 
@@ -123,3 +124,27 @@ def test_no_result_is_an_input_under_any_name(link, skip_existing):
     one, two = plan(paths("a.jpg", "b.PNG"), **options)
     assert "never touches" in str(one.problem)
     assert two.problem is None
+
+
+def test_a_noisy_photo_goes_with_one_photo():
+    [job] = plan(paths("a.jpg"), noisy=Path("b.PNG"))
+    assert (job.source, job.noisy, job.problem) == (Path("a.jpg"), Path("b.PNG"), None)
+    for inputs in (paths("a.jpg", "in/z.jpg"), paths("in/d")):
+        with pytest.raises(PlanError, match="one noisy photo goes with one blurred photo"):
+            plan(inputs, noisy=Path("b.PNG"))
+    for noisy in (Path("a.jpg"), Path("in/../a.jpg")):
+        with pytest.raises(PlanError, match="is the photo itself"):
+            plan(paths("a.jpg"), noisy=noisy)
+
+
+def test_the_noisy_photo_is_never_replaced():
+    [job] = plan(paths("a.jpg"), Path("in/../b.PNG"), noisy=Path("b.PNG"), overwrite=True)
+    assert "the output is the input itself" in str(job.problem)
+
+
+def test_a_noisy_photo_and_how_to_use_it_come_together():
+    alone, pair = (Job(Path("a.jpg"), Path("x.jpg"), noisy=n) for n in (None, Path("b.PNG")))
+    with pytest.raises(TypeError):
+        run(pair, EstimateOptions())
+    with pytest.raises(TypeError):
+        run(alone, EstimateOptions(), restoration=PairRestorationOptions())

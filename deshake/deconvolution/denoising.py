@@ -1,0 +1,123 @@
+"""The noisy photo of a pair, denoised: a guide for deblurring the other one.
+
+Its noise is told by the blurred photo (`pair_noise`). Noise whose variance grows with the light,
+slope x + floor, is alike everywhere in the root of the light [1]; there non-local means take it
+off. Where the noisy photo sees nothing, the blurred one stands in.
+
+References
+----------
+.. [1] F. Anscombe, "The transformation of Poisson, binomial and negative-binomial data",
+   Biometrika 35, 1948, with the term for readout noise of F. Murtagh, J.-L. Starck and A. Bijaoui,
+   "Image restoration with noise suppression using a multiresolution support", Astronomy and
+   Astrophysics Supplement 112, 1995.
+
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deshake.deconvolution.non_local_means import non_local_means
+from deshake.deconvolution.pair_noise import noise_of_pair
+from deshake.operators.planes import channels_first
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+__all__ = ["NoisyPhoto", "check_pair", "noisy_photo"]
+
+Image = NDArray[np.float32]
+
+_STRENGTH = 0.85  # of the noise, that non-local means are told
+_STEEPEST = 20.0  # floor over slope: with less slope the root would not be one
+_BAND = 256
+
+
+@dataclass(frozen=True, eq=False)
+class NoisyPhoto:
+    """The noisy photo, its noise, and what is left without it.
+
+    Parameters
+    ----------
+    pixels : (C, h, w) array of float32
+        The noisy photo f_N; where it sees nothing, the blurred one.
+    denoised : (C, h, w) array of float32
+        The same denoised, f_D, >= 0.
+    slope, floor : float
+        The variance of the noise is ``slope x + floor`` at the light x.
+
+    """
+
+    pixels: Image
+    denoised: Image
+    slope: float
+    floor: float
+
+    def variance(self) -> Image:
+        """Return the variance of the noise, averaged over the colours, (h, w)."""
+        variance: Image = self.denoised.mean(0)
+        variance *= np.float32(self.slope)
+        variance += np.float32(self.floor)
+        return variance
+
+
+def check_pair(g: Image, f_N: Image, valid: Image) -> None:
+    """Refuse photos that are no pair.
+
+    Raises
+    ------
+    ValueError
+        If they differ in shape, the noisy one is not finite, or trust does not fit them.
+
+    """
+    if f_N.shape != g.shape or valid.shape != g.shape[:2]:
+        raise ValueError(f"a noisy photo of shape {f_N.shape} does not fit one of {g.shape}")
+    if not (np.isfinite(f_N.min()) and np.isfinite(f_N.max())):
+        raise ValueError("a photo's pixels are finite")
+
+
+def noisy_photo(g: Image, f_N: Image, valid: Image, *, threads: int | None = None) -> NoisyPhoto:
+    """Denoise the noisy photo of a pair.
+
+    Parameters
+    ----------
+    g : (h, w) or (h, w, C) array of float32
+        The blurred photo, linear light.
+    f_N : (h, w) or (h, w, C) array of float32
+        The noisy one, registered, as bright as the blurred one.
+    valid : (h, w) array of float32
+        1 where f_N sees the scene, else 0.
+    threads : int, optional
+        Threads to use; by default all processors. The result does not depend on it.
+
+    Raises
+    ------
+    ValueError
+        If the photos do not fit each other.
+
+    """
+    check_pair(g, f_N, valid)
+    slope, floor = noise_of_pair(f_N, g, valid)
+    filled = np.where(valid > 0, channels_first(f_N), channels_first(g)).astype(np.float32)
+    a = max(slope, floor / _STEEPEST)
+    root = np.empty_like(filled)
+    least = floor + 0.375 * a * a
+    for rows in _bands(filled):
+        part = np.maximum(a * filled[:, rows] + np.float32(least), 0)
+        root[:, rows] = np.sqrt(part, out=part) * np.float32(2 / a)
+    f_D = non_local_means(root, _STRENGTH, threads=threads)
+    del root
+    for rows in _bands(f_D):
+        part = np.square(f_D[:, rows] * np.float32(a / 2))
+        part -= np.float32(least)
+        f_D[:, rows] = np.maximum(part, 0) / np.float32(a)
+    return NoisyPhoto(filled, f_D, slope, floor)
+
+
+def _bands(planes: Image) -> Iterator[slice]:
+    """Cut planes (C, h, w) into bands of rows."""
+    return (slice(top, top + _BAND) for top in range(0, planes.shape[1], _BAND))

@@ -1,0 +1,77 @@
+"""The noise of a short exposure, told from a registered long exposure of the same scene.
+
+In one photo alone noise and texture look alike, and choosing its flattest parts chooses those
+where the noise happens to be weak. The blurred photo, whose noise is another and faint, tells where
+the scene is flat, and how bright it is there.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.ndimage import uniform_filter
+from scipy.optimize import nnls
+
+from deshake.deconvolution.noise import mean_light, pair_means
+from deshake.operators.planes import channels_first
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Image = NDArray[np.float32]
+
+__all__ = ["noise_of_pair"]
+
+_LEVELS = 12
+_FLAT = 0.3  # share of each brightness that is flattest
+_FEWEST = 64  # samples of a brightness
+_MEDIAN = 0.4549  # of the squares of unit normal numbers
+_FLATNESS_PX = 5
+_LEAST = 1e-8
+
+
+def noise_of_pair(f_N: Image, g: Image, valid: Image) -> tuple[float, float]:
+    """Estimate how the variance of noise in f_N grows with the light: ``slope x + floor``.
+
+    The noise is that of means of 2 x 2 pixels, times four: interpolation and compression, which
+    take away the finest noise, change it little.
+
+    Parameters
+    ----------
+    f_N : (h, w) or (h, w, C) array of float32
+        The noisy photo, registered, as bright as the blurred one.
+    g : (h, w) or (h, w, C) array of float32
+        The blurred photo, linear light.
+    valid : (h, w) array of float32
+        Where f_N is to be gone by, 0..1.
+
+    Returns
+    -------
+    slope, floor : float
+        In squared shares of the clip level, slope >= 0, floor > 0; the mean over the colours.
+
+    """
+    light = pair_means(mean_light(g))
+    rows, columns = (
+        np.gradient(uniform_filter(light, 3)) if min(light.shape) > 1 else (light, light)
+    )
+    uneven = uniform_filter(np.square(rows) + np.square(columns), _FLATNESS_PX)
+    usable = uniform_filter(pair_means(valid), 5)[:-1, :-1] > 1 - 1e-4
+    squares: list[Image] = []
+    for plane in channels_first(f_N):
+        means = pair_means(plane)
+        across = means[:, 1:] - means[:, :-1]
+        squares.append(np.square(across[1:] - across[:-1])[usable])
+    level, flat = light[:-1, :-1][usable], uneven[:-1, :-1][usable]
+    if len(level) < _FEWEST:
+        return 0.0, _LEAST
+    order = np.argsort(level, kind="stable")
+    levels, variances = [], []
+    for part in np.array_split(order, _LEVELS):
+        chosen = part[np.argsort(flat[part], kind="stable")[: max(int(_FLAT * len(part)), 1)]]
+        levels.append(float(level[chosen].mean()))
+        variances.append(np.mean([np.median(some[chosen]) for some in squares]) / _MEDIAN)
+    x, y = np.array(levels), np.maximum(variances, _LEAST)
+    slope, floor = nnls(np.stack([x, np.ones_like(x)], 1) / y[:, None], np.ones_like(x))[0]
+    return float(slope), max(float(floor), _LEAST)

@@ -1,0 +1,165 @@
+"""Alignment of two small pictures by a rotation, to a fraction of a pixel (Sec. 7).
+
+One of the two is blurred by shake. Where both are smoothed as widely as that blur, the rotation
+that fits best is the one onto the blur's centroid; where less, the heaviest stroke of the blur
+draws it. So the sharper scales do not refine a registration: they spoil it.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from deshake.estimation.coarse_to_fine import turn
+from deshake.geometry.rotations import compose, grid_steps
+
+if TYPE_CHECKING:
+    from deshake.geometry.camera import Camera
+
+__all__ = ["align", "likeness", "seen_in_frame", "smooth"]
+
+Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+_SMOOTH_PX = 2.5  # sigma before fitting
+_SLOW_PX = 12.0  # sigma of the variations that are left out
+_ITERATIONS = 12
+_ENOUGH_PX = 0.01
+_LONGEST_STEP_PX = 2.0
+_HUBER = 2.0  # residuals beyond so many sigmas count less
+_MAD = 1.4826
+_LEAST_PIXELS = 100
+_BLOCKS = 4  # down and across the frame, each judged apart
+_FINE_PX, _COARSE_PX = 0.75, 8.0  # sigmas between which likeness is judged
+
+
+def align(
+    a: Image, b: Image, camera: Camera, theta: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], float]:
+    """Refine a rotation ``H`` such that ``a(x) ~ gain b(H^-1 x)``, by Gauss-Newton.
+
+    Parameters
+    ----------
+    a, b : (h, w) arrays of float32
+        The pictures, in linear light, about as bright as each other, longer side about 128
+        pixels; `a` is blurred.
+    camera : Camera
+        The camera of both.
+    theta : (3,) array
+        Where to start, in radians.
+
+    Returns
+    -------
+    theta : (3,) array of float64
+        The rotation of the highest ZNCC that was met.
+    score : float
+        That ZNCC, of the smoothed pictures.
+
+    """
+    steps = grid_steps(camera)
+    fields = _turning_fields(camera) * steps[:, None, None, None]
+    smooth_a = smooth(a, _SMOOTH_PX, _SLOW_PX)
+    best, best_score = theta, -1.0
+    for _ in range(_ITERATIONS):
+        seen, mask = seen_in_frame(a, b, camera, theta)
+        seen = smooth(seen, _SMOOTH_PX, _SLOW_PX)
+        mask = _within(mask, _SMOOTH_PX)
+        if mask.sum() < _LEAST_PIXELS:
+            break
+        score = _correlation(smooth_a[mask], seen[mask])
+        if score > best_score:
+            best, best_score = theta, score
+        dy, dx = np.gradient(seen)
+        columns = [fx * dx + fy * dy for fx, fy in fields] + [seen, np.ones_like(seen)]
+        found = _robust_fit(np.stack([column[mask] for column in columns], 1), smooth_a[mask])
+        step = found[:3] / max(found[3], 0.2)  # pixels at the frame's edge
+        longest = float(np.abs(step).max())
+        theta = compose(step * steps * min(1.0, _LONGEST_STEP_PX / max(longest, 1e-9)), theta)
+        if longest < _ENOUGH_PX:
+            break
+    return best, best_score
+
+
+def likeness(a: Image, b: Image, camera: Camera, theta: NDArray[np.float64]) -> float:
+    """Tell how alike ``a(x)`` and ``b(H^-1 x)`` are, all over the frame.
+
+    Returns
+    -------
+    float
+        The mean of two ZNCCs of details: of the whole frame, and of its blocks the lower
+        quartile. Pictures of other things may have one edge in common, but not everywhere.
+
+    """
+    seen, mask = seen_in_frame(a, b, camera, theta)
+    mask = _within(mask, 2 * _FINE_PX)
+    if mask.sum() < _LEAST_PIXELS:
+        return 0.0
+    details = smooth(a, _FINE_PX, _COARSE_PX)
+    # The other picture is the sharper one.
+    others = smooth(seen, 2 * _FINE_PX, _COARSE_PX)
+    rows, columns = (np.linspace(0, side, _BLOCKS + 1).astype(int) for side in a.shape)
+    blocks = []
+    for top, bottom in pairwise(rows):
+        for left, right in pairwise(columns):
+            block = np.s_[top:bottom, left:right]
+            if mask[block].mean() > 0.5:
+                blocks.append(_correlation(details[block][mask[block]], others[block][mask[block]]))
+    whole = _correlation(details[mask], others[mask])
+    return float((whole + np.quantile(blocks, 0.25)) / 2) if blocks else 0.0
+
+
+def seen_in_frame(
+    a: Image, b: Image, camera: Camera, theta: NDArray[np.float64]
+) -> tuple[Image, Mask]:
+    """Return ``b(H^-1 x)``, and where `b` sees it; elsewhere it is `a`, so that no edge shows."""
+    seen, weight = turn(np.stack([b, np.ones_like(b)]), camera, -theta)
+    mask = weight > 0.99
+    return np.where(mask, seen, a), mask
+
+
+def smooth(image: Image, fine_px: float, coarse_px: float) -> Image:
+    """Keep what is between two scales: a difference of Gaussians."""
+    fine = cv2.GaussianBlur(image, (0, 0), fine_px)
+    return np.asarray(fine - cv2.GaussianBlur(fine, (0, 0), coarse_px), np.float32)
+
+
+def _within(mask: Mask, sigma: float) -> Mask:
+    """Leave out what is so near the edge of a mask, or of the frame, that smoothing reaches it."""
+    side = 2 * int(np.ceil(1.5 * sigma)) + 1
+    shrunk = cv2.erode(mask.astype(np.uint8), np.ones((side, side), np.uint8), borderValue=0)
+    inside: Mask = shrunk > 0
+    return inside
+
+
+def _turning_fields(camera: Camera) -> NDArray[np.float32]:
+    """Displacements (3, 2, h, w) of ``H(-delta) x`` for small rotations about X, Y and Z."""
+    f = camera.focal_px
+    x, y = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    X, Y = (x - camera.matrix[0, 2]) / f, (y - camera.matrix[1, 2]) / f
+    fields = [(X * Y, 1 + Y * Y), (-1 - X * X, -X * Y), (Y, -X)]
+    return (f * np.array(fields)).astype(np.float32)
+
+
+def _robust_fit(A: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Solve ``A p ~ b`` by least squares, then once more with Huber's weights."""
+    A64, b64 = A.astype(np.float64), b.astype(np.float64)
+    weights = np.ones(len(b64))
+    for _ in range(2):
+        normal = A64.T @ (A64 * weights[:, None])
+        damping = 1e-4 * np.diag(normal) + 1e-12
+        p = np.linalg.solve(normal + np.diag(damping), A64.T @ (weights * b64))
+        residual = np.abs(b64 - A64 @ p)
+        sigma = _MAD * float(np.median(residual)) + 1e-12
+        weights = np.minimum(1, _HUBER * sigma / np.maximum(residual, 1e-12))
+    return np.asarray(p, np.float64)
+
+
+def _correlation(x: NDArray[np.float32], y: NDArray[np.float32]) -> float:
+    """ZNCC of two lists of values; 0 if one of them is constant."""
+    x64, y64 = x - x.mean(dtype=np.float64), y - y.mean(dtype=np.float64)
+    norm = float(np.sqrt((x64 @ x64) * (y64 @ y64)))
+    return float(x64 @ y64) / norm if norm > 1e-9 else 0.0

@@ -1,0 +1,203 @@
+"""Rows of B_N at chosen pixels: the least squares of Eq. (12) without ever holding B_N.
+
+B_N has a row for each pixel and a column for each rotation: ``B_ik`` is the noisy photo where
+rotation k takes pixel i. What its noise adds to ``B_N' B_N``, mostly on the diagonal, would favour
+kernels that are spread out. It is told by noise alone that was drawn like the photo's and put
+through all that the photo went through: with the rows E of such a twin,
+
+    G = B_N' B_N - mean E' E,    h = B_N' g
+
+have the expectations of the noiseless ones. G may have negative eigenvalues.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from deshake.geometry.rotations import homographies
+from deshake.operators.strips import Strip, available_threads, in_order
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from deshake.geometry.camera import Camera
+
+__all__ = ["ROW_BLOCK", "PairRows"]
+
+Image = NDArray[np.float32]
+Vector = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+ROW_BLOCK = 64
+"""Pixels come in blocks of this many."""
+
+_ENTRIES = 4_000_000  # of B_N and E that are held at once, for each thread
+_MOST_PLANES = 4  # that OpenCV interpolates at once
+_INEXACT_PLANES = 2  # of which it rounds coordinates to 1/32 px
+
+
+class PairRows:
+    """Least squares of the kernel at some pixels, divided by their number.
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera of the pictures.
+    theta : (K, 3) array
+        Rotations in radians.
+    f : (C, h, w) array of float32
+        The registered noisy photo, or what is compared of it.
+    g : (C, h, w) array of float32
+        The same of the blurred photo.
+    places : (n, 2) array of int
+        Pixels (x, y) whose rows are taken; n is a multiple of `ROW_BLOCK`.
+    noise : sequence of (C, h, w) arrays
+        The same of noise alone; without any, f is taken to have none.
+    threads : int, optional
+        Threads to use; by default all processors. The result does not depend on it.
+
+    Raises
+    ------
+    ValueError
+        If there is no block of pixels, or part of one.
+
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        theta: Vector,
+        f: Image,
+        g: Image,
+        places: Indices,
+        *,
+        noise: Sequence[Image] = (),
+        threads: int | None = None,
+    ) -> None:
+        if len(places) == 0 or len(places) % ROW_BLOCK:
+            msg = f"{len(places)} pixels are no blocks of {ROW_BLOCK}"
+            raise ValueError(msg)
+        self._h = homographies(camera, theta)
+        self._threads = threads or available_threads()
+        self._twins = len(noise)
+        planes = np.concatenate([f, *noise])
+        self._planes = [
+            _interleaved(planes[i : i + _MOST_PLANES]) for i in range(0, len(planes), _MOST_PLANES)
+        ]
+        self._channels = len(f)
+        x, y = places.T
+        self._points = np.stack([x, y, np.ones(len(places))]).astype(np.float64)
+        self._g = np.ascontiguousarray(g[:, y, x], np.float32).ravel()
+        self.right = self._adjoint([self._g])[0]
+
+    def __len__(self) -> int:
+        """Return the number n of pixels."""
+        return int(self._points.shape[1])
+
+    def gram(self, chosen: Indices) -> Vector:
+        """Return the rows and columns of G that are chosen, (k, k)."""
+        blocks = max(self._affordable // (max(len(chosen), 1) * ROW_BLOCK), 1)
+
+        def work(strip: Strip) -> Image:
+            b, *twins = self._columns(chosen, strip)
+            total: Image = b @ b.T
+            for e in twins:
+                total -= (e @ e.T) / np.float32(self._twins)
+            return total
+
+        gram = np.zeros((len(chosen), len(chosen)))
+        for _, part in in_order(work, _strips(len(self), blocks * ROW_BLOCK), self._threads):
+            gram += part
+        gram /= len(self)
+        return gram
+
+    def slope(self, w: Vector) -> Vector:
+        """Return ``G w - h``, (K,)."""
+        used = np.flatnonzero(w)
+        share = w[used].astype(np.float32)
+        blurred = np.zeros((1 + self._twins, self._g.size), np.float32)
+        whole = Strip(0, 0, len(self))
+        for part in _strips(len(used), max(self._affordable // len(self), 1)):
+            some = slice(part.first, part.last)
+            for number, b in enumerate(self._columns(used[some], whole)):
+                blurred[number] += share[some] @ b
+        blurred[0] -= self._g
+        slope, *twins = self._adjoint(list(blurred))
+        for e in twins:
+            slope -= e / self._twins
+        return slope
+
+    def misfits(self, w: Vector) -> tuple[float, float, float]:
+        """Return the mean squares of g, of ``g - B w``, and of what the best rotation leaves.
+
+        Without what the noise of f adds to them; (K,) weights, of which the non-zero ones count.
+        """
+        used = np.flatnonzero(w)
+        gram, right = self.gram(used), self.right[used]
+        energy = float(np.square(self._g, dtype=np.float64).sum()) / len(self)
+        left = energy - 2 * right @ w[used] + w[used] @ gram @ w[used]
+        single = energy + float((np.diagonal(gram) - 2 * right).min())
+        return energy, float(left), single
+
+    def scale(self, w: Vector) -> float:
+        """Return the factor a of the best ``g ~ a B w``."""
+        used = np.flatnonzero(w)
+        return float(self.right[used] @ w[used] / (w[used] @ self.gram(used) @ w[used]))
+
+    @property
+    def _affordable(self) -> int:
+        """Pixels times rotations that may be held at once."""
+        return _ENTRIES // (self._channels * (1 + self._twins))
+
+    def _adjoint(self, rows: list[Image]) -> list[Vector]:
+        """Apply the transposes of B, and of each E if given, to rows; divide by their number."""
+        whole = Strip(0, 0, len(self))
+
+        def work(strip: Strip) -> list[Image]:
+            chosen = np.arange(strip.first, strip.last)
+            seen = self._columns(chosen, whole, sets=len(rows))
+            return [b @ row for b, row in zip(seen, rows, strict=True)]
+
+        out = [np.zeros(len(self._h)) for _ in rows]
+        strips = _strips(len(self._h), max(self._affordable // len(self), 1))
+        for strip, parts in in_order(work, strips, self._threads):
+            for total, part in zip(out, parts, strict=True):
+                total[strip.first : strip.last] = part / len(self)
+        return out
+
+    def _columns(self, chosen: Indices, strip: Strip, sets: int | None = None) -> Image:
+        """Return columns of B, then of each E, at some pixels: (sets, len(chosen), C n)."""
+        points = self._points[:, strip.first : strip.last]
+        shape = (ROW_BLOCK, strip.count // ROW_BLOCK)  # OpenCV limits the sides of maps
+        count = 1 + self._twins if sets is None else sets
+        out = np.empty((count * self._channels, len(chosen), strip.count), np.float32)
+        for place, k in enumerate(chosen):
+            u, v, depth = self._h[k] @ points
+            u = (u / depth).astype(np.float32).reshape(shape)
+            v = (v / depth).astype(np.float32).reshape(shape)
+            for number, planes in enumerate(self._planes):
+                first = number * _MOST_PLANES
+                if first >= len(out):
+                    break
+                seen = cv2.remap(planes, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+                last = min(first + planes.shape[-1], len(out))
+                out[first:last, place] = seen.reshape(strip.count, -1).T[: last - first]
+        columns = out.reshape(count, self._channels, len(chosen), -1)
+        joined: Image = np.moveaxis(columns, 1, 2).reshape(count, len(chosen), -1)
+        return joined
+
+
+def _interleaved(planes: Image) -> Image:
+    """Turn planes (n, h, w) to an image (h, w, n), with one more that is empty if need be."""
+    if len(planes) == _INEXACT_PLANES:
+        planes = np.concatenate([planes, np.zeros_like(planes[:1])])
+    return np.ascontiguousarray(np.moveaxis(planes, 0, -1))
+
+
+def _strips(count: int, size: int) -> list[Strip]:
+    """Cut a range into parts."""
+    return [Strip(0, first, min(first + size, count)) for first in range(0, count, size)]

@@ -1,0 +1,211 @@
+"""Brightness of a noisy photo against a blurred one: one factor, or a curve for each channel.
+
+Light adds up, so that in linear light one factor relates two exposures of one scene. The JPEGs of
+cameras are not linear: each exposure is given its own contrast curve. What relates two of them is
+a monotone curve for each channel, found from registered pictures that are smoothed until the blur
+of one of them no longer matters.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
+
+from deshake.errors import EstimationError
+
+__all__ = ["ToneCurve", "brightness_ratio", "photometric_scale", "tone_curves"]
+
+Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+_QUANTILES = (0.5, 0.7, 0.85, 0.95)
+_BRIGHT = 0.9  # quantiles of a picture above it may be clipped
+_LEAST_PIXELS = 50
+_SMOOTH_PX = 5.0
+_DARK = 0.7  # share of the pixels that tells nothing: noise clipped at black looks like light
+_HUBER = 2.0
+_MAD = 1.4826
+_SCALE_ITERATIONS = 10
+_CLIPPED = 0.985
+_BINS = 96
+_ENDS = (0.005, 0.995)  # quantiles between which the curve is known
+_KNOTS = 257
+_WINDOW = 13  # knots that are averaged
+_END_KNOTS = 12  # whose slope goes on beyond the ends
+_LEAST_SLOPE = 0.1  # of the mean slope: no detail vanishes
+_MOST_VALUES = 1_000_000
+
+
+def brightness_ratio(g: Image, f: Image) -> float:
+    """Tell how many times brighter one picture is than another, registered or not.
+
+    It compares quantiles: those below clipping, of which it takes the middle one.
+    """
+    bright, dark = np.quantile(g, _QUANTILES), np.quantile(f, _QUANTILES)
+    usable = bright < max(_BRIGHT, float(bright[0]) * (1 + 1e-6))
+    return float(np.median(bright[usable] / np.maximum(dark[usable], 1e-6)))
+
+
+def photometric_scale(g: Image, f: Image, mask: Mask) -> float:
+    """Fit the factor ``a`` of ``g ~ a f`` to two registered pictures in linear light.
+
+    Both are smoothed first, as widely as blur may have moved the light; else the sharper one's
+    bright spots, which the other one spreads, would make `a` too small.
+
+    Parameters
+    ----------
+    g, f : (h, w) arrays of float32
+        The blurred and the noisy picture, about 128 pixels wide.
+    mask : (h, w) array of bool
+        Where both see the scene, below clipping.
+
+    Returns
+    -------
+    float
+        By least squares with Huber's weights; by quantiles, where too little is usable.
+
+    """
+    if mask.sum() < _LEAST_PIXELS:
+        return brightness_ratio(g, f)
+    smooth_f, smooth_g = (_smoothed(image, mask, _SMOOTH_PX)[mask] for image in (f, g))
+    x, y = smooth_f.astype(np.float64), smooth_g.astype(np.float64)
+    bright = x >= np.quantile(x, _DARK)
+    x, y = x[bright], y[bright]
+    weights = np.ones_like(x)
+    scale = 0.0
+    for _ in range(_SCALE_ITERATIONS):
+        scale = float((weights * x) @ y / max(float((weights * x) @ x), 1e-30))
+        residual = np.abs(y - scale * x)
+        sigma = _MAD * float(np.median(residual)) + 1e-12
+        weights = np.minimum(1, _HUBER * sigma / np.maximum(residual, 1e-12))
+    return scale if scale > 0 else brightness_ratio(g, f)
+
+
+@dataclass(frozen=True, eq=False)
+class ToneCurve:
+    """A rising curve ``T`` from the values of one photo to those of another.
+
+    Parameters
+    ----------
+    knots, values : (n,) arrays of float64
+        It is linear between its knots, which rise evenly, and goes on straight beyond them.
+
+    """
+
+    knots: NDArray[np.float64]
+    values: NDArray[np.float64]
+
+    def __call__(self, f: Image) -> Image:
+        """Return ``T(f)``, in the shape of `f`."""
+        before, after = self._end_slopes
+        inside = np.interp(f, self.knots, self.values)
+        inside += before * np.minimum(f - self.knots[0], 0) + after * np.maximum(
+            f - self.knots[-1], 0
+        )
+        return np.asarray(inside, np.float32)
+
+    def slope(self, f: Image) -> Image:
+        """Return ``T'(f)``, in the shape of `f`."""
+        slopes = np.gradient(self.values, self.knots)
+        slopes[[0, -1]] = self._end_slopes
+        return np.asarray(np.interp(f, self.knots, slopes), np.float32)
+
+    def matched(self, f_N: Image, f_D: Image) -> Image:
+        """Return the noisy photo on the curve: ``T(f_D) + T'(f_D) (f_N - f_D)``.
+
+        Its noise stays without bias, which ``T(f_N)`` would give it where the curve bends.
+        """
+        return np.asarray(self(f_D) + self.slope(f_D) * (f_N - f_D), np.float32)
+
+    @property
+    def _end_slopes(self) -> tuple[float, float]:
+        """Slopes before the first knot and after the last."""
+        step = float(self.knots[1] - self.knots[0])
+        return (
+            float(self.values[1] - self.values[0]) / step,
+            float(self.values[-1] - self.values[-2]) / step,
+        )
+
+
+def tone_curves(f_D: Image, g: Image, mask: Mask, *, smooth_px: float = 4.0) -> list[ToneCurve]:
+    """Find the curve of each channel that takes a photo's values to those of another.
+
+    The curves are the isotonic regression of medians in bins of equal count, averaged over a small
+    window, and made straight at the ends.
+
+    Parameters
+    ----------
+    f_D : (h, w) or (h, w, C) array of float32
+        The denoised photo, registered. Display values do better than linear light: their noise is
+        more even.
+    g : array of that shape
+        The blurred photo.
+    mask : (h, w) array of bool
+        Where both see the scene.
+    smooth_px : float
+        Sigma that both are smoothed by; 1.5 is enough where `f_D` has been blurred as `g` is.
+
+    Raises
+    ------
+    EstimationError
+        If too few pixels are neither masked nor clipped, or all are of one value.
+
+    """
+    channels = 1 if g.ndim == 2 else g.shape[2]
+    curves = []
+    for c in range(channels):
+        x, y = (
+            _smoothed(image if image.ndim == 2 else image[..., c], mask, smooth_px)
+            for image in (f_D, g)
+        )
+        usable = mask & (x < _CLIPPED) & (y < _CLIPPED)
+        step = max(1, int(usable.sum()) // _MOST_VALUES)
+        curves.append(_tone_curve(x[usable][::step], y[usable][::step]))
+    return curves
+
+
+def _smoothed(image: Image, mask: Mask, sigma: float) -> Image:
+    """Smooth an image by what lies within a mask."""
+    light = cv2.GaussianBlur(np.where(mask, image, np.float32(0)), (0, 0), sigma)
+    weight = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), sigma)
+    return np.asarray(light / np.maximum(weight, 1e-6), np.float32)
+
+
+def _tone_curve(x: Image, y: Image) -> ToneCurve:
+    """Fit one rising curve to pairs of values."""
+    if len(x) < 4 * _BINS:
+        raise EstimationError(
+            "too few pixels of the pair are neither clipped nor out of sight",
+            hint="the photos must overlap and not be clipped all over",
+        )
+    order = np.argsort(x, kind="stable")
+    bins = np.array_split(order, _BINS)
+    centres = np.array([np.median(x[b]) for b in bins], np.float64)
+    medians = np.array([np.median(y[b]) for b in bins], np.float64)
+    low, high = np.quantile(x, _ENDS).tolist()
+    if high - low < 1e-4 or medians.max() - medians.min() < 1e-6:
+        raise EstimationError("the photos are too flat to compare their brightness")
+    rising = isotonic_regression(medians).x
+    knots = np.linspace(low, high, _KNOTS)
+    values = _averaged(np.interp(knots, centres, rising))
+    least = _LEAST_SLOPE * (values[-1] - values[0]) / (high - low)
+    steps = np.maximum(np.diff(values), least * (knots[1] - knots[0]))
+    # The ends have few values to go by: they are straight.
+    steps[:_END_KNOTS] = steps[_END_KNOTS : 2 * _END_KNOTS].mean()
+    steps[-_END_KNOTS:] = steps[-2 * _END_KNOTS : -_END_KNOTS].mean()
+    middle = _KNOTS // 2
+    values = np.concatenate([[0.0], np.cumsum(steps)]) + values[middle] - steps[:middle].sum()
+    return ToneCurve(knots, values)
+
+
+def _averaged(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Average over a window; beyond the ends the values go on as they do inside."""
+    half = _WINDOW // 2
+    before = 2 * values[0] - values[half:0:-1]
+    after = 2 * values[-1] - values[-2 : -half - 2 : -1]
+    padded = np.concatenate([before, values, after])
+    return np.convolve(padded, np.full(_WINDOW, 1 / _WINDOW), "valid")

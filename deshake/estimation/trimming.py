@@ -1,0 +1,56 @@
+"""What of an estimated kernel is gone on with: its largest weights, and what hangs together.
+
+Where a photo shows little, noise puts some weight far away from the camera's path.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.ndimage
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from deshake.geometry.kernel import RotationKernel
+
+__all__ = ["most_of", "strongest", "without_strays"]
+
+_MOST = 0.8  # share of the weight that tells how wide a kernel is
+_STRAY = 0.03  # share of the weight that pieces of the kernel hold that are no noise
+_APART = 2  # grid steps between two pieces
+
+
+def strongest(kernel: RotationKernel, most: int) -> RotationKernel:
+    """Return a kernel's largest weights, at most so many."""
+    if len(kernel.weights) <= most:
+        return kernel
+    kept = np.sort(np.argsort(-kernel.weights, kind="stable")[:most])
+    return _only(kernel, kept)
+
+
+def most_of(kernel: RotationKernel) -> RotationKernel:
+    """Return the largest weights that make up most of a kernel."""
+    held = np.cumsum(np.sort(kernel.weights)[::-1])
+    return strongest(kernel, int(np.searchsorted(held, _MOST)) + 1)
+
+
+def without_strays(kernel: RotationKernel) -> RotationKernel:
+    """Return a kernel without what lies apart and holds little of its weight."""
+    place = kernel.indices - kernel.indices.min(0)
+    box = np.zeros(place.max(0) + 1, np.uint8)
+    box[tuple(place[kernel.weights > 0].T)] = 1
+    near = scipy.ndimage.maximum_filter(box, 2 * _APART - 1, mode="constant")
+    labels, count = scipy.ndimage.label(near, np.ones((3, 3, 3)))
+    piece = labels[tuple(place.T)]
+    kept = np.bincount(piece, kernel.weights, count + 1)[piece] >= _STRAY
+    if not kept.any():
+        return kernel
+    return _only(kernel, kept)
+
+
+def _only(kernel: RotationKernel, kept: NDArray[np.generic]) -> RotationKernel:
+    weights = kernel.weights[kept]
+    return replace(kernel, theta=kernel.theta[kept], weights=weights / weights.sum())

@@ -1,0 +1,272 @@
+"""Deblurring a photo with a noisy one of the same scene, Sec. 6: objects, and from file to file."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deshake.deconvolution.clipped_noise import unclipped_mean
+from deshake.deconvolution.denoising import noisy_photo
+from deshake.deconvolution.fusion import fuse
+from deshake.deconvolution.residual import residual_richardson_lucy
+from deshake.errors import DeshakeError, KernelFileError, OutputError
+from deshake.estimation.registration import Registration, register, registered
+from deshake.io.files import STREAM, check_output, default_output
+from deshake.io.kernel_file import read_kernel
+from deshake.io.photo import read_photo, write_photo
+from deshake.io.registration_file import read_registration
+from deshake.operators.planes import channels_first
+from deshake.operators.shake_blur import ShakeBlur
+from deshake.pipelines.file_stages import check_encoding, part
+from deshake.pipelines.fitting import fitting_kernel
+from deshake.pipelines.stages import EstimateOptions, camera_for, luminance
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from deshake.deconvolution.restoration import Restoration
+    from deshake.deconvolution.sparse_gradients import Quality
+    from deshake.geometry.kernel import RotationKernel
+    from deshake.io.photo import Photo
+    from deshake.io.transfer import TransferName
+
+    Progress = Callable[[float, str], None]
+
+__all__ = ["PairMethod", "PairRestorationOptions", "deblur_pair", "deblur_pair_file"]
+
+_log = logging.getLogger(__name__)
+
+Image = NDArray[np.float32]
+
+PairMethod = Literal["fusion", "residual"]
+"""How a photo is deblurred with the help of a noisy one."""
+
+_REGISTERED = 0.1  # of the time
+_FARTHEST = (0.8, 1.25)  # that the factor found through the kernel may be off the registration's
+
+
+@dataclass(frozen=True)
+class PairRestorationOptions:
+    """How a photo is deblurred with the help of a noisy one.
+
+    Parameters
+    ----------
+    method : {"fusion", "residual"}
+        Both photos in one energy, or Yuan's residual Richardson-Lucy.
+    quality : {"fast", "default", "high"}
+        How much time the fusion takes.
+    iterations : int, optional
+        How many the method does, >= 1.
+
+    Raises
+    ------
+    ValueError
+        If a name is unknown, or a choice does not go with the method.
+
+    """
+
+    method: PairMethod = "fusion"
+    quality: Quality = "default"
+    iterations: int | None = None
+
+    def __post_init__(self) -> None:
+        """Check the choices."""
+        if self.method not in get_args(PairMethod):
+            raise ValueError(f"no method {self.method!r} for pairs")
+        if self.method != "fusion" and self.quality != "default":
+            raise ValueError(f"{self.method} has one quality only")
+
+
+def deblur_pair(
+    blurred: Photo,
+    noisy: Photo,
+    kernel: RotationKernel,
+    options: PairRestorationOptions,
+    *,
+    registration: Registration | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Photo:
+    """Deblur a photo with a kernel for its size and a noisy photo of the same scene.
+
+    Format, depth, opacity and metadata stay as they are.
+
+    Parameters
+    ----------
+    blurred, noisy : Photo
+        The pair.
+    kernel : RotationKernel
+        The blur, in the frame of the registered noisy photo.
+    options : PairRestorationOptions
+        How.
+    registration : Registration, optional
+        How the noisy photo lies to the blurred one; by default it is found, with the kernel's
+        camera or, if that is the uniform model's, the photo's.
+    threads : int, optional
+        Threads to use; by default all processors.
+    progress : callable, optional
+        Told the fraction done and what is being done.
+
+    Raises
+    ------
+    EstimationError
+        If the photos do not show the same scene.
+
+    """
+    start = 0.0
+    try:
+        if registration is None:
+            start = _REGISTERED
+            camera = kernel.camera
+            if camera.is_uniform:
+                camera = camera_for(blurred, EstimateOptions())[0].camera
+            registration = register(
+                blurred.pixels,
+                noisy.pixels,
+                camera,
+                threads=threads,
+                progress=part(progress, 0, start),
+            )
+        restored = _restored(
+            blurred,
+            noisy,
+            kernel,
+            options,
+            registration=registration,
+            threads=threads,
+            progress=part(progress, start, 1),
+        )
+    except DeshakeError as error:
+        error.file = error.file or str(blurred.source)
+        raise
+    _log.info("%s: deblurred in %d iterations", blurred.source, restored.iterations)
+    return blurred.with_pixels(restored.pixels)
+
+
+def deblur_pair_file(
+    source: Path,
+    noisy_file: Path,
+    kernel_file: Path,
+    output: Path | None,
+    options: PairRestorationOptions,
+    *,
+    registration: Path | None = None,
+    transfer: TransferName | None = None,
+    overwrite: bool = False,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Path:
+    """Deblur a photo with a noisy one and the kernel of a file; write the result, return where.
+
+    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``.
+
+    Raises
+    ------
+    PhotoError, KernelFileError, EstimationError
+        If a photo, the kernel or the registration cannot be read, or they do not fit each other.
+    OutputError
+        If the result cannot be written.
+
+    """
+    if output is not None and str(output) == STREAM:
+        raise OutputError("photos are not written to standard output", hint="name a file with -o")
+    path = default_output(source, output, overwrite=overwrite)
+    inputs = [item for item in (noisy_file, kernel_file, registration) if item is not None]
+    check_output(path, *inputs, overwrite=overwrite)
+    content = read_kernel(kernel_file)
+    known = None if registration is None else read_registration(registration)
+    photo, noisy = (read_photo(item, transfer=transfer) for item in (source, noisy_file))
+    check_encoding(photo, path)
+    kernel = fitting_kernel(content, photo, kernel_file)
+    if known is not None and known.camera.shape != photo.shape:
+        height, width = known.camera.shape
+        raise KernelFileError(
+            f"the registration is for pictures of {width} x {height} pixels, and {source} has "
+            f"{photo.shape[1]} x {photo.shape[0]}",
+            hint="register the photos again",
+            file=registration,
+        )
+    found = None
+    if known is not None:
+        found = Registration(known.theta, known.scale, known.confidence, known.camera)
+    photo = deblur_pair(
+        photo,
+        noisy,
+        kernel,
+        options,
+        registration=found,
+        threads=threads,
+        progress=progress,
+    )
+    write_photo(path, photo, overwrite=overwrite)
+    return path
+
+
+def _restored(
+    blurred: Photo,
+    noisy: Photo,
+    kernel: RotationKernel,
+    options: PairRestorationOptions,
+    *,
+    registration: Registration,
+    threads: int | None,
+    progress: Progress | None,
+) -> Restoration:
+    """Register the noisy photo, make it as bright as the other one, and deblur."""
+    g = blurred.pixels
+    f_N = noisy.pixels
+    if f_N.ndim != g.ndim:
+        f_N = luminance(f_N) if g.ndim == 2 else np.repeat(f_N[..., None], g.shape[2], 2)
+    f_N, valid = registered(unclipped_mean(f_N), registration)
+    f_N *= np.float32(registration.scale)
+    clipped = registered(noisy.clipped.astype(np.float32), registration)[0] > 0
+    usable = valid * ~(clipped | blurred.clipped)
+    f_N *= np.float32(_scale(g, f_N, usable, kernel, threads=threads))
+    if options.method == "residual":
+        light = unclipped_mean(g)
+        guide = noisy_photo(light, f_N, valid, threads=threads).denoised
+        del f_N
+        return residual_richardson_lucy(
+            light,
+            np.moveaxis(guide, 0, -1) if g.ndim == 3 else guide[0],
+            kernel,
+            clipped=blurred.clipped,
+            iterations=options.iterations,
+            threads=threads,
+            progress=progress,
+        )
+    return fuse(
+        g,
+        f_N,
+        valid,
+        kernel,
+        clipped=blurred.clipped,
+        noisy_clipped=clipped,
+        quality=options.quality,
+        iterations=options.iterations,
+        threads=threads,
+        progress=progress,
+    )
+
+
+def _scale(
+    g: Image, f_N: Image, usable: Image, kernel: RotationKernel, *, threads: int | None
+) -> float:
+    """Fit the factor that makes the noisy photo, blurred, as bright as the other one."""
+    blur = ShakeBlur(kernel, threads=threads)
+    m = blur.margin
+    inner = np.pad(usable, m)
+    seen = blur.forward(inner) > 1 - 1e-3
+    seen &= usable > 0
+    product = power = 0.0
+    for one, other in zip(channels_first(g), channels_first(f_N), strict=True):
+        Af = blur.forward(np.pad(other, m, mode="edge"))
+        product += float(np.sum(one * Af, where=seen, dtype=np.float64))
+        power += float(np.sum(Af * Af, where=seen, dtype=np.float64))
+    scale = product / power if power > 0 else 1.0
+    return float(np.clip(scale, *_FARTHEST))

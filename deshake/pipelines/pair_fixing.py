@@ -1,0 +1,137 @@
+"""A blurred and a noisy photo of one scene, from files to the sharp photo: all of Sec. 6 in one go.
+
+The stages are those of ``register``, ``estimate-pair`` and ``deblur --noisy``, each with what the
+one before it found. That is why the results are the same to the byte.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from deshake.io.files import check_output
+from deshake.io.kernel_file import write_kernel
+from deshake.io.photo import read_photo, write_photo
+from deshake.pipelines.file_stages import check_encoding, gone_on_failure, part
+from deshake.pipelines.pair_deblurring import PairRestorationOptions, deblur_pair
+from deshake.pipelines.pair_stages import estimate_pair
+from deshake.pipelines.register import find_registration
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from deshake.pipelines.pair_stages import PairKernel
+    from deshake.pipelines.register import Found
+    from deshake.pipelines.stages import EstimateOptions
+
+    Progress = Callable[[float, str], None]
+
+__all__ = ["FixedPair", "fix_pair_file"]
+
+_log = logging.getLogger(__name__)
+
+_REGISTERED, _ESTIMATED = 0.1, 0.4  # of the time
+
+
+@dataclass(frozen=True, eq=False)
+class FixedPair:
+    """What was found about a pair on the way to the sharp photo.
+
+    Parameters
+    ----------
+    registration : Found
+        How the noisy photo lies to the blurred one.
+    kernel : PairKernel
+        The blur.
+
+    """
+
+    registration: Found
+    kernel: PairKernel
+
+    def report(self) -> dict[str, Any]:
+        """Return the figures of the pair as JSON data."""
+        return self.kernel.report() | {
+            "notes": self.registration.notes + self.kernel.notes,
+            "camera_source": self.registration.camera.source,
+        }
+
+
+def fix_pair_file(
+    blurred: Path,
+    noisy: Path,
+    output: Path,
+    kernel_file: Path | None,
+    options: EstimateOptions,
+    *,
+    restoration: PairRestorationOptions,
+    overwrite: bool = False,
+    overwrite_kernel: bool = False,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> FixedPair:
+    """Register a noisy photo to a blurred one, estimate the kernel, deblur, and write the result.
+
+    Parameters
+    ----------
+    blurred, noisy : Path
+        The photos.
+    output : Path
+        Where the result goes.
+    kernel_file : Path or None
+        Where the kernel goes, which is kept only together with the result.
+    options : EstimateOptions
+        What the estimate goes by; region and estimator do not count, and the angle is the blur's.
+    restoration : PairRestorationOptions
+        How the photo is deblurred.
+    overwrite, overwrite_kernel : bool
+        Whether an existing result, or an existing kernel, may be replaced.
+    threads : int, optional
+        Threads to use; by default all processors. The result does not depend on it.
+    progress : callable, optional
+        Told the fraction done and what is being done.
+
+    Raises
+    ------
+    PhotoError, CalibrationError, KernelFileError, EstimationError
+        For the reasons of `read_photo`, `find_registration` and `estimate_pair`.
+    OutputError
+        If an output cannot be written.
+
+    """
+    check_output(output, blurred, noisy, overwrite=overwrite)
+    if kernel_file is not None:
+        check_output(kernel_file, blurred, noisy, output, overwrite=overwrite_kernel)
+    g, f_N = (read_photo(path, transfer=options.transfer) for path in (blurred, noisy))
+    check_encoding(g, output)
+    found = find_registration(
+        g, f_N, options, threads=threads, progress=part(progress, 0, _REGISTERED)
+    )
+    for note in found.notes:
+        _log.warning("%s: %s", blurred, note)
+    kernel = estimate_pair(
+        g,
+        f_N,
+        options,
+        registration=found.registration,
+        threads=threads,
+        progress=part(progress, _REGISTERED, _ESTIMATED),
+    )
+    photo = deblur_pair(
+        g,
+        f_N,
+        kernel.content.kernel,
+        restoration,
+        registration=found.registration,
+        threads=threads,
+        progress=part(progress, _ESTIMATED, 1),
+    )
+    with contextlib.ExitStack() as outputs:
+        if kernel_file is not None:
+            outputs.enter_context(gone_on_failure(kernel_file))
+            write_kernel(kernel_file, kernel.content, overwrite=overwrite_kernel)
+        write_photo(output, photo, overwrite=overwrite)
+    return FixedPair(found, kernel)

@@ -1,0 +1,237 @@
+"""The stages for a blurred and a noisy photo of one scene: to the blur kernel, Sec. 6.
+
+The noisy photo is registered to the blurred one, unless that was done before. Where the kernel then
+explains the blurred photo badly, the two photos' tones are matched (`registered_pair`), and the
+kernel is kept that explains it better.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import logging
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from deshake import __version__
+from deshake.errors import DeshakeError, EstimationError, KernelFileError
+from deshake.estimation.registration import Registration, registered
+from deshake.io.files import check_output
+from deshake.io.kernel_file import CameraFile, KernelFile, write_kernel
+from deshake.io.photo import read_photo
+from deshake.io.registration_file import read_registration
+from deshake.pipelines.file_stages import part
+from deshake.pipelines.register import find_registration
+from deshake.pipelines.registered_pair import RegisteredPair
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from deshake.estimation.pair import PairEstimate
+    from deshake.io.photo import Photo
+    from deshake.pipelines.stages import EstimateOptions
+
+    Progress = Callable[[float, str], None]
+
+__all__ = ["PairKernel", "estimate_pair", "estimate_pair_file"]
+
+_log = logging.getLogger(__name__)
+
+_REGISTERED: Final = 0.3  # of the time
+_SURE: Final = 0.9  # confidence below which tone curves are tried
+
+
+@dataclass(frozen=True, eq=False)
+class PairKernel:
+    """A kernel as it goes to its file, and what the user should know of it.
+
+    Parameters
+    ----------
+    content : KernelFile
+        The kernel with its confidence and provenance, in the frame of the registered noisy photo.
+    camera : CameraFile
+        The camera that was gone by, and where its focal length comes from.
+    registration : Registration
+        How the noisy photo lies to the blurred one.
+    scale : float
+        The photometric factor, fitted together with the kernel.
+    notes : list of str
+        In plain words.
+
+    """
+
+    content: KernelFile
+    camera: CameraFile
+    registration: Registration
+    scale: float
+    notes: list[str]
+
+    def report(self) -> dict[str, Any]:
+        """Return the figures of the estimate as JSON data."""
+        kernel = self.content.kernel
+        return {
+            "rotations": len(kernel.weights),
+            "extent_px": round(kernel.extent_px(), 2),
+            "confidence": round(self.content.confidence, 4),
+            "scale": round(self.scale, 5),
+            "registration_confidence": round(self.registration.confidence, 4),
+            "notes": self.notes,
+            "focal_px": round(self.camera.camera.focal_px, 2),
+            "camera_source": self.camera.source,
+        }
+
+
+def estimate_pair(
+    blurred: Photo,
+    noisy: Photo,
+    options: EstimateOptions,
+    *,
+    registration: Registration | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> PairKernel:
+    """Estimate the blur kernel of a photo with the help of a noisy one.
+
+    Parameters
+    ----------
+    blurred, noisy : Photo
+        The pair.
+    options : EstimateOptions
+        What to go by; region and estimator do not count.
+    registration : Registration, optional
+        How the noisy photo lies to the blurred one, with the camera to go by. By default it is
+        found, with the camera that the options or the blurred photo tell.
+    threads : int, optional
+        Threads to use; by default all processors.
+    progress : callable, optional
+        Told the fraction done and what is being done.
+
+    Raises
+    ------
+    PhotoError, CalibrationError
+        For the reasons of `find_registration`.
+    KernelFileError
+        If the camera or the registration that was given does not fit the photo.
+    EstimationError
+        If the photos do not show the same scene, or are too small, too flat or too much clipped.
+
+    """
+    notes: list[str] = []
+    start = 0.0
+    if registration is None:
+        first = find_registration(
+            blurred, noisy, options, threads=threads, progress=part(progress, 0, _REGISTERED)
+        )
+        registration, camera, notes = first.registration, first.camera, list(first.notes)
+        start = _REGISTERED
+    else:
+        camera = CameraFile(registration.camera, "the registration")
+        _check_fit(registration, blurred)
+    later = part(progress, start, 1) or (lambda _share, _text: None)
+    try:
+        pair = RegisteredPair(blurred, noisy, registration, *registered(noisy.pixels, registration))
+        found = pair.kernel(options, threads, later)
+        curved = False
+        if found.confidence < _SURE:
+            with contextlib.suppress(EstimationError):  # then it stays at the one factor
+                other = pair.on_curves().kernel(options, threads, later)
+                curved = other.confidence > found.confidence
+                found = other if curved else found
+    except DeshakeError as error:
+        error.file = error.file or str(blurred.source)
+        raise
+    scale = found.scale
+    if curved:
+        scale *= registration.scale
+        notes.append("the photos have tone curves of their own, which were matched")
+    notes += found.notes
+    for note in notes:
+        _log.warning("%s: %s", blurred.source, note)
+    provenance = _provenance((blurred, noisy), options, registration, found)
+    provenance |= {"camera": camera.source, "tone_curves": curved, "notes": notes}
+    content = KernelFile(found.kernel, found.confidence, provenance, camera.distortion)
+    return PairKernel(content, camera, registration, scale, notes)
+
+
+def estimate_pair_file(
+    blurred: Path,
+    noisy: Path,
+    output: Path,
+    options: EstimateOptions,
+    *,
+    registration: Path | None = None,
+    overwrite: bool = False,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> PairKernel:
+    """Estimate the kernel of a photo from a pair of files, and write its kernel file.
+
+    Raises
+    ------
+    PhotoError, CalibrationError, KernelFileError, EstimationError
+        For the reasons of `read_photo` and `estimate_pair`.
+    OutputError
+        If the output cannot be written.
+
+    """
+    inputs = [path for path in (blurred, noisy, registration) if path is not None]
+    check_output(output, *inputs, overwrite=overwrite)
+    known = None if registration is None else _read_registration(registration)
+    found = estimate_pair(
+        read_photo(blurred, transfer=options.transfer),
+        read_photo(noisy, transfer=options.transfer),
+        options,
+        registration=known,
+        threads=threads,
+        progress=progress,
+    )
+    write_kernel(output, found.content, overwrite=overwrite)
+    return found
+
+
+def _read_registration(file: Path) -> Registration:
+    content = read_registration(file)
+    return Registration(content.theta, content.scale, content.confidence, content.camera)
+
+
+def _check_fit(registration: Registration, photo: Photo) -> None:
+    """Check that a registration was made for photos of this size."""
+    camera = registration.camera
+    if camera.shape != photo.shape:
+        height, width = photo.shape
+        raise KernelFileError(
+            f"the registration is for pictures of {camera.width} x {camera.height} pixels, and "
+            f"{photo.source} has {width} x {height}",
+            hint="register the photos again",
+        )
+
+
+def _provenance(
+    pair: tuple[Photo, Photo],
+    options: EstimateOptions,
+    registration: Registration,
+    found: PairEstimate,
+) -> dict[str, Any]:
+    """Tell what shaped the kernel, the camera aside."""
+    names = ("transfer", "blur_size", "max_angle", "uniform")
+    return {
+        "deshake": __version__,
+        "command": "estimate-pair",
+        "options": {name: getattr(options, name) for name in names},
+        "input_sha256": _sha256(pair[0].source),
+        "noisy_sha256": _sha256(pair[1].source),
+        "registration": {
+            "theta": registration.theta.tolist(),
+            "scale": registration.scale,
+            "confidence": registration.confidence,
+        },
+        "scale": found.scale,
+        "explained": found.explained,
+        "scales": [asdict(scale) for scale in found.scales],
+    }
+
+
+def _sha256(file: Path) -> str:
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

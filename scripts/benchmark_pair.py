@@ -1,0 +1,266 @@
+"""Deblur photos with the help of noisy ones, on pairs that are made here with the truth in hand.
+
+    python scripts/benchmark_pair.py --data DIR
+    python scripts/benchmark_pair.py --data DIR --cases "coffee*; *0.06" --blind --crops out
+    python scripts/benchmark_pair.py --data DIR --camera-files
+
+DIR, or its folder nexus5, holds orientation logs of a hand-held phone (`hand_shakes`);
+`shaken_pairs` tells how the pairs are made. Each is taken through the stages of `fix --noisy`.
+
+`off` is what the rotation found is wrong by, against the true one relative to the centroid of the
+blur: pixels, the root mean square over the frame. All else is PSNR (dB) and SSIM of display values
+over the whole frame, border included:
+
+- blurred, noisy, denoised: the photos as they are, the noisy one as bright as the truth is or, with
+  camera files, taken to the tones of the blurred one; denoised as the fusion's guide is;
+- single: the blurred photo alone, deblurred with the true kernel;
+- blind: the blurred photo alone, at the lowest noise, after the shift and turn that fit the truth
+  best (with --blind: it takes its time, once for each shake);
+- uniform: fusion, the kernel estimated by the uniform model;
+- residual, fusion: both ways to deblur, with the kernel estimated;
+- stopped: residual at the number of iterations that is best for the PSNR, found with the truth in
+  hand;
+- true: fusion with the true kernel, in the frame that was found.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from fnmatch import fnmatch
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+from benchmark_blind import aligned
+from hand_shakes import find_logs
+from numpy.typing import NDArray
+from pair_scores import Row, Score, header, line, summary
+from shaken_pairs import NOISES, PAIRS, Pair, PairCase, shaken_pair
+from shaken_photos import display, psnr, ssim
+from sheets import detailed_part
+
+from deshake.deconvolution.denoising import noisy_photo
+from deshake.errors import DeshakeError
+from deshake.estimation.registration import Registration, registered
+from deshake.geometry.kernel import RotationKernel
+from deshake.geometry.rotations import compose
+from deshake.io.kernel_file import CameraFile
+from deshake.pipelines.pair_deblurring import PairRestorationOptions, deblur_pair
+from deshake.pipelines.pair_stages import estimate_pair
+from deshake.pipelines.register import find_registration
+from deshake.pipelines.registered_pair import RegisteredPair
+from deshake.pipelines.stages import EstimateOptions, deblur, estimate
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from shaken_photos import Case
+
+    from deshake.io.photo import Photo
+
+Image = NDArray[np.float32]
+
+DETAIL = 160  # px, side of the parts that --crops shows
+RESIDUAL = PairRestorationOptions("residual")
+COUNTS = (1, 2, 3, 5, 8, 12)  # of its iterations
+
+
+def options_of(pair: Pair, *, uniform: bool = False) -> EstimateOptions:
+    """Return what the estimate is told: the camera."""
+    return EstimateOptions(camera=CameraFile(pair.kernel.camera, "the truth"), uniform=uniform)
+
+
+def own_frame(
+    pair: Pair, blurred: Photo, noisy: Photo, found: Registration, truth: Image
+) -> tuple[Image, Image]:
+    """Return the noisy photo in its own frame, and the same denoised; linear light."""
+    back = Registration(-found.theta, 1.0, 1.0, found.camera)
+    g, seen = registered(blurred.pixels, back)
+    if pair.curve is None:
+        f_N = noisy.pixels * np.float32(truth.mean() / noisy.pixels.mean())
+    else:
+        turned = RegisteredPair(blurred.with_pixels(g), noisy, back, noisy.pixels, seen)
+        f_N = turned.on_curves().f_reg
+    denoised = noisy_photo(g, f_N, np.ones_like(seen), threads=1).denoised
+    return f_N, np.ascontiguousarray(np.moveaxis(denoised, 0, -1))
+
+
+def blind(case: PairCase, logs: Sequence[Path]) -> Score:
+    """Score the blurred photo alone, deblurred blindly."""
+    pair = shaken_pair(case, logs)
+    photo, _ = pair.photos()
+    kernel = estimate(photo, options_of(pair), threads=1).content.kernel
+    shown = display(deblur(photo, kernel, threads=1).pixels)
+    truth = display(pair.sharp(pair.kernel.centroid))
+    return max(Score(psnr(one, truth), ssim(one, truth)) for one in (shown, aligned(shown, truth)))
+
+
+def best_residual(known: Callable[..., Photo], truth: Image, default: Image) -> Image:
+    """Return the residual method's result at the best of some numbers of iterations."""
+    best = default
+    for count in COUNTS:
+        light = known(options=PairRestorationOptions("residual", iterations=count)).pixels
+        if psnr(display(light), truth) <= psnr(display(best), truth):
+            break
+        best = light
+    return best
+
+
+def compare(name: str, case: PairCase, logs: Sequence[Path], crops: Path | None) -> Row:
+    """Make a pair and deblur it by all ways but the blind one."""
+    pair = shaken_pair(case, logs)
+    blurred, noisy = pair.photos()
+    seconds: dict[str, float] = {}
+
+    def timed(what: str, work: Callable[[], Any]) -> Any:  # noqa: ANN401 - what the work gives
+        start = time.process_time()
+        done = work()
+        seconds[what] = time.process_time() - start
+        return done
+
+    options = options_of(pair)
+    found = timed("register", partial(find_registration, blurred, noisy, options, threads=1))
+    registration = found.registration
+    frame = compose(pair.theta, -registration.theta)
+    kernel, uniform = (
+        timed(
+            what,
+            partial(
+                estimate_pair,
+                blurred,
+                noisy,
+                options_of(pair, uniform=what == "uniform kernel"),
+                registration=registration,
+                threads=1,
+            ),
+        ).content
+        for what in ("kernel", "uniform kernel")
+    )
+    true = pair.kernel
+    moved = RotationKernel(compose(-frame, true.theta), true.weights, true.steps, true.camera)
+    centred, there, noise = (pair.sharp(at) for at in (true.centroid, frame, pair.theta))
+    f_N, f_D = own_frame(pair, blurred, noisy, registration, noise)
+    results = {
+        "blurred": (pair.g, centred),
+        "noisy": (f_N, noise),
+        "denoised": (f_D, noise),
+        "single": (deblur(blurred, true, threads=1).pixels, centred),
+    }
+    ways = {
+        "uniform": (uniform.kernel, PairRestorationOptions()),
+        "residual": (kernel.kernel, RESIDUAL),
+        "fusion": (kernel.kernel, PairRestorationOptions()),
+        "true": (moved, PairRestorationOptions()),
+    }
+    for what, (chosen, how) in ways.items():
+        work = partial(
+            deblur_pair, blurred, noisy, chosen, how, registration=registration, threads=1
+        )
+        results[what] = (timed(what, work).pixels, there)
+    known = partial(
+        deblur_pair, blurred, noisy, kernel.kernel, registration=registration, threads=1
+    )
+    results["stopped"] = (best_residual(known, display(there), results["residual"][0]), there)
+    scores = {}
+    for what, (light, sharp) in results.items():
+        shown, truth = display(light), display(sharp)
+        scores[what] = Score(psnr(shown, truth), ssim(shown, truth))
+    if crops is not None:
+        save_crops(crops / f"{name.replace(' ', '-').replace(',', '')}.png", results)
+    return Row(
+        pair.misplaced(frame),
+        true.camera.width,
+        case.shake.extent,
+        registration.confidence,
+        kernel.confidence,
+        scores,
+        seconds,
+    )
+
+
+def save_crops(path: Path, results: dict[str, tuple[Image, Image]]) -> None:
+    """Save the part with most detail of all results and of the truth, enlarged twice."""
+    truth = results["fusion"][1]
+    codes = [np.rint(255 * display(light)).astype(np.uint8) for light, _ in results.values()]
+    codes.append(np.rint(255 * display(truth)).astype(np.uint8))
+    part = detailed_part(codes[-1], DETAIL, DETAIL)
+    strip = np.hstack([picture[part] for picture in codes])[..., ::-1]
+    cv2.imwrite(str(path), cv2.resize(strip, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC))
+
+
+def chosen_cases(text: str) -> list[str]:
+    """Read patterns of cases, ``coffee*; *0.06``."""
+    patterns = [pattern.strip() for pattern in text.split(";")]
+    found = [name for name in PAIRS if any(fnmatch(name, pattern) for pattern in patterns)]
+    if not found:
+        raise argparse.ArgumentTypeError(f"{text!r} is not among {'; '.join(PAIRS)}")
+    return found
+
+
+def run(args: argparse.Namespace, logs: Sequence[Path]) -> dict[str, Row]:
+    """Score all cases, some at once, and print each as it is done."""
+    cases = {name: PAIRS[name]._replace(camera_files=args.camera_files) for name in args.cases}
+    rows: dict[str, Row] = {}
+    with ProcessPoolExecutor(args.jobs, mp_context=get_context("spawn")) as pool:
+        alone: dict[Case, Score] = {}
+        if args.blind:
+            shakes = {case.shake: case._replace(noise=NOISES[0]) for case in cases.values()}
+            done = pool.map(partial(blind, logs=logs), shakes.values())
+            alone = dict(zip(shakes, done, strict=True))
+        works = {
+            pool.submit(compare, name, case, logs, args.crops): name for name, case in cases.items()
+        }
+        for work in as_completed(works):
+            name, row = works[work], work.result()
+            if args.blind:
+                row.scores["blind"] = alone[cases[name].shake]
+            rows[name] = row
+            print(line(name, row), flush=True)
+    return {name: rows[name] for name in cases}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the benchmark."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--data", type=Path, required=True, help="folder of orientation logs")
+    parser.add_argument(
+        "--cases",
+        type=chosen_cases,
+        default=list(PAIRS),
+        help="patterns between semicolons, such as 'coffee*; *0.06'; default: all 36",
+    )
+    parser.add_argument(
+        "--camera-files",
+        action="store_true",
+        help="through two cameras' tone curves to JPEGs, the short exposure denoised",
+    )
+    parser.add_argument("--blind", action="store_true", help="deblur blindly, too")
+    parser.add_argument("--crops", type=Path, metavar="DIR", help="save parts of the results")
+    parser.add_argument("--jobs", type=int, default=1, help="cases at once; default: 1")
+    args = parser.parse_args(argv)
+    try:
+        logs = find_logs(args.data)
+        if args.crops is not None:
+            args.crops.mkdir(parents=True, exist_ok=True)
+    except (DeshakeError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        if hint := getattr(error, "hint", None):
+            print(f"hint: {hint}", file=sys.stderr)
+        return 1
+    os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # for what is spawned
+    print(header(blindly=args.blind), flush=True)
+    print("\n" + summary(run(args, logs)))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,127 @@
+"""`deshake fix --noisy`: a blurred and a noisy photo of one scene."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from skimage import data
+
+from deshake.io.kernel_file import read_kernel
+
+LENS = ("--focal-px", 150)
+BLUR = ("--blur-size", 8)
+QUIET = ("--threads", 1, "-q")
+
+
+@pytest.mark.parametrize(
+    ("chosen", "how"),
+    [((), ()), (("--uniform",), ()), ((), ("--method", "residual", "--iterations", 4))],
+)
+def test_gives_the_bytes_of_its_stages(deshake, pair, tmp_path, chosen, how):
+    blurred, noisy = pair
+    known, kernel, sharp = (tmp_path / name for name in ("r.npz", "k.npz", "sharp.png"))
+    told = ("--registration", known, *QUIET)
+    assert deshake("register", *pair, *LENS, "-o", known, *QUIET).code == 0
+    assert deshake("estimate-pair", *pair, *BLUR, *chosen, "-o", kernel, *told).code == 0
+    args = ("--noisy", noisy, *how, "-o", sharp, *told)
+    assert deshake("deblur", blurred, kernel, *args).code == 0
+    out, kernels = tmp_path / "out.png", tmp_path / "kernels"
+    args = (*LENS, *BLUR, *chosen, *how, "-o", out, "--keep-kernels", kernels)
+    outcome = deshake("fix", blurred, "--noisy", noisy, *args, "--threads", 2)
+    assert (outcome.code, outcome.out) == (0, "")
+    assert out.read_bytes() == sharp.read_bytes()
+    assert (kernels / "blurred.kernel.npz").read_bytes() == kernel.read_bytes()
+    assert read_kernel(kernel).kernel.camera.is_uniform == bool(chosen)
+    assert out.read_bytes() != blurred.read_bytes()
+
+
+def test_it_is_sharper_and_the_report_says_all(deshake, pair, tmp_path):
+    blurred, noisy = pair
+    outcome = deshake("fix", blurred, "--noisy", noisy, *BLUR, *QUIET, "--json")
+    assert outcome.code == 0
+    report = json.loads(outcome.out)
+    assert report["input"] == str(blurred)
+    assert report["noisy"] == str(noisy)
+    assert report["output"] == str(tmp_path / "blurred.deshaken.png")
+    assert report["status"] == "done"
+    assert report["scale"] == pytest.approx(4, rel=0.1)
+    assert report["registration_confidence"] > 0.9
+    assert any("a 50 mm-equivalent is assumed" in note for note in report["notes"])
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "blurred.png",
+        "noisy.png",
+        "blurred.deshaken.png",
+    }
+    before, after = (
+        float(np.var(cv2.Laplacian(cv2.imread(path, 0), cv2.CV_32F)))
+        for path in (str(blurred), report["output"])
+    )
+    assert after > 1.5 * before
+
+
+def test_two_scenes_fail_and_leave_nothing(deshake, pair, tmp_path, contents):
+    other = cv2.resize(data.coffee(), (140, 100), interpolation=cv2.INTER_AREA)
+    cv2.imwrite(str(pair[1]), other)
+    before = contents(tmp_path)
+    args = ("--keep-kernels", tmp_path / "k", *LENS)
+    outcome = deshake("fix", pair[0], "--noisy", pair[1], *args)
+    assert outcome.code == 1
+    assert "the two photos do not show the same scene" in outcome.err
+    assert "bug" not in outcome.err
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("name", ["noisy.png", "blurred.png"])
+def test_neither_photo_is_overwritten(deshake, pair, tmp_path, contents, name):
+    before = contents(tmp_path)
+    args = ("-o", tmp_path / name, "--overwrite", *LENS)
+    outcome = deshake("fix", pair[0], "--noisy", pair[1], *args)
+    assert outcome.code == 1
+    assert "the output is the input itself" in outcome.err
+    assert contents(tmp_path) == before
+
+
+def test_a_noisy_photo_that_is_not_there_is_named(deshake, pair, tmp_path):
+    outcome = deshake("fix", pair[0], "--noisy", tmp_path / "gone.png", *LENS)
+    assert outcome.code == 1
+    [line] = [line for line in outcome.err.splitlines() if line.startswith("error: ")]
+    assert line == f"error: {tmp_path / 'gone.png'}: no such file"
+
+
+def test_skip_existing_leaves_what_is_there(deshake, pair, tmp_path):
+    (tmp_path / "blurred.deshaken.png").write_text("mine")
+    outcome = deshake("fix", pair[0], "--noisy", pair[1], "--skip-existing", "--json")
+    assert outcome.code == 0
+    assert json.loads(outcome.out)["status"] == "skipped"
+    assert (tmp_path / "blurred.deshaken.png").read_text() == "mine"
+
+
+@pytest.fixture
+def _here(pair, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "link.png").symlink_to(pair[0])
+
+
+@pytest.mark.parametrize(
+    ("args", "what"),
+    [
+        (("blurred.png", "noisy.png", "--noisy", "noisy.png"), "one noisy photo goes with one"),
+        ((".", "--noisy", "noisy.png"), "one noisy photo goes with one"),
+        (("blurred.png", "--noisy", "./blurred.png"), "is the photo itself"),
+        (("blurred.png", "--noisy", "link.png"), "is the photo itself"),
+        (("blurred.png", "--noisy", "noisy.png", "--region", "0,0,9,9"), "--region does not go"),
+        (("blurred.png", "--noisy", "noisy.png", "--estimator", "edges"), "--estimator does not"),
+        (("blurred.png", "--noisy", "noisy.png", "--method", "sparse"), "not go with --method"),
+        (("blurred.png", "--method", "fusion"), "--method fusion needs --noisy"),
+    ],
+)
+@pytest.mark.usefixtures("_here")
+def test_what_does_not_go_together_is_wrong_usage(deshake, tmp_path, contents, args, what):
+    before = contents(tmp_path)
+    outcome = deshake("fix", *args)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert what in outcome.err
+    assert contents(tmp_path) == before

@@ -1,0 +1,211 @@
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+from skimage import data
+
+from deshake.geometry.camera import Camera
+from deshake.geometry.rotations import homographies
+from deshake.io.kernel_file import CameraFile, write_camera
+from deshake.io.registration_file import read_registration
+
+LENS = ("--focal-px", 240)
+THETA = np.radians([1.0, -2.0, 3.0])
+
+
+def photo_of(name, theta=(0, 0, 0), ratio=1.0, blur=1, seed=0):
+    """A photograph through a turned camera, as 8 bits of sRGB hold it: 200 x 160."""
+    picture = cv2.resize(getattr(data, name)()[..., :3], (300, 240), interpolation=cv2.INTER_AREA)
+    light = (picture / 255.0).astype(np.float32) ** 2.2
+    camera = Camera.from_focal(240, 160, 200)
+    [h] = homographies(camera, np.asarray(theta, float)[None])
+    into = np.array([[1, 0, 50], [0, 1, 40], [0, 0, 1.0]])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    seen = cv2.warpPerspective(light, into @ h, (200, 160), flags=flags)
+    seen = cv2.blur(seen, (blur, blur))
+    noise = np.random.default_rng(seed).normal(0, 0.04 if ratio > 1 else 0.003, seen.shape)
+    codes = np.clip((seen + noise) / ratio, 0, 1) ** (1 / 2.2)
+    return Image.fromarray(np.rint(255 * codes).astype(np.uint8))
+
+
+@pytest.fixture
+def pair(tmp_path):
+    paths = tmp_path / "long.jpg", tmp_path / "short.png"
+    photo_of("coffee", blur=5).save(paths[0], quality=94)
+    photo_of("coffee", THETA, ratio=8, seed=1).save(paths[1])
+    return paths
+
+
+def test_writes_a_registration_with_its_provenance(deshake, pair, tmp_path):
+    outcome = deshake("register", *pair, *LENS, "--json", "--threads", 1)
+    assert outcome.code == 0
+    content = read_registration(tmp_path / "long.registration.npz")
+    assert np.degrees(content.theta) == pytest.approx(np.degrees(THETA), abs=0.3)
+    assert content.scale == pytest.approx(8, rel=0.1)
+    assert content.confidence > 0.9
+    assert content.camera.shape == (160, 200)
+    report = json.loads(outcome.out)
+    assert report["input"] == str(pair[0])
+    assert report["noisy"] == str(pair[1])
+    assert report["output"] == str(tmp_path / "long.registration.npz")
+    assert report["theta_degrees"] == pytest.approx(np.degrees(content.theta), abs=1e-4)
+    assert report["scale"] == pytest.approx(content.scale, abs=1e-4)
+    assert report["confidence"] == pytest.approx(content.confidence, abs=1e-4)
+    assert (report["focal_px"], report["camera_source"]) == (240, "--focal-px 240")
+    provenance = content.provenance
+    assert provenance["command"] == "register"
+    digests = [hashlib.sha256(path.read_bytes()).hexdigest() for path in pair]
+    assert [provenance["input_sha256"], provenance["noisy_sha256"]] == digests
+    assert str(tmp_path) not in json.dumps(provenance)
+
+
+def test_says_what_it_found_in_one_line(deshake, pair, tmp_path):
+    outcome = deshake("register", *pair, *LENS, "-o", tmp_path / "r.npz")
+    assert outcome.code == 0
+    [line] = outcome.out.splitlines()
+    assert line.startswith(f"{pair[1]}: turned by ")
+    assert "times darker; confidence 1.00" in line
+    quiet = deshake("register", *pair, *LENS, "-o", tmp_path / "q.npz", "-q")
+    assert (quiet.code, quiet.out, quiet.err) == (0, "", "")
+
+
+def test_runs_and_threads_do_not_change_a_byte(deshake, pair, tmp_path):
+    found = set()
+    for number, threads in enumerate((1, 1, 3)):
+        out = tmp_path / f"{number}.npz"
+        assert deshake("register", *pair, *LENS, "--threads", threads, "-o", out).code == 0
+        found.add(out.read_bytes())
+    assert len(found) == 1
+
+
+def test_a_camera_file_stands_for_the_options(deshake, pair, tmp_path):
+    deshake("calibrate", pair[0], *LENS, "-o", tmp_path / "c.npz")
+    for name, lens in (("one", LENS), ("two", ("--camera", tmp_path / "c.npz"))):
+        assert deshake("register", *pair, *lens, "-o", tmp_path / name).code == 0
+    assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
+
+
+def test_an_assumed_lens_is_said(deshake, pair):
+    outcome = deshake("register", *pair)
+    assert outcome.code == 0
+    assert f"warning: {pair[0]}: its metadata state no focal length; a 50 mm-equ" in outcome.err
+
+
+def test_the_preview_is_a_checkerboard(deshake, pair, tmp_path):
+    preview = tmp_path / "p.png"
+    outcome = deshake("register", *pair, *LENS, "--preview", preview, "--json")
+    assert json.loads(outcome.out)["preview"] == str(preview)
+    with Image.open(preview) as picture, Image.open(pair[0]) as blurred:
+        assert picture.size == (200, 160)
+        difference = np.abs(np.asarray(picture, float) - np.asarray(blurred, float)).mean(-1)
+    assert difference[:20, :20].mean() < 0.5  # JPEG against PNG
+    assert difference[60:80, 100:120].mean() < 0.5
+    assert difference[60:80, 80:100].mean() > 2
+
+
+def test_an_orientation_is_undone_and_a_turned_photo_registered(deshake, pair, tmp_path):
+    with Image.open(pair[1]) as upright:
+        turned = upright.transpose(Image.Transpose.ROTATE_90)
+    tagged, bare = tmp_path / "tagged.png", tmp_path / "bare.png"
+    exif = Image.Exif()
+    exif[0x0112] = 6  # turn by 90 degrees clockwise to see it upright
+    turned.save(tagged, exif=exif)
+    turned.save(bare)
+    angles = []
+    for noisy in (tagged, bare):
+        outcome = deshake("register", pair[0], noisy, *LENS, "--json", "--overwrite")
+        assert outcome.code == 0
+        angles.append(json.loads(outcome.out)["theta_degrees"])
+    assert angles[0] == pytest.approx(np.degrees(THETA), abs=0.3)
+    assert abs(angles[1][2]) == pytest.approx(90, abs=5)
+
+
+def test_another_size_is_registered(deshake, pair, tmp_path):
+    with Image.open(pair[1]) as picture:
+        picture.resize((400, 320), Image.Resampling.BICUBIC).save(tmp_path / "large.png")
+    outcome = deshake("register", pair[0], tmp_path / "large.png", *LENS, "--json")
+    assert json.loads(outcome.out)["theta_degrees"] == pytest.approx(np.degrees(THETA), abs=0.3)
+
+
+@pytest.fixture
+def _here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("args", "what"),
+    [
+        (("other.png",), "long.jpg, other.png: the two photos do not show the same scene"),
+        (("wide.png",), "different proportions: 200 x 160 and 200 x 100 pixels"),
+        (("black.png",), "one of the two photos shows nothing"),
+        (("text.png",), "text.png: not a JPEG, PNG, TIFF or WebP file"),
+        (("none.png",), "none.png: no such file"),
+        (("short.png", "--focal-px", 1), "--focal-px 1 makes a focal length"),
+        (("short.png", "--camera", "c.npz"), "is for pictures of 100 x 100 pixels, and"),
+        (("short.png", "--camera", "none.npz"), "none.npz: no such file"),
+        (("short.png", "-o", "there.npz"), "there.npz: exists already"),
+        (("short.png", "-o", "short.png"), "short.png: the output is the input itself"),
+        (("short.png", "-o", "nowhere/r.npz"), "nowhere: no such folder"),
+        (("short.png", "--preview", "p.gif"), "no photo format ends in '.gif'"),
+        (("short.png", "--preview", "long.jpg"), "long.jpg: the output is the input itself"),
+        (("short.png", "--preview", "r.npz", "-o", "r.npz"), "the output is the input itself"),
+    ],
+)
+@pytest.mark.usefixtures("_here", "pair")
+def test_what_does_not_work_is_one_line_and_leaves_nothing(deshake, contents, tmp_path, args, what):
+    photo_of("astronaut", ratio=8).save("other.png")
+    photo_of("coffee").crop((0, 0, 200, 100)).save("wide.png")
+    Image.new("RGB", (200, 160)).save("black.png")
+    (tmp_path / "text.png").write_text("not a photo, just words")
+    (tmp_path / "there.npz").write_text("mine")
+    write_camera("c.npz", CameraFile(Camera.from_focal(90, 100, 100), "made up"))
+    before = contents(tmp_path)
+    outcome = deshake("register", "long.jpg", *args)
+    assert outcome.code == 1
+    assert outcome.out == ""
+    lines = outcome.err.splitlines()
+    [line] = [line for line in lines if line.startswith("error: ")]
+    assert what in line
+    assert "bug" not in outcome.err
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    "args",
+    [
+        (),
+        ("--max-angle", "0"),
+        ("--max-angle", "60"),
+        ("--max-angle", "wide"),
+        ("--focal-px", 100, "--focal-35mm", 35),
+        ("--json", "-o", "-"),
+        ("--json", "--preview", "-"),
+        ("-o", "-", "--preview", "-"),
+        ("third.png",),
+    ],
+)
+def test_wrong_usage(deshake, pair, args):
+    photos = pair[:1] if not args else pair
+    outcome = deshake("register", *photos, *args)
+    assert outcome.code == 2
+    assert outcome.out == ""
+    assert "error: " in outcome.err
+
+
+def test_the_file_goes_to_standard_output(pair, tmp_path):
+    command = [sys.executable, "-m", "deshake", "register", *map(str, pair), "--focal-px", "240"]
+    run = subprocess.run([*command, "-o", "-"], capture_output=True, check=True)
+    (tmp_path / "r.npz").write_bytes(run.stdout)
+    assert read_registration(tmp_path / "r.npz").confidence > 0.9
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["long.jpg", "r.npz", "short.png"]
+    run = subprocess.run([*command, "--preview", "-"], capture_output=True, check=True)
+    with Image.open(io.BytesIO(run.stdout)) as picture:
+        assert (picture.format, picture.size) == ("PNG", (200, 160))

@@ -1,0 +1,49 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from deshake.deconvolution.denoising import noisy_photo
+
+
+def pair(lab, slope=0.004, floor=0.0006):
+    sharp = lab.colours()
+    g = lab.noisy(lab.shaken(lab.all_axes, sharp), 0.002)
+    frame = lab.frame(sharp)
+    noise = np.random.default_rng(3).normal(size=frame.shape) * np.sqrt(slope * frame + floor)
+    return frame, g, (frame + noise).astype(np.float32)
+
+
+@pytest.mark.parametrize(("slope", "floor"), [(0.004, 0.0006), (0.0, 0.0025)])
+def test_takes_most_of_the_noise_off(lab, slope, floor):
+    frame, g, f_N = pair(lab, slope, floor)
+    photo = noisy_photo(g, f_N, np.ones(lab.shape, np.float32))
+    denoised = np.moveaxis(photo.denoised, 0, -1)
+    assert lab.psnr(denoised, frame) > lab.psnr(f_N, frame) + 4
+    np.testing.assert_allclose(denoised.mean((0, 1)), frame.mean((0, 1)), rtol=0.01)
+    np.testing.assert_array_equal(np.moveaxis(photo.pixels, 0, -1), f_N)
+    assert photo.variance().mean() == pytest.approx(slope * frame.mean() + floor, rel=0.4)
+
+
+def test_the_blurred_photo_stands_in_where_nothing_is_seen(lab):
+    _, g, f_N = pair(lab)
+    valid = np.ones(lab.shape, np.float32)
+    valid[:30] = 0
+    photo = noisy_photo(g, f_N, valid)
+    np.testing.assert_array_equal(np.moveaxis(photo.pixels, 0, -1)[:30], g[:30])
+
+
+def test_threads_do_not_change_a_byte(lab):
+    _, g, f_N = pair(lab)
+    ones = np.ones(lab.shape, np.float32)
+    found = {noisy_photo(g, f_N, ones, threads=n).denoised.tobytes() for n in (1, 3)}
+    assert len(found) == 1
+
+
+@pytest.mark.parametrize("grey", [True, False])
+def test_refuses_photos_that_are_no_pair(lab, grey):
+    g = np.full((*lab.shape, 3), 0.5, np.float32)
+    ones = np.ones(lab.shape, np.float32)
+    wrong = g[..., 0] if grey else np.full_like(g, np.nan)
+    with pytest.raises(ValueError, match="does not fit" if grey else "finite"):
+        noisy_photo(g, wrong, ones)

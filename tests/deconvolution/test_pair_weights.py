@@ -1,0 +1,73 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from deshake.deconvolution.denoising import noisy_photo
+from deshake.deconvolution.pair_weights import (
+    agreement,
+    blurred_variance,
+    denoising_error,
+    padded,
+)
+from deshake.geometry.kernel import RotationKernel
+from deshake.operators.filter_flow import reach
+from deshake.operators.shake_blur import blur_filters
+
+SIGMA = 0.05
+
+
+@pytest.fixture(scope="module")
+def pair(lab):
+    """The sharp frame, the blurred photo and the noisy one, denoised."""
+    sharp = lab.colours()
+    g = lab.noisy(lab.shaken(lab.all_axes, sharp), 0.002)
+    frame = np.ascontiguousarray(lab.frame(sharp))
+    f_N = frame + np.random.default_rng(3).normal(0, SIGMA, frame.shape).astype(np.float32)
+    return frame, g, noisy_photo(g, f_N, np.ones(lab.shape, np.float32))
+
+
+def variance(lab, pair, kernel):
+    _, g, noisy = pair
+    margin = reach(kernel.camera, kernel.theta)
+    blur = blur_filters(kernel, margin=margin, channels=3)
+    Af = blur.forward(padded(noisy.denoised, margin))
+    ones = np.ones(lab.shape, np.float32)
+    return blurred_variance(g, Af, noisy, ones, blur=blur, margin=margin)
+
+
+def test_a_wrong_kernel_shows_in_the_variance(lab, pair):
+    right = variance(lab, pair, lab.all_axes)
+    wrong = variance(lab, pair, RotationKernel.delta(lab.camera))
+    assert np.median(np.sqrt(right)) < 0.012
+    assert np.median(wrong) > 10 * np.median(right)
+    assert right.min() > 0
+
+
+def test_the_error_of_denoising_is_least_where_the_scene_is_even(pair):
+    frame, _, noisy = pair
+    told = denoising_error(noisy)
+    true = np.square(noisy.denoised - np.moveaxis(frame, -1, 0)).mean(0)
+    calm = told <= np.quantile(told, 0.3)
+    assert true[calm].mean() < 0.7 * true[told > np.quantile(told, 0.9)].mean()
+    assert told.min() >= 0.3 - 1e-6
+
+
+def test_photos_that_show_the_same_agree(pair):
+    _, g, _ = pair
+    planes = np.ascontiguousarray(np.moveaxis(g, -1, 0))
+    assert agreement(g, planes).min() > 0.99
+    moved = planes.copy()
+    moved[:, 40:80, 60:100] = 0.95 - moved[:, 40:80, 60:100]
+    v = agreement(g, moved)
+    apart = np.abs(moved - planes).max(0)[50:70, 70:90] > 0.3
+    assert v[50:70, 70:90][apart].mean() < 0.1
+    assert v[100:].min() > 0.99
+
+
+def test_edges_go_on_beyond_the_frame():
+    image = np.arange(6, dtype=np.float32).reshape(1, 2, 3)
+    out = padded(image, 2)
+    assert out.shape == (1, 6, 7)
+    assert out[0, 0, 0] == 0
+    assert out[0, -1, -1] == 5

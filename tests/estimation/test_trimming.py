@@ -1,0 +1,58 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from deshake.estimation.trimming import most_of, strongest, without_strays
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
+from deshake.geometry.rotations import grid_steps
+
+CAMERA = Camera.from_focal(130.0, 90, 120)
+
+
+def kernel(weights):
+    """Make a kernel of grid indices and their weights."""
+    steps = grid_steps(CAMERA)
+    return RotationKernel.from_indices(list(weights), list(weights.values()), steps, CAMERA)
+
+
+def indices(found):
+    return {tuple(i) for i in found.indices.tolist()}
+
+
+PATH = {(0, 0, 0): 5, (0, 1, 0): 3, (1, 2, 1): 2, (1, 4, 1): 2}
+
+
+def test_the_strongest_are_kept():
+    found = strongest(kernel(PATH), 2)
+    assert indices(found) == {(0, 0, 0), (0, 1, 0)}
+    np.testing.assert_allclose(found.weights, [5 / 8, 3 / 8])
+    whole = kernel(PATH)
+    assert strongest(whole, 4) is whole
+
+
+@pytest.mark.parametrize(("heavy", "count"), [(5, 3), (92, 1)])
+def test_most_of_a_kernel_holds_most_of_its_weight(heavy, count):
+    whole = kernel(PATH | {(0, 0, 0): heavy})
+    found = most_of(whole)
+    assert len(found.weights) == count
+    assert np.sort(whole.weights)[::-1][:count].sum() >= 0.8
+
+
+def test_strays_are_dropped_and_gaps_are_none():
+    far = {(9, -9, 3): 0.1, (9, -9, 4): 0.1}
+    found = without_strays(kernel(PATH | far))
+    assert indices(found) == set(PATH)
+    assert found.weights.sum() == pytest.approx(1)
+
+
+def test_what_lies_apart_but_is_heavy_stays():
+    far = {(9, -9, 3): 0.5, (9, -9, 4): 0.5}
+    assert indices(without_strays(kernel(PATH | far))) == set(PATH) | set(far)
+
+
+def test_a_kernel_all_in_pieces_stays_whole():
+    scattered = {(5 * i, 0, 0): 1 for i in range(40)}
+    whole = kernel(scattered)
+    assert without_strays(whole) is whole

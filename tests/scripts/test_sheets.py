@@ -1,0 +1,46 @@
+from __future__ import annotations
+
+from argparse import ArgumentTypeError
+
+import numpy as np
+import pytest
+import sheets
+from PIL import Image
+
+
+def test_pictures_get_the_width_asked_for():
+    picture = np.zeros((60, 90, 3), np.uint8)
+    assert sheets.resized(picture, 30).shape == (20, 30, 3)
+
+
+def test_the_part_shown_is_the_one_with_detail():
+    picture = np.full((120, 160, 3), 90, np.uint8)
+    picture[70:110, 100:150] = np.random.default_rng(1).integers(0, 256, (40, 50, 3))
+    rows, columns = sheets.detailed_part(picture, 50, 40)
+    assert rows.stop - rows.start == 40
+    assert columns.stop - columns.start == 50
+    assert abs(rows.start - 70) <= 8
+    assert abs(columns.start - 100) <= 8
+
+
+def test_pictures_lie_side_by_side_below_their_caption():
+    red, blue = (
+        np.full((30, w, 3), c, np.uint8) for w, c in ((40, (255, 0, 0)), (60, (0, 0, 255)))
+    )
+    page = sheets.sheet([sheets.Line(["one"], [red, blue]), sheets.Line(["two"], [blue])])
+    assert page.width == 40 + 60 + 3 * sheets.GAP
+    found = np.asarray(page)
+    assert (found == (255, 0, 0)).all(-1).sum() == red.size // 3
+    assert (found == (0, 0, 255)).all(-1).sum() == 2 * blue.size // 3
+
+
+def test_a_page_may_be_wider_than_its_pictures():
+    assert sheets.sheet([sheets.Line(["none"], [])], 300).width == 300
+    assert isinstance(sheets.sheet([], 10), Image.Image)
+
+
+def test_whole_numbers_have_a_least():
+    assert sheets.at_least(2, "3") == 3
+    for text in ("1", "x", "2.5"):
+        with pytest.raises(ArgumentTypeError):
+            sheets.at_least(2, text)
