@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 
 from deshake.deconvolution.non_local_means import non_local_means
 from deshake.deconvolution.pair_noise import noise_of_pair
@@ -28,11 +29,15 @@ from deshake.operators.planes import channels_first
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["NoisyPhoto", "check_pair", "noisy_photo"]
+__all__ = ["NoisyPhoto", "check_pair", "denoised_tones", "noisy_photo"]
 
 Image = NDArray[np.float32]
 
 _STRENGTH = 0.85  # of the noise, that non-local means are told
+_TONE_STRENGTH = 1.2  # the same of display values, where cameras took noise off flat areas
+_MAD = 1.4826
+_FINE_PX = 1.2
+_LEAST_TONE = 0.004  # the rounding to 8 bits, about
 _STEEPEST = 20.0  # floor over slope: with less slope the root would not be one
 _BAND = 256
 
@@ -116,6 +121,39 @@ def noisy_photo(g: Image, f_N: Image, valid: Image, *, threads: int | None = Non
         part -= np.float32(least)
         f_D[:, rows] = np.maximum(part, 0) / np.float32(a)
     return NoisyPhoto(filled, f_D, slope, floor)
+
+
+def denoised_tones(u: Image, *, threads: int | None = None) -> tuple[Image, Image]:
+    """Denoise a photo in display values, all channels together, as cameras' files need it.
+
+    Parameters
+    ----------
+    u : (C, h, w) array of float32
+        The photo before it is resampled, in display values, 0..1.
+    threads : int, optional
+        Threads to use; by default all processors. The result does not depend on it.
+
+    Returns
+    -------
+    denoised : (C, h, w) array of float32
+        Values of the same kind.
+    sigmas : (C,) array of float32
+        Standard deviations of the noise, by medians.
+
+    """
+    sigmas = np.array([_tone_noise(plane) for plane in u], np.float32)
+    denoised = non_local_means(u / sigmas[:, None, None], _TONE_STRENGTH, threads=threads)
+    denoised *= sigmas[:, None, None]
+    return denoised, sigmas
+
+
+def _tone_noise(plane: Image) -> float:
+    """Tell the standard deviation of noise: the larger of two medians, of fine and finest."""
+    fine = plane - gaussian_filter(plane, _FINE_PX)
+    down = plane[1:] - plane[:-1]
+    finest = (down[:, 1:] - down[:, :-1]) / 2
+    found = (_MAD * float(np.median(np.abs(part))) for part in (fine, finest) if part.size)
+    return max(_LEAST_TONE, *found)
 
 
 def _bands(planes: Image) -> Iterator[slice]:

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from deshake.deconvolution.clipped_noise import unclipped_mean
-from deshake.deconvolution.denoising import noisy_photo
+from deshake.deconvolution.denoising import NoisyPhoto, noisy_photo
 from deshake.deconvolution.half_quadratic import HalfQuadratic
 from deshake.deconvolution.lights import trust
 from deshake.deconvolution.noise import smoothed
@@ -49,7 +49,6 @@ from deshake.operators.shake_blur import blur_filters
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from deshake.deconvolution.denoising import NoisyPhoto
     from deshake.deconvolution.sparse_gradients import Quality
     from deshake.geometry.kernel import RotationKernel
     from deshake.operators.shake_blur import Filters
@@ -75,7 +74,7 @@ _PREPARING = 8.0  # effort of all before the first stage, in stages
 
 def fuse(
     g: Image,
-    f_N: Image,
+    f_N: Image | NoisyPhoto,
     valid: Image,
     kernel: RotationKernel,
     *,
@@ -95,8 +94,9 @@ def fuse(
     ----------
     g : (h, w) or (h, w, C) array of float32
         The blurred photo in linear light, 1 where it clips; values below 0 count as 0.
-    f_N : (h, w) or (h, w, C) array of float32
-        The noisy photo, registered, and as bright as the blurred one.
+    f_N : (h, w) or (h, w, C) array of float32, or NoisyPhoto
+        The noisy photo, registered, and as bright as the blurred one; or the same denoised, which
+        is changed.
     valid : (h, w) array of float32
         1 where the noisy photo sees the scene, else 0.
     kernel : RotationKernel
@@ -131,7 +131,7 @@ def fuse(
             progress(1.0 if done == stages else (_PREPARING + done) / (_PREPARING + stages), text)
 
     light = unclipped_mean(g)
-    noisy = noisy_photo(light, f_N, valid, threads=threads)
+    noisy = _denoised(light, f_N, valid, threads)
     tell(-_PREPARING / 2, "denoising")
     margin = reach(kernel.camera, kernel.theta[kernel.weights > 0])
     blur = blur_filters(kernel, margin=margin, channels=len(noisy.pixels), threads=threads)
@@ -158,6 +158,13 @@ def fuse(
     inside = descent.f[:, margin:-margin, margin:-margin]
     np.maximum(inside, 0, out=channels_first(out))
     return Restoration(out, stages, descent.residual(clipped))
+
+
+def _denoised(g: Image, f_N: Image | NoisyPhoto, valid: Image, threads: int | None) -> NoisyPhoto:
+    """Denoise the noisy photo, unless that was done before."""
+    if isinstance(f_N, NoisyPhoto):
+        return f_N
+    return noisy_photo(g, f_N, valid, threads=threads)
 
 
 class _Start(NamedTuple):

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     Image = NDArray[np.float32]
 
-__all__ = ["noise_of_pair"]
+__all__ = ["fitted_noise", "noise_of_pair"]
 
 _LEVELS = 12
 _FLAT = 0.3  # share of each brightness that is flattest
@@ -72,6 +72,30 @@ def noise_of_pair(f_N: Image, g: Image, valid: Image) -> tuple[float, float]:
         chosen = part[np.argsort(flat[part], kind="stable")[: max(int(_FLAT * len(part)), 1)]]
         levels.append(float(level[chosen].mean()))
         variances.append(np.mean([np.median(some[chosen]) for some in squares]) / _MEDIAN)
-    x, y = np.array(levels), np.maximum(variances, _LEAST)
+    return _line(np.array(levels), np.maximum(variances, _LEAST))
+
+
+def fitted_noise(light: Image, variance: Image) -> tuple[float, float]:
+    """Fit ``slope x + floor`` to variances of noise that are known at some lights x.
+
+    Parameters
+    ----------
+    light, variance : (n,) arrays of float32
+        Light of some pixels and variance of the noise there; n > 0.
+
+    Returns
+    -------
+    slope, floor : float
+        Slope >= 0, floor > 0, nearest in proportion over parts of equal count.
+
+    """
+    parts = np.array_split(np.argsort(light, kind="stable"), min(_LEVELS, light.size))
+    levels = np.array([light[part].mean(dtype=np.float64) for part in parts])
+    means = np.array([variance[part].mean(dtype=np.float64) for part in parts])
+    return _line(np.maximum(levels, 0), np.maximum(means, _LEAST))
+
+
+def _line(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float]:
+    """Find the line ``slope x + floor`` that is nearest to y > 0 in proportion."""
     slope, floor = nnls(np.stack([x, np.ones_like(x)], 1) / y[:, None], np.ones_like(x))[0]
     return float(slope), max(float(floor), _LEAST)

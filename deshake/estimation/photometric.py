@@ -114,6 +114,10 @@ class ToneCurve:
         slopes[[0, -1]] = self._end_slopes
         return np.asarray(np.interp(f, self.knots, slopes), np.float32)
 
+    def inverse(self, y: Image) -> Image:
+        """Return the `f` of ``T(f) = y``, for a curve whose values rise; not beyond the knots."""
+        return np.asarray(np.interp(y, self.values, self.knots), np.float32)
+
     def matched(self, f_N: Image, f_D: Image) -> Image:
         """Return the noisy photo on the curve: ``T(f_D) + T'(f_D) (f_N - f_D)``.
 

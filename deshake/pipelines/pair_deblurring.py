@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, get_args
@@ -10,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake.deconvolution.clipped_noise import unclipped_mean
-from deshake.deconvolution.denoising import noisy_photo
+from deshake.deconvolution.denoising import NoisyPhoto, noisy_photo
 from deshake.deconvolution.fusion import fuse
 from deshake.deconvolution.residual import residual_richardson_lucy
-from deshake.errors import DeshakeError, KernelFileError, OutputError
+from deshake.errors import DeshakeError, EstimationError, KernelFileError, OutputError
 from deshake.estimation.registration import Registration, register, registered
 from deshake.io.files import STREAM, check_output, default_output
 from deshake.io.kernel_file import read_kernel
@@ -21,6 +22,7 @@ from deshake.io.photo import read_photo, write_photo
 from deshake.io.registration_file import read_registration
 from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import ShakeBlur
+from deshake.pipelines.camera_tones import blurred_planes, needs_curves, with_tones_of
 from deshake.pipelines.file_stages import check_encoding, part
 from deshake.pipelines.fitting import fitting_kernel
 from deshake.pipelines.stages import EstimateOptions, camera_for, luminance
@@ -42,6 +44,7 @@ __all__ = ["PairMethod", "PairRestorationOptions", "deblur_pair", "deblur_pair_f
 _log = logging.getLogger(__name__)
 
 Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
 
 PairMethod = Literal["fusion", "residual"]
 """How a photo is deblurred with the help of a noisy one."""
@@ -222,15 +225,28 @@ def _restored(
     f_N = noisy.pixels
     if f_N.ndim != g.ndim:
         f_N = luminance(f_N) if g.ndim == 2 else np.repeat(f_N[..., None], g.shape[2], 2)
-    f_N, valid = registered(unclipped_mean(f_N), registration)
-    f_N *= np.float32(registration.scale)
+    stored = unclipped_mean(f_N)
+    f_reg, valid = registered(stored, registration)
+    f_reg *= np.float32(registration.scale)
     clipped = registered(noisy.clipped.astype(np.float32), registration)[0] > 0
-    usable = valid * ~(clipped | blurred.clipped)
-    f_N *= np.float32(_scale(g, f_N, usable, kernel, threads=threads))
+    usable = (valid > 0) & ~(clipped | blurred.clipped)
+    light = unclipped_mean(g)
+    blur = ShakeBlur(kernel, threads=threads)
+    Af = blurred_planes(channels_first(f_reg), blur)
+    scale = _scale(light, Af, usable, blur)
+    f_reg *= np.float32(scale)
+    pair: Image | NoisyPhoto = f_reg
+    Af *= np.float32(scale)
+    with contextlib.suppress(EstimationError):  # then one factor has to do
+        if needs_curves(light, Af, usable):
+            pair = with_tones_of(light, stored, registration, blur, usable, threads=threads)
+            _log.info("%s: the photos have tone curves of their own", blurred.source)
+    del Af, stored, f_reg
     if options.method == "residual":
-        light = unclipped_mean(g)
-        guide = noisy_photo(light, f_N, valid, threads=threads).denoised
-        del f_N
+        if not isinstance(pair, NoisyPhoto):
+            pair = noisy_photo(light, pair, valid, threads=threads)
+        guide = pair.denoised
+        del pair
         return residual_richardson_lucy(
             light,
             np.moveaxis(guide, 0, -1) if g.ndim == 3 else guide[0],
@@ -242,7 +258,7 @@ def _restored(
         )
     return fuse(
         g,
-        f_N,
+        pair,
         valid,
         kernel,
         clipped=blurred.clipped,
@@ -254,19 +270,13 @@ def _restored(
     )
 
 
-def _scale(
-    g: Image, f_N: Image, usable: Image, kernel: RotationKernel, *, threads: int | None
-) -> float:
+def _scale(g: Image, Af: Image, usable: Mask, blur: ShakeBlur) -> float:
     """Fit the factor that makes the noisy photo, blurred, as bright as the other one."""
-    blur = ShakeBlur(kernel, threads=threads)
-    m = blur.margin
-    inner = np.pad(usable, m)
-    seen = blur.forward(inner) > 1 - 1e-3
-    seen &= usable > 0
+    seen = blur.forward(np.pad(usable.astype(np.float32), blur.margin)) > 1 - 1e-3
+    seen &= usable
     product = power = 0.0
-    for one, other in zip(channels_first(g), channels_first(f_N), strict=True):
-        Af = blur.forward(np.pad(other, m, mode="edge"))
-        product += float(np.sum(one * Af, where=seen, dtype=np.float64))
-        power += float(np.sum(Af * Af, where=seen, dtype=np.float64))
+    for one, other in zip(channels_first(g), Af, strict=True):
+        product += float(np.sum(one * other, where=seen, dtype=np.float64))
+        power += float(np.sum(other * other, where=seen, dtype=np.float64))
     scale = product / power if power > 0 else 1.0
     return float(np.clip(scale, *_FARTHEST))

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deshake.deconvolution.denoising import noisy_photo
+from deshake.deconvolution.denoising import denoised_tones, noisy_photo
 
 
 def pair(lab, slope=0.004, floor=0.0006):
@@ -31,6 +31,16 @@ def test_the_blurred_photo_stands_in_where_nothing_is_seen(lab):
     valid[:30] = 0
     photo = noisy_photo(g, f_N, valid)
     np.testing.assert_array_equal(np.moveaxis(photo.pixels, 0, -1)[:30], g[:30])
+
+
+def test_display_values_are_denoised_by_noise_of_their_own(lab):
+    frame = np.moveaxis(lab.frame(lab.colours()), -1, 0)
+    noise = np.random.default_rng(3).normal(size=frame.shape)
+    sigmas = np.array([0.02, 0.04, 0.06])[:, None, None]
+    noisy = (frame + sigmas * noise).astype(np.float32)
+    denoised, found = denoised_tones(noisy)
+    np.testing.assert_allclose(found, sigmas.ravel(), rtol=0.25)
+    assert lab.psnr(denoised, frame) > lab.psnr(noisy, frame) + 3.5
 
 
 def test_threads_do_not_change_a_byte(lab):

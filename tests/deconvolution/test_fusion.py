@@ -95,6 +95,13 @@ def test_the_smallest_photos_pass():
         np.testing.assert_allclose(f, g, atol=1e-2)
 
 
+def test_a_photo_that_was_denoised_before_is_taken_as_it_is(lab, pair):
+    _, g, f_N, valid = pair(0.05)
+    before = noisy_photo(g, f_N, valid)
+    told = fuse(g, before, valid, lab.all_axes, iterations=2).pixels
+    np.testing.assert_array_equal(told, fuse(g, f_N, valid, lab.all_axes, iterations=2).pixels)
+
+
 def test_threads_do_not_change_a_byte(lab, pair):
     _, g, f_N, valid = pair(0.05)
     found = {

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deshake.deconvolution.pair_noise import noise_of_pair
+from deshake.deconvolution.pair_noise import fitted_noise, noise_of_pair
 
 SLOPE, FLOOR = 0.004, 0.0006
 
@@ -43,3 +43,11 @@ def test_a_photo_without_noise_has_hardly_any():
 def test_too_small_a_photo_has_the_least():
     g = np.full((5, 6), 0.4, np.float32)
     assert noise_of_pair(g, g, np.ones(g.shape, np.float32))[0] == 0
+
+
+def test_a_line_through_known_variances():
+    light = np.random.default_rng(2).random(5000, np.float32)
+    assert fitted_noise(light, 0.01 * light + 0.002) == pytest.approx((0.01, 0.002), rel=0.01)
+    slope, floor = fitted_noise(light, np.float32(1) - light)
+    assert slope == 0
+    assert floor > 0

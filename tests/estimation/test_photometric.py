@@ -111,6 +111,14 @@ def test_curves_go_on_straight():
     assert found(x).dtype == found.slope(x).dtype == np.float32
 
 
+def test_the_inverse_takes_values_back():
+    x = np.linspace(0, 1, 101)
+    found = ToneCurve(x, 0.2 + 0.5 * x**2 + 0.1 * x)
+    f = np.array([[0.1, 0.55], [0.9, 1.0]], np.float32)
+    assert found.inverse(found(f)) == pytest.approx(f, abs=1e-5)
+    assert found.inverse(np.float32(0.1)) == 0
+
+
 def test_noise_on_the_curve_has_no_bias():
     x = np.linspace(0, 1, 101)
     found = ToneCurve(x, x**3)

@@ -16,7 +16,7 @@ from deshake.pipelines.pair_fixing import fix_pair_file
 from deshake.pipelines.stages import EstimateOptions
 
 HEIGHT, WIDTH = 110, 150
-OPTIONS = EstimateOptions(focal_px=160, transfer="linear", blur_size=9)
+OPTIONS = EstimateOptions(focal_px=160, transfer="linear", blur_size=9, uniform=True)
 QUICK = PairRestorationOptions(iterations=2)
 
 
