@@ -130,7 +130,7 @@ def deblur_pair(
                 camera = camera_for(blurred, EstimateOptions())[0].camera
             registration = register(
                 blurred.pixels,
-                noisy.pixels,
+                unclipped_mean(noisy.pixels),
                 camera,
                 threads=threads,
                 progress=part(progress, 0, start),

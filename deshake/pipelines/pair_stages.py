@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from deshake import __version__
+from deshake.deconvolution.clipped_noise import unclipped_mean
 from deshake.errors import DeshakeError, EstimationError, KernelFileError
 from deshake.estimation.registration import Registration, registered
 from deshake.io.files import check_output
@@ -130,7 +131,8 @@ def estimate_pair(
         _check_fit(registration, blurred)
     later = part(progress, start, 1) or (lambda _share, _text: None)
     try:
-        pair = RegisteredPair(blurred, noisy, registration, *registered(noisy.pixels, registration))
+        seen = registered(unclipped_mean(noisy.pixels), registration)
+        pair = RegisteredPair(blurred, noisy, registration, *seen)
         found = pair.kernel(options, threads, later)
         curved = False
         if found.confidence < _SURE:

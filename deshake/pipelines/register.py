@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake import __version__
+from deshake.deconvolution.clipped_noise import unclipped_mean
 from deshake.errors import CalibrationError, DeshakeError, PhotoError
 from deshake.estimation.registration import MAX_ANGLE, register, registered
 from deshake.io.encoding import Encoding
@@ -119,7 +120,7 @@ def find_registration(
     try:
         registration = register(
             blurred.pixels,
-            noisy.pixels,
+            unclipped_mean(noisy.pixels),
             camera.camera,
             max_angle=max_angle,
             progress=progress,
