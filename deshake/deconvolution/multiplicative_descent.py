@@ -43,8 +43,7 @@ class MultiplicativeDescent:
     """The latent image on its way.
 
     The estimate f is held and, if it is extrapolated, two more latent images: the point that the
-    next iteration starts from, and the change that the last iteration made of its point. Colours
-    are corrected one by one, but all together where their total variation is lowered.
+    next iteration starts from, and the change that the last iteration made of its point.
 
     Parameters
     ----------
@@ -79,45 +78,41 @@ class MultiplicativeDescent:
         self.g = np.maximum(channels_first(g), 0, order="C", dtype=np.float32)
         self.clipped = clipped if clipped is not None and clipped.any() else None
         self.unclipped = g.size - (0 if self.clipped is None else self.clipped.sum() * len(self.g))
-        self.blur = ShakeBlur(kernel, threads=threads)
+        self.blur = ShakeBlur(kernel, channels=len(self.g), threads=threads)
         self.seen = self.blur.adjoint(np.ones(self.blur.observed_shape, np.float32))
         np.maximum(self.seen, _UNSEEN, out=self.seen)
         self.weight = variation_weight(g, self.blur.margin) if smooth else None
         self.f = np.empty((len(self.g), *self.blur.latent_shape), np.float32)
-        for c in range(len(self.g)):
-            self.f[c] = self._start(self.g[c])
+        self._blur_backwards()
         self.fastest = fastest
         self.point = self.f.copy() if fastest else self.f
         self.change = np.zeros_like(self.f) if fastest or smooth else None
         self.strength = 0.0  # of the last change: its squared norm
 
-    def _start(self, g: Image) -> Image:
-        """Blur the photo backwards, which takes its noise off, and continue its edges."""
+    def _blur_backwards(self) -> None:
+        """Begin with the photo blurred backwards, which takes its noise off; continue its edges."""
         m = self.blur.margin
-        back = self.blur.adjoint(g) / self.seen
-        inner: Image = np.pad(back[m:-m, m:-m], m, mode="edge")
-        return np.maximum(inner, _DARK, out=inner)
+        back = channels_first(self.blur.adjoint(np.moveaxis(self.g, 0, -1)))
+        for plane, f in zip(back, self.f, strict=True):
+            inner = (plane / self.seen)[m:-m, m:-m]
+            np.maximum(np.pad(inner, m, mode="edge"), _DARK, out=f)
 
     def step(self) -> tuple[float, float]:
         """Iterate once; return the mean squared residuals that the iteration began with.
 
         The first is of the pixels, the second of means of 2 x 2 of them, times four.
         """
-        colours = range(len(self.f))
-        groups = [colours[c : c + 1] for c in colours] if self.weight is None else [colours]
         squared = coarse = along = strength = 0.0
-        for group in groups:
-            factor = np.empty((len(group), *self.f.shape[1:]), np.float32)
-            for c, plane in zip(group, factor, strict=True):
-                ratio = self.blur.forward(self.point[c])
-                for part in self._each_band(len(ratio), partial(self._compare, ratio, c)):
-                    squared += part[0]
-                    coarse += part[1]
-                plane[...] = self.blur.adjoint(ratio)
-            some = slice(group.start, group.stop)
-            for part in self._each_band(self.f.shape[1], partial(self._update, factor, some)):
-                along += part[0]
-                strength += part[1]
+        ratio = self.blur.forward(np.moveaxis(self.point, 0, -1))
+        for c, plane in enumerate(channels_first(ratio)):
+            for part in self._each_band(len(plane), partial(self._compare, plane, c)):
+                squared += part[0]
+                coarse += part[1]
+        factor = channels_first(self.blur.adjoint(ratio))
+        del ratio
+        for part in self._each_band(self.f.shape[1], partial(self._update, factor)):
+            along += part[0]
+            strength += part[1]
         if self.change is not None:
             # [1], with the next point in the place of the estimate before
             length = np.clip(along / self.strength, 0, self.fastest) if self.strength else 0
@@ -154,12 +149,12 @@ class MultiplicativeDescent:
         fine = float(np.sum(np.square(residual, out=residual)))
         return fine, 16 * coarse  # four pixels to a mean, of a quarter the variance
 
-    def _update(self, factor: Image, colours: slice, rows: slice) -> tuple[float, float]:
+    def _update(self, factor: Image, rows: slice) -> tuple[float, float]:
         """Find the change of the point; return its products with the last one and with itself."""
         halo = 0 if self.weight is None else _SMOOTHING + 1
         first = max(rows.start - halo, 0)
         wide = slice(first, rows.stop + halo)
-        seen, point = self.seen[wide], self.point[colours, wide]
+        seen, point = self.seen[wide], self.point[:, wide]
         new = np.maximum(factor[:, wide], 0)
         new /= seen
         np.copyto(new, 1, where=seen <= _UNSEEN)
@@ -170,7 +165,7 @@ class MultiplicativeDescent:
         if self.weight is not None:
             new = less_varied(new, point / seen, self.weight[wide], _SMOOTHING)
         own = slice(rows.start - first, rows.stop - first)
-        change, last = new[:, own] - point[:, own], self.change[colours, rows]
+        change, last = new[:, own] - point[:, own], self.change[:, rows]
         along = float(np.sum(np.multiply(change, last, out=last)))
         last[...] = change
         return along, float(np.sum(np.square(change, out=change)))

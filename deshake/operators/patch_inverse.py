@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -126,7 +127,8 @@ class PatchInverse:
                     self._window(strip.row, strip.first + j) for j in range(strip.count)[batch]
                 ]
                 for j, window in enumerate(windows):
-                    np.multiply(blocks[:, batch.start + j], window, out=windowed[:, j])
+                    for seen, part in zip(blocks, windowed, strict=True):
+                        cv2.multiply(seen[batch.start + j], window, part[j])
                 product = transforms.rfft(windowed[:, :count])
                 power = transforms.power(spectra[batch])
                 power += near[strip.row, strip.first : strip.last][batch, None, None]

@@ -162,7 +162,8 @@ class PatchGrid:
     def padded(self, patches: Image, padding: Image) -> Image:
         """Put patches (C, count, 2s, 2s), times their window, into zeros of `padding`."""
         out = padding[:, : patches.shape[1]]
-        np.multiply(patches, self.window, out=out[..., : self.patch, : self.patch])
+        for at in np.ndindex(patches.shape[:2]):
+            cv2.multiply(patches[at], self.window, out[at][: self.patch, : self.patch])
         return out
 
     def canvas(self, channels: int, strip: Strip, size: int) -> Image:
