@@ -44,6 +44,7 @@ _LIVE = 1 / 64  # gradients whose square is above this share of lam are counted 
 _SPARSITY_WEIGHT = 0.5
 _BORDER = 12  # px left out on every side
 _LEAST_NOISE = 0.002
+_LIT = 0.1  # of the mean light: what is darker, a night sky, shows no noise
 _POWER = 0.8  # of the gradients, in the restored picture's prior
 _PRIOR = 0.5
 _PENALTIES = tuple(float(beta) for beta in np.geomspace(0.01, 0.5, 7))
@@ -188,10 +189,12 @@ class _Trial:
         return picture
 
     def _noise(self) -> float:
-        """Standard deviation of the noise, by the median of the second differences."""
+        """Standard deviation of the noise where there is light, by the median second difference."""
         second = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6
         rough = cv2.filter2D(self.seen.picture, -1, second)
-        return float(np.median(np.abs(rough[self.counted]))) / 0.6745
+        picture = self.seen.picture
+        lit = self.counted & (picture > _LIT * float(picture[self.counted].mean()))
+        return float(np.median(np.abs(rough[lit if lit.any() else self.counted]))) / 0.6745
 
     def _ratio(self, image: Image) -> float:
         length = np.hypot(*differences(image))[self.counted].astype(np.float64)

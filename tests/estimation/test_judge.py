@@ -55,6 +55,14 @@ def test_the_better_kernel_scores_less(case) -> None:
     assert confidence(found["long"], found["still"]) < 0.5
 
 
+def test_a_black_sky_is_no_sign_of_little_noise(case) -> None:
+    grey, kernels = case
+    night = grey.copy()
+    night[:, : grey.shape[1] * 3 // 5] = 0
+    true, still = (score(night, kernels[name], threads=1) for name in ("true", "still"))
+    assert confidence(true, still) > 0.8
+
+
 def test_exposure_and_threads_do_not_count(case) -> None:
     grey, kernels = case
     one = score(grey, kernels["near"], threads=1)
