@@ -34,7 +34,7 @@ Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 _SMOOTH_PX: Final = 1.5  # of photos that are blurred alike
-_BETTER: Final = 0.35  # share of the mean square that curves leave; of linear pairs it is over 0.5
+_BETTER: Final = 0.25  # share of the mean square that curves leave; noisy linear pairs are above
 _SPREAD: Final = np.float32(1.5)  # of noise that is left near edges, over that of flat areas
 _EVEN: Final = 0.03  # least variance anywhere, in means: none is known to be free of noise
 _LEAST_PX: Final = 8  # reach of what is called coarse
