@@ -12,6 +12,7 @@ from deshake.cli.options import (
     estimate_options,
     general_options,
     json_option,
+    one_to_stdout,
     output_option,
     overwrite_option,
     photo_argument,
@@ -63,10 +64,7 @@ def command(
     from deshake.pipelines.file_stages import estimate_file, kernel_name
     from deshake.pipelines.stages import EstimateOptions
 
-    to_stdout = {"--json": as_json, "-o -": str(output) == "-", "--latent -": str(latent) == "-"}
-    if sum(to_stdout.values()) > 1:
-        names = " and ".join(name for name, asked in to_stdout.items() if asked)
-        raise click.UsageError(f"{names} cannot go to standard output together.")
+    one_to_stdout(as_json=as_json, output=output, latent=latent)
     path = photo.with_name(kernel_name(photo)) if output is None else output
     known = None if camera is None else read_camera(camera)
     options = EstimateOptions(camera=known, **choices)

@@ -14,6 +14,7 @@ from deshake.cli.options import (
     focal_options,
     general_options,
     json_option,
+    one_to_stdout,
     output_option,
     overwrite_option,
     transfer_option,
@@ -75,8 +76,7 @@ def command(
     from deshake.pipelines.pair_stages import estimate_pair_file
     from deshake.pipelines.stages import EstimateOptions
 
-    if as_json and str(output) == "-":
-        raise click.UsageError("--json and -o - cannot go to standard output together.")
+    one_to_stdout(as_json=as_json, output=output)
     for name, value in {"camera": camera, **choices}.items():
         if registration is not None and name in _NOT_WITH_REGISTRATION and value is not None:
             option = "--" + name.replace("_", "-")

@@ -31,6 +31,7 @@ __all__ = [
     "general_options",
     "json_option",
     "kernel_argument",
+    "one_to_stdout",
     "output_option",
     "overwrite_option",
     "photo_argument",
@@ -141,6 +142,19 @@ def output_option(default: str, *, metavar: str = "FILE", note: str = "") -> Cal
         metavar=metavar,
         help=f"Where to write{note}.  [default: {default}]",
     )
+
+
+def one_to_stdout(*, as_json: bool, output: Path | None, **others: Path | None) -> bool:
+    """Tell whether something goes to standard output; raise UsageError if several things do.
+
+    The others are named as their options are.
+    """
+    asked = {"--json": as_json, "-o -": str(output) == "-"}
+    asked |= {f"--{name} -": str(path) == "-" for name, path in others.items()}
+    names = [name for name, given in asked.items() if given]
+    if len(names) > 1:
+        raise click.UsageError(f"{' and '.join(names)} cannot go to standard output together.")
+    return bool(names)
 
 
 def focal_options(command: F) -> F:

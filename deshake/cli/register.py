@@ -13,6 +13,7 @@ from deshake.cli.options import (
     focal_options,
     general_options,
     json_option,
+    one_to_stdout,
     output_option,
     overwrite_option,
     transfer_option,
@@ -74,10 +75,7 @@ def command(
     from deshake.pipelines.register import register_file, registration_name
     from deshake.pipelines.stages import EstimateOptions
 
-    to_stdout = {"--json": as_json, "-o -": str(output) == "-", "--preview -": str(preview) == "-"}
-    if sum(to_stdout.values()) > 1:
-        names = " and ".join(name for name, asked in to_stdout.items() if asked)
-        raise click.UsageError(f"{names} cannot go to standard output together.")
+    to_stdout = one_to_stdout(as_json=as_json, output=output, preview=preview)
     path = blurred.with_name(registration_name(blurred)) if output is None else output
     known = None if camera is None else read_camera(camera)
     options = EstimateOptions(camera=known, **choices)
@@ -97,7 +95,7 @@ def command(
         if preview is not None:
             files["preview"] = str(preview)
         click.echo(json.dumps(files | found.report()))
-    elif not any(to_stdout.values()) and context.verbosity >= 0:
+    elif not to_stdout and context.verbosity >= 0:
         x, y, z = found.report()["theta_degrees"]
         scale, confidence = found.registration.scale, found.registration.confidence
         light = f"{scale:.3g} times darker" if scale >= 1 else f"{1 / scale:.3g} times brighter"

@@ -15,9 +15,9 @@ second is averaged, is about what both together tell.
 
 It begins with f_D, or where v = 0 with a few iterations of Richardson-Lucy, and takes a few stages
 of half-quadratic splitting (`half_quadratic`). Beyond the frame, and where v = 0, it is a
-deconvolution of the blurred photo alone. The noisy photo in such a
-sum is what L. Yuan, J. Sun, L. Quan and H.-Y. Shum, "Image deblurring with blurred/noisy image
-pairs", ACM Transactions on Graphics 26, 2007, https://doi.org/10.1145/1276377.1276379, do without.
+deconvolution of the blurred photo alone. The noisy photo in such a sum is what L. Yuan, J. Sun,
+L. Quan and H.-Y. Shum, "Image deblurring with blurred/noisy image pairs", ACM Transactions on
+Graphics 26, 2007, https://doi.org/10.1145/1276377.1276379, do without.
 """
 
 from __future__ import annotations
@@ -28,7 +28,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from deshake.deconvolution.clipped_noise import unclipped_mean
 from deshake.deconvolution.denoising import NoisyPhoto, noisy_photo
 from deshake.deconvolution.half_quadratic import HalfQuadratic
 from deshake.deconvolution.lights import trust
@@ -93,7 +92,7 @@ def fuse(
     Parameters
     ----------
     g : (h, w) or (h, w, C) array of float32
-        The blurred photo in linear light, 1 where it clips; values below 0 count as 0.
+        The blurred photo in linear light, 1 where it clips, after `unclipped_mean`.
     f_N : (h, w) or (h, w, C) array of float32, or NoisyPhoto
         The noisy photo, registered, and as bright as the blurred one; or the same denoised, which
         is changed.
@@ -130,8 +129,7 @@ def fuse(
         if progress is not None:
             progress(1.0 if done == stages else (_PREPARING + done) / (_PREPARING + stages), text)
 
-    light = unclipped_mean(g)
-    noisy = _denoised(light, f_N, valid, threads)
+    noisy = _denoised(g, f_N, valid, threads)
     tell(-_PREPARING / 2, "denoising")
     margin = reach(kernel.camera, kernel.theta[kernel.weights > 0])
     blur = blur_filters(kernel, margin=margin, channels=len(noisy.pixels), threads=threads)
@@ -140,16 +138,16 @@ def fuse(
         share = uniform_filter(noisy_clipped.astype(np.float32), _CLIPPED_PX)
         v[(share > _CLIPPED_SHARE) & (noisy.denoised.max(0) < _WHITE)] = 0
     alone = latent_start(
-        light,
+        g,
         kernel,
         clipped=clipped,
         iterations=_ALONE,
         threads=threads,
         progress=lambda part, text: tell(_PREPARING * (part - 1) / 2, text),
     )
-    start = _start(light, noisy, v, alone, blur)
+    start = _start(g, noisy, v, alone, blur)
     del alone
-    descent = _descent(light, noisy, start, blur, clipped, threads=threads)
+    descent = _descent(g, noisy, start, blur, clipped, threads=threads)
     del noisy, start, v
     for stage, rho in enumerate(np.geomspace(*_RHO[::-1], stages)[::-1], 1):
         descent.step(float(rho))

@@ -19,7 +19,15 @@ if TYPE_CHECKING:
 
     Image = NDArray[np.float32]
 
-__all__ = ["coarse_noise", "mean_light", "noise_model", "noise_variance", "pair_means", "smoothed"]
+__all__ = [
+    "coarse_noise",
+    "mean_light",
+    "noise_line",
+    "noise_model",
+    "noise_variance",
+    "pair_means",
+    "smoothed",
+]
 
 _BLOCK = 6  # means a side
 _LEVELS = 8
@@ -54,11 +62,21 @@ def noise_model(g: Image) -> tuple[float, float]:
     levels, variances = _by_level(g)
     if not len(levels):
         return 0.0, _LEAST
-    # the line that is nearest in proportion: dark levels count as much as bright ones
-    variances = np.maximum(variances, _LEAST)
+    return noise_line(levels, variances, _LEAST)
+
+
+def noise_line(
+    levels: NDArray[np.float64], variances: NDArray[np.float64], least: float
+) -> tuple[float, float]:
+    """Find the line ``slope x + floor`` that is nearest to the variances at some levels x.
+
+    It is nearest in proportion: dark levels count as much as bright ones. No variance counts as
+    less than the least, nor does the floor.
+    """
+    variances = np.maximum(variances, least)
     design = np.stack([levels, np.ones_like(levels)], 1) / variances[:, None]
     slope, floor = nnls(design, np.ones_like(levels))[0]
-    return float(slope), max(float(floor), _LEAST)
+    return float(slope), max(float(floor), least)
 
 
 def mean_light(g: Image) -> Image:

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.ndimage import uniform_filter
-from scipy.optimize import nnls
 
-from deshake.deconvolution.noise import mean_light, pair_means
+from deshake.deconvolution.noise import mean_light, noise_line, pair_means
 from deshake.operators.planes import channels_first
 
 if TYPE_CHECKING:
@@ -72,7 +71,7 @@ def noise_of_pair(f_N: Image, g: Image, valid: Image) -> tuple[float, float]:
         chosen = part[np.argsort(flat[part], kind="stable")[: max(int(_FLAT * len(part)), 1)]]
         levels.append(float(level[chosen].mean()))
         variances.append(np.mean([np.median(some[chosen]) for some in squares]) / _MEDIAN)
-    return _line(np.array(levels), np.maximum(variances, _LEAST))
+    return noise_line(np.array(levels), np.array(variances), _LEAST)
 
 
 def fitted_noise(light: Image, variance: Image) -> tuple[float, float]:
@@ -92,10 +91,4 @@ def fitted_noise(light: Image, variance: Image) -> tuple[float, float]:
     parts = np.array_split(np.argsort(light, kind="stable"), min(_LEVELS, light.size))
     levels = np.array([light[part].mean(dtype=np.float64) for part in parts])
     means = np.array([variance[part].mean(dtype=np.float64) for part in parts])
-    return _line(np.maximum(levels, 0), np.maximum(means, _LEAST))
-
-
-def _line(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float]:
-    """Find the line ``slope x + floor`` that is nearest to y > 0 in proportion."""
-    slope, floor = nnls(np.stack([x, np.ones_like(x)], 1) / y[:, None], np.ones_like(x))[0]
-    return float(slope), max(float(floor), _LEAST)
+    return noise_line(np.maximum(levels, 0), means, _LEAST)

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +23,7 @@ from deshake.estimation.latent_edges import (
     contrast_scaled,
     differences,
     l0_picture,
+    noise_level,
 )
 from deshake.operators.filter_flow import reach
 from deshake.operators.patch_solve import PatchFrame, PatchSolver, patch_size
@@ -189,12 +189,10 @@ class _Trial:
         return picture
 
     def _noise(self) -> float:
-        """Standard deviation of the noise where there is light, by the median second difference."""
-        second = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6
-        rough = cv2.filter2D(self.seen.picture, -1, second)
+        """Standard deviation of the noise where there is light."""
         picture = self.seen.picture
         lit = self.counted & (picture > _LIT * float(picture[self.counted].mean()))
-        return float(np.median(np.abs(rough[lit if lit.any() else self.counted]))) / 0.6745
+        return noise_level(picture, lit if lit.any() else self.counted)
 
     def _ratio(self, image: Image) -> float:
         length = np.hypot(*differences(image))[self.counted].astype(np.float64)

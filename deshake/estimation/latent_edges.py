@@ -76,10 +76,10 @@ def contrast_scaled(grey: Image) -> tuple[Image, float]:
     return (grey * np.float32(scale)).astype(np.float32), scale
 
 
-def noise_level(picture: Image) -> float:
+def noise_level(picture: Image, where: Mask | None = None) -> float:
     """Estimate the standard deviation of white noise, by the median of second differences."""
     rough = cv2.filter2D(picture, -1, _SECOND_DIFFERENCES)
-    return float(np.median(np.abs(rough))) / _MEDIAN
+    return float(np.median(np.abs(rough if where is None else rough[where]))) / _MEDIAN
 
 
 def differences(image: Image) -> tuple[Image, Image]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import hashlib
 import os
 import secrets
 import sys
@@ -24,6 +25,7 @@ __all__ = [
     "default_output",
     "output_name",
     "read_bytes",
+    "sha256",
     "write_bytes",
 ]
 
@@ -193,6 +195,12 @@ def write_bytes(path: str | os.PathLike[str], data: bytes, *, overwrite: bool = 
         sys.stdout.buffer.flush()
     except OSError as error:
         raise _output_error(error, "standard output") from error
+
+
+def sha256(path: Path) -> str:
+    """Return the SHA-256 of a file, in hexadecimal: what provenance knows a photo by."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def read_bytes(path: str | os.PathLike[str], limit: int, error: type[DeshakeError]) -> bytes:

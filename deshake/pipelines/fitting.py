@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from deshake.io.kernel_file import CameraFile, KernelFile
     from deshake.io.photo import Photo
 
-__all__ = ["check_region", "fitting_camera", "fitting_kernel"]
+__all__ = ["check_region", "check_registration", "fitting_camera", "fitting_kernel"]
 
 _WIDEST_TURN: Final = math.radians(45)
 _WIDEST_BLUR: Final = 0.5  # longer sides
@@ -72,6 +72,25 @@ def fitting_camera(content: CameraFile, photo: Photo) -> CameraFile:
     if not _same_proportions(camera.shape, photo.shape):
         raise _misfit("camera", camera, photo, None)
     return replace(content, camera=camera.scaled(*photo.shape))
+
+
+def check_registration(camera: Camera, photo: Photo, file: Path | None = None) -> None:
+    """Check that a registration with this camera was made for photos of this size.
+
+    Raises
+    ------
+    KernelFileError
+        If it was not; with the registration's file, if one is given.
+
+    """
+    if camera.shape != photo.shape:
+        height, width = photo.shape
+        raise KernelFileError(
+            f"the registration is for pictures of {camera.width} x {camera.height} pixels, and "
+            f"{photo.source} has {width} x {height}",
+            hint="register the photos again",
+            file=file,
+        )
 
 
 def check_region(photo: Photo, region: tuple[int, int, int, int] | None) -> None:

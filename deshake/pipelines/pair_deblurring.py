@@ -14,17 +14,17 @@ from deshake.deconvolution.clipped_noise import unclipped_mean
 from deshake.deconvolution.denoising import NoisyPhoto, noisy_photo
 from deshake.deconvolution.fusion import fuse
 from deshake.deconvolution.residual import residual_richardson_lucy
-from deshake.errors import DeshakeError, EstimationError, KernelFileError, OutputError
-from deshake.estimation.registration import Registration, register, registered
+from deshake.errors import DeshakeError, EstimationError, OutputError
+from deshake.estimation.registration import register, registered
 from deshake.io.files import STREAM, check_output, default_output
 from deshake.io.kernel_file import read_kernel
 from deshake.io.photo import read_photo, write_photo
-from deshake.io.registration_file import read_registration
 from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import ShakeBlur
 from deshake.pipelines.camera_tones import blurred_planes, needs_curves, with_tones_of
 from deshake.pipelines.file_stages import check_encoding, part
-from deshake.pipelines.fitting import fitting_kernel
+from deshake.pipelines.fitting import check_registration, fitting_kernel
+from deshake.pipelines.register import known_registration
 from deshake.pipelines.stages import EstimateOptions, camera_for, luminance
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
     from deshake.deconvolution.restoration import Restoration
     from deshake.deconvolution.sparse_gradients import Quality
+    from deshake.estimation.registration import Registration
     from deshake.geometry.kernel import RotationKernel
     from deshake.io.photo import Photo
     from deshake.io.transfer import TransferName
@@ -182,27 +183,18 @@ def deblur_pair_file(
     inputs = [item for item in (noisy_file, kernel_file, registration) if item is not None]
     check_output(path, *inputs, overwrite=overwrite)
     content = read_kernel(kernel_file)
-    known = None if registration is None else read_registration(registration)
+    known = None if registration is None else known_registration(registration)
     photo, noisy = (read_photo(item, transfer=transfer) for item in (source, noisy_file))
     check_encoding(photo, path)
     kernel = fitting_kernel(content, photo, kernel_file)
-    if known is not None and known.camera.shape != photo.shape:
-        height, width = known.camera.shape
-        raise KernelFileError(
-            f"the registration is for pictures of {width} x {height} pixels, and {source} has "
-            f"{photo.shape[1]} x {photo.shape[0]}",
-            hint="register the photos again",
-            file=registration,
-        )
-    found = None
     if known is not None:
-        found = Registration(known.theta, known.scale, known.confidence, known.camera)
+        check_registration(known.camera, photo, registration)
     photo = deblur_pair(
         photo,
         noisy,
         kernel,
         options,
-        registration=found,
+        registration=known,
         threads=threads,
         progress=progress,
     )
@@ -257,7 +249,7 @@ def _restored(
             progress=progress,
         )
     return fuse(
-        g,
+        light,
         pair,
         valid,
         kernel,

@@ -8,21 +8,20 @@ kernel is kept that explains it better.
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import logging
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from deshake import __version__
 from deshake.deconvolution.clipped_noise import unclipped_mean
-from deshake.errors import DeshakeError, EstimationError, KernelFileError
-from deshake.estimation.registration import Registration, registered
-from deshake.io.files import check_output
+from deshake.errors import DeshakeError, EstimationError
+from deshake.estimation.registration import registered
+from deshake.io.files import check_output, sha256
 from deshake.io.kernel_file import CameraFile, KernelFile, write_kernel
 from deshake.io.photo import read_photo
-from deshake.io.registration_file import read_registration
 from deshake.pipelines.file_stages import part
-from deshake.pipelines.register import find_registration
+from deshake.pipelines.fitting import check_registration
+from deshake.pipelines.register import find_registration, known_registration
 from deshake.pipelines.registered_pair import RegisteredPair
 
 if TYPE_CHECKING:
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from deshake.estimation.pair import PairEstimate
+    from deshake.estimation.registration import Registration
     from deshake.io.photo import Photo
     from deshake.pipelines.stages import EstimateOptions
 
@@ -128,7 +128,7 @@ def estimate_pair(
         start = _REGISTERED
     else:
         camera = CameraFile(registration.camera, "the registration")
-        _check_fit(registration, blurred)
+        check_registration(registration.camera, blurred)
     later = part(progress, start, 1) or (lambda _share, _text: None)
     try:
         seen = registered(unclipped_mean(noisy.pixels), registration)
@@ -179,7 +179,7 @@ def estimate_pair_file(
     """
     inputs = [path for path in (blurred, noisy, registration) if path is not None]
     check_output(output, *inputs, overwrite=overwrite)
-    known = None if registration is None else _read_registration(registration)
+    known = None if registration is None else known_registration(registration)
     found = estimate_pair(
         read_photo(blurred, transfer=options.transfer),
         read_photo(noisy, transfer=options.transfer),
@@ -190,23 +190,6 @@ def estimate_pair_file(
     )
     write_kernel(output, found.content, overwrite=overwrite)
     return found
-
-
-def _read_registration(file: Path) -> Registration:
-    content = read_registration(file)
-    return Registration(content.theta, content.scale, content.confidence, content.camera)
-
-
-def _check_fit(registration: Registration, photo: Photo) -> None:
-    """Check that a registration was made for photos of this size."""
-    camera = registration.camera
-    if camera.shape != photo.shape:
-        height, width = photo.shape
-        raise KernelFileError(
-            f"the registration is for pictures of {camera.width} x {camera.height} pixels, and "
-            f"{photo.source} has {width} x {height}",
-            hint="register the photos again",
-        )
 
 
 def _provenance(
@@ -221,8 +204,8 @@ def _provenance(
         "deshake": __version__,
         "command": "estimate-pair",
         "options": {name: getattr(options, name) for name in names},
-        "input_sha256": _sha256(pair[0].source),
-        "noisy_sha256": _sha256(pair[1].source),
+        "input_sha256": sha256(pair[0].source),
+        "noisy_sha256": sha256(pair[1].source),
         "registration": {
             "theta": registration.theta.tolist(),
             "scale": registration.scale,
@@ -232,8 +215,3 @@ def _provenance(
         "explained": found.explained,
         "scales": [asdict(scale) for scale in found.scales],
     }
-
-
-def _sha256(file: Path) -> str:
-    with file.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import logging
 import math
 from dataclasses import dataclass, replace
@@ -15,12 +14,16 @@ from numpy.typing import NDArray
 from deshake import __version__
 from deshake.deconvolution.clipped_noise import unclipped_mean
 from deshake.errors import CalibrationError, DeshakeError, PhotoError
-from deshake.estimation.registration import MAX_ANGLE, register, registered
+from deshake.estimation.registration import MAX_ANGLE, Registration, register, registered
 from deshake.io.encoding import Encoding
-from deshake.io.files import STREAM, check_output, write_bytes
+from deshake.io.files import STREAM, check_output, sha256, write_bytes
 from deshake.io.metadata import Metadata
 from deshake.io.photo import encode_photo, output_format, read_photo
-from deshake.io.registration_file import RegistrationFile, write_registration
+from deshake.io.registration_file import (
+    RegistrationFile,
+    read_registration,
+    write_registration,
+)
 from deshake.pipelines.file_stages import gone_on_failure
 from deshake.pipelines.stages import EstimateOptions, calibrate, camera_for, luminance
 
@@ -28,12 +31,18 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from deshake.estimation.registration import Registration
     from deshake.io.encoding import Format
     from deshake.io.kernel_file import CameraFile
     from deshake.io.photo import Photo
 
-__all__ = ["Found", "checkerboard", "find_registration", "register_file", "registration_name"]
+__all__ = [
+    "Found",
+    "checkerboard",
+    "find_registration",
+    "known_registration",
+    "register_file",
+    "registration_name",
+]
 
 _log = logging.getLogger(__name__)
 
@@ -78,6 +87,12 @@ class Found:
 def registration_name(source: Path) -> str:
     """Return the default name of a blurred photo's registration: ``<stem>.registration.npz``."""
     return f"{source.stem}.registration.npz"
+
+
+def known_registration(file: Path) -> Registration:
+    """Return the registration of a file; raises KernelFileError as `read_registration` does."""
+    content = read_registration(file)
+    return Registration(content.theta, content.scale, content.confidence, content.camera)
 
 
 def find_registration(
@@ -256,16 +271,12 @@ def _check_zoom(blurred: Photo, noisy: Photo) -> None:
 def _provenance(
     blurred: Photo, noisy: Photo, options: EstimateOptions, found: Found
 ) -> dict[str, Any]:
-    digests = []
-    for photo in (blurred, noisy):
-        with photo.source.open("rb") as stream:
-            digests.append(hashlib.file_digest(stream, "sha256").hexdigest())
     return {
         "deshake": __version__,
         "command": "register",
         "options": {"transfer": options.transfer, "max_angle": options.max_angle},
-        "input_sha256": digests[0],
-        "noisy_sha256": digests[1],
+        "input_sha256": sha256(blurred.source),
+        "noisy_sha256": sha256(noisy.source),
         "camera": found.camera.source,
         "notes": found.notes,
     }

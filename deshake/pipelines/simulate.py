@@ -6,7 +6,6 @@ kernel that is handed out with it: that is the path binned on the photo's grid.
 
 from __future__ import annotations
 
-import hashlib
 import logging
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from deshake import __version__
 from deshake.errors import CalibrationError, DeshakeError, OutputError
 from deshake.geometry.camera import Camera
-from deshake.io.files import STREAM, check_output
+from deshake.io.files import STREAM, check_output, sha256
 from deshake.io.kernel_file import CameraFile, KernelFile, read_camera, write_kernel
 from deshake.io.photo import output_format, read_photo, write_photo
 from deshake.io.sensors import assumed_focal_length, focal_length
@@ -249,13 +248,13 @@ def simulate_file(
     except DeshakeError as error:
         error.file = error.file or str(source)
         raise
-    drawn = {"path_sha256": _sha256(path)} if path else {"blur_px": blur_px}
+    drawn = {"path_sha256": sha256(path)} if path else {"blur_px": blur_px}
     exposed = {"gain": gain, "photons": photons, "noise": noise_sigma}
     provenance = {
         "deshake": __version__,
         "command": "simulate",
         "options": drawn | exposed | {"seed": seed, "crop": crop, "transfer": transfer},
-        "input_sha256": _sha256(source),
+        "input_sha256": sha256(source),
         "camera": lens.source,
     }
     top, left = result.offset
@@ -292,8 +291,3 @@ def _lens(
         found = assumed_focal_length(*photo.shape)
         _log.warning("%s; a 50 mm-equivalent is assumed (--focal-35mm MM says otherwise)", error)
     return CameraFile(Camera.from_focal(found.pixels, *photo.shape), found.source)
-
-
-def _sha256(file: Path) -> str:
-    with file.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -6,7 +6,6 @@ same bytes as its stages run one by one.
 
 from __future__ import annotations
 
-import hashlib
 import logging
 import math
 from dataclasses import asdict, dataclass
@@ -21,6 +20,7 @@ from deshake.errors import CalibrationError, DeshakeError
 from deshake.estimation.blind import blur_bound
 from deshake.estimation.methods import estimate_kernel
 from deshake.geometry.camera import Camera
+from deshake.io.files import sha256
 from deshake.io.kernel_file import CameraFile, KernelFile
 from deshake.io.sensors import assumed_focal_length, focal_length
 from deshake.pipelines.fitting import check_region, fitting_camera
@@ -279,8 +279,6 @@ def largest_blur(camera: Camera, options: EstimateOptions) -> float | None:
 def _provenance(
     photo: Photo, options: EstimateOptions, camera: CameraFile, found: BlindEstimate
 ) -> dict[str, Any]:
-    with photo.source.open("rb") as stream:
-        digest = hashlib.file_digest(stream, "sha256").hexdigest()
     scales = [
         {name: value for name, value in asdict(scale).items() if math.isfinite(value)}
         for scale in found.scales
@@ -289,7 +287,7 @@ def _provenance(
         "deshake": __version__,
         "command": "estimate-blind",
         "options": options.provenance(),
-        "input_sha256": digest,
+        "input_sha256": sha256(photo.source),
         "camera": camera.source,
         "estimated_by": found.name,
         "scales": scales,

@@ -18,6 +18,7 @@ from deshake.io.files import (
     default_output,
     output_name,
     read_bytes,
+    sha256,
     write_bytes,
 )
 
@@ -281,3 +282,9 @@ def test_reading_says_what_is_wrong_in_the_callers_terms(tmp_path: Path) -> None
     path.chmod(0)
     with unprivileged(), pytest.raises(PhotoError):
         read_bytes(path, 11, PhotoError)
+
+
+def test_sha256_is_that_of_the_bytes(tmp_path):
+    file = tmp_path / "a"
+    file.write_bytes(b"abc")
+    assert sha256(file).startswith("ba7816bf8f01cfea414140de5dae2223")

@@ -13,7 +13,12 @@ from deshake.io.encoding import Encoding
 from deshake.io.kernel_file import CameraFile, KernelFile
 from deshake.io.metadata import Metadata
 from deshake.io.photo import Photo
-from deshake.pipelines.fitting import check_region, fitting_camera, fitting_kernel
+from deshake.pipelines.fitting import (
+    check_region,
+    check_registration,
+    fitting_camera,
+    fitting_kernel,
+)
 
 FILE = Path("k.npz")
 
@@ -87,3 +92,13 @@ def test_a_region_lies_within_the_photo():
     for region in ((1, 0, 400, 300), (0, 1, 400, 300), (400, 0, 1, 1)):
         with pytest.raises(PhotoError, match="reaches beyond its 400 x 300 pixels"):
             check_region(photo(300, 400), region)
+
+
+def test_a_registration_fits_photos_of_its_size_only():
+    camera = Camera.from_focal(400.0, 300, 400)
+    check_registration(camera, photo(300, 400))
+    with pytest.raises(
+        KernelFileError, match=r"400 x 300 pixels, and a\.png has 800 x 600"
+    ) as caught:
+        check_registration(camera, photo(600, 800), FILE)
+    assert caught.value.file == str(FILE)
