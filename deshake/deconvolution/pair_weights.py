@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from deshake.deconvolution.denoising import NoisyPhoto
     from deshake.operators.shake_blur import Filters
 
-__all__ = ["agreement", "blurred_variance", "denoising_error", "padded"]
+__all__ = ["agreement", "blurred_variance", "denoising_error"]
 
 Image = NDArray[np.float32]
 
@@ -44,12 +44,6 @@ _DARKEST = np.float32(0.003)
 _BAND = 512
 
 
-def padded(planes: Image, margin: int) -> Image:
-    """Continue planes (..., h, w) by their edges to the latent image."""
-    around = [(0, 0)] * (planes.ndim - 2) + [(margin, margin)] * 2
-    return np.pad(planes, around, mode="edge")
-
-
 def blurred_variance(
     g: Image, Af: Image, noisy: NoisyPhoto, valid: Image, *, blur: Filters, margin: int
 ) -> Image:
@@ -62,7 +56,7 @@ def blurred_variance(
     Af : (C, h, w) array of float32
         A f_D: the denoised photo, blurred.
     noisy : NoisyPhoto
-        The noisy photo.
+        The noisy photo, with the blur's margin.
     valid : (h, w) array of float32
         How far it is trusted, 0..1.
     blur : Filters
@@ -81,12 +75,12 @@ def blurred_variance(
     misfit, left = np.zeros_like(valid), np.zeros_like(valid)
     for c in range(count):
         misfit += np.square(planes[c] - Af[c])
-        left += np.square(planes[c] - blur.forward(padded(noisy.pixels[c : c + 1], margin))[0])
+        left += np.square(planes[c] - blur.forward(noisy.pixels[c : c + 1])[0])
     misfit /= np.float32(count)
     left /= np.float32(count)
-    twin = _white(valid.shape)
+    twin = _white(noisy.pixels.shape[1:])
     twin *= np.sqrt(noisy.variance())
-    left -= np.square(blur.forward(padded(twin[None], margin))[0])
+    left -= np.square(blur.forward(twin[None])[0])
     left -= noise_variance(g, margin)
     side = 2 * margin + 1
     inner = minimum_filter(valid, side, mode="constant").astype(np.float32)
@@ -102,7 +96,7 @@ def blurred_variance(
 
 
 def denoising_error(noisy: NoisyPhoto) -> Image:
-    """Tell the variance of f_D about the scene, over that of the noise of f_N, (h, w)."""
+    """Tell the variance of f_D about the scene, over that of the noise of f_N, (H, W)."""
     power = np.zeros(noisy.pixels.shape[1:], np.float32)
     for one, other in zip(noisy.pixels, noisy.denoised, strict=True):
         noise = other * np.float32(noisy.slope) + np.float32(noisy.floor)

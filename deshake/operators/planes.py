@@ -21,6 +21,22 @@ def image_like(channels: Image, image: Image) -> Image:
     return channels[0] if image.ndim == 2 else np.moveaxis(channels, 0, -1)
 
 
+def fitted(planes: Image, shape: tuple[int, int], *, beyond: float | None = None) -> Image:
+    """Cut planes (..., h, w) on all sides alike to a height and width, or continue them.
+
+    Beyond them is what is told, or else what is at their edges.
+    """
+    margins = [(size - own) // 2 for size, own in zip(shape, planes.shape[-2:], strict=True)]
+    rows, columns = (slice(max(-m, 0), size + max(-m, 0)) for m, size in zip(margins, shape, strict=True))
+    kept = planes[..., rows, columns]
+    around = [(0, 0)] * (planes.ndim - 2) + [(max(m, 0),) * 2 for m in margins]
+    if not any(map(any, around)):
+        return kept
+    if beyond is None:
+        return np.pad(kept, around, mode="edge")
+    return np.pad(kept, around, constant_values=beyond)
+
+
 def check_size(planes: Image, shape: tuple[int, int]) -> None:
     """Raise ValueError unless planes (C, h, w) have the height and width given."""
     if planes.ndim != 3 or planes.shape[1:] != shape:
