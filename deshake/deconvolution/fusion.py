@@ -65,6 +65,7 @@ _TAU = 0.25
 _DENOISED = np.float32(0.08)  # r_0
 _PRECISION_PX = 15  # over which the noisy photo's precision is averaged for s
 _WHITE = 0.9  # light that is displayed as white or nearly so, even if it was clipped
+_BLACK = 0.003  # light of a noisy photo that may be shadows which a camera cut off
 _CLIPPED_PX, _CLIPPED_SHARE = 5, 0.5  # noise clips a few pixels of bright parts: that is no harm
 _BEYOND = 1.05  # light that a clipped pixel does not tell: below, it is about as bright as it looks
 _ALONE = 6  # iterations of Richardson-Lucy, to begin with where the noisy photo sees nothing
@@ -123,6 +124,8 @@ def fuse(
 
     """
     check_photo(g, kernel, clipped, iterations)
+    if valid.shape != noisy.pixels.shape[1:] or g.shape[2:] not in {(), noisy.pixels.shape[:1]}:
+        raise ValueError(f"a noisy photo of {noisy.pixels.shape} does not fit one of {g.shape}")
     stages = iterations or _STAGES[quality]
 
     def tell(done: float, text: str) -> None:
@@ -161,21 +164,25 @@ def fuse(
 
 
 class _Start(NamedTuple):
-    """The first estimate with its margin, the same blurred, and the trust in the noisy photo."""
+    """The first estimate with its margin, the same blurred, and the trust in either photo."""
 
     f: Image
     Af: Image
+    m: Image
     v: Image
 
 
 def _start(g: Image, noisy: NoisyPhoto, v: Image, alone: Image, blur: Filters) -> _Start:
-    """Take the denoised photo where the photos agree, else the blurred one, deblurred alone."""
+    """Take the denoised photo where it tells anything, else the blurred one, deblurred alone."""
     f = noisy.denoised.copy()
-    v = v * fitted(agreement(g, blur.forward(f)), v.shape)
+    Af = blur.forward(f)
+    noise = fitted(noisy.variance(), g.shape[:2])
+    apart = 1 - agreement(g, Af, noise, (f.shape[1] - len(g)) // 2)
+    v = v * (1 - fitted(apart * (Af.max(0) < _BLACK), v.shape))
     doubt = 1 - v
     for c, plane in enumerate(alone):
         f[c] += doubt * (plane - f[c])
-    return _Start(f, blur.forward(f), v)
+    return _Start(f, blur.forward(f), 1 - apart * fitted(v, apart.shape), v)
 
 
 def _descent(
@@ -188,16 +195,16 @@ def _descent(
     threads: int | None,
 ) -> HalfQuadratic:
     """Weigh all terms against each other; the noisy photo becomes f_M."""
-    f, Af, v = start
+    f, Af, m, v = start
     margin = (f.shape[1] - len(g)) // 2
     frame, latent = g.shape[:2], v.shape
-    variance = blurred_variance(g, Af, noisy, fitted(v, frame), blur=blur, margin=margin)
+    compared = m * fitted(v, frame)
+    variance = blurred_variance(g, Af, noisy, compared, blur=blur, margin=margin)
     noise = noisy.variance()
     r = np.sqrt(fitted(variance, latent) / noise)
     b = r / (r + _DENOISED)
-    m = np.ones(frame, np.float32)
     if clipped is not None and clipped.any():
-        m = trust(f, blur, clipped & (Af.max(0) > _BEYOND), variance)
+        m *= trust(f, blur, clipped & (Af.max(0) > _BEYOND), variance)
     known = smoothed(np.reciprocal(noise), _PRECISION_PX)
     known += fitted(np.reciprocal(variance), latent)  # s^2
     m /= variance * fitted(known, frame)

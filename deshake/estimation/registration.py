@@ -141,9 +141,7 @@ def register(
     )
 
 
-def registered(
-    f_N: Image, registration: Registration, *, margin: int = 0
-) -> tuple[Image, Image]:
+def registered(f_N: Image, registration: Registration, *, margin: int = 0) -> tuple[Image, Image]:
     """Resample the noisy photo in the blurred photo's frame: ``f_reg(x) = f_N(H_0^-1 x)``.
 
     Parameters

@@ -24,17 +24,18 @@ def image_like(channels: Image, image: Image) -> Image:
 def fitted(planes: Image, shape: tuple[int, int], *, beyond: float | None = None) -> Image:
     """Cut planes (..., h, w) on all sides alike to a height and width, or continue them.
 
-    Beyond them is what is told, or else what is at their edges.
+    Beyond them is what is told, or else what is at their edges. Raise ValueError unless one lies
+    in the middle of the other.
     """
-    margins = [(size - own) // 2 for size, own in zip(shape, planes.shape[-2:], strict=True)]
-    rows, columns = (slice(max(-m, 0), size + max(-m, 0)) for m, size in zip(margins, shape, strict=True))
-    kept = planes[..., rows, columns]
-    around = [(0, 0)] * (planes.ndim - 2) + [(max(m, 0),) * 2 for m in margins]
-    if not any(map(any, around)):
-        return kept
+    margin = (shape[0] - planes.shape[-2]) // 2
+    if planes.shape[-2:] != (shape[0] - 2 * margin, shape[1] - 2 * margin):
+        raise ValueError(f"an image of {planes.shape[-2:]} pixels does not fit {shape}")
+    if margin <= 0:
+        return planes[..., -margin : shape[0] - margin, -margin : shape[1] - margin]
+    around = [(0, 0)] * (planes.ndim - 2) + [(margin, margin)] * 2
     if beyond is None:
-        return np.pad(kept, around, mode="edge")
-    return np.pad(kept, around, constant_values=beyond)
+        return np.pad(planes, around, mode="edge")
+    return np.pad(planes, around, constant_values=beyond)
 
 
 def check_size(planes: Image, shape: tuple[int, int]) -> None:

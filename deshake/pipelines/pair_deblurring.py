@@ -231,7 +231,9 @@ def _restored(
     pair: NoisyPhoto | None = None
     with contextlib.suppress(EstimationError):  # then one factor has to do
         if needs_curves(light, Af, usable):
-            pair = with_tones_of(light, unclipped_mean(f_N), registration, blur, usable, threads=threads)
+            pair = with_tones_of(
+                light, unclipped_mean(f_N), registration, blur, usable, threads=threads
+            )
             _log.info("%s: the photos have tone curves of their own", blurred.source)
     del Af, f_reg
     if pair is None:
