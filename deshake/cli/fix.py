@@ -16,6 +16,7 @@ from deshake.cli.options import (
     json_option,
     output_option,
     overwrite_option,
+    provenance_option,
 )
 from deshake.cli.restoration import noisy_option, restoration, restoration_options
 
@@ -47,6 +48,7 @@ _log = logging.getLogger(__name__)
 @noisy_option
 @estimate_options
 @restoration_options
+@provenance_option
 @json_option
 @overwrite_option
 @click.option(
@@ -67,6 +69,7 @@ def command(
     method: str | None,
     quality: str,
     iterations: int | None,
+    no_provenance: bool,
     as_json: bool,
     overwrite: bool,
     skip_existing: bool,
@@ -114,6 +117,7 @@ def command(
                     job,
                     options,
                     restoration=chosen,
+                    provenance=not no_provenance,
                     threads=context.threads,
                     progress=_titled(bar, text),
                 )

@@ -188,6 +188,7 @@ def run(
     options: EstimateOptions,
     *,
     restoration: RestorationOptions | PairRestorationOptions = BY_DEFAULT,
+    provenance: bool = True,
     threads: int | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Estimate | FixedPair | None:
@@ -201,6 +202,8 @@ def run(
         What the estimate goes by.
     restoration : RestorationOptions or PairRestorationOptions
         How the photo is deblurred: alone, or with the job's noisy photo.
+    provenance : bool
+        Whether the result tells in its metadata how it came about.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
@@ -220,6 +223,7 @@ def run(
         _log.info("%s: skipped, %s exists already", job.source, job.output)
         return None
     common: dict[str, Any] = {
+        "provenance": provenance,
         "overwrite": job.overwrite,
         "overwrite_kernel": job.overwrite_kernel,
         "threads": threads,
