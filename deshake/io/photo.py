@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deshake.errors import OutputError, PhotoError
+from deshake.io.carrying import carried
 from deshake.io.encoding import SUFFIXES, Decoded, Encoding
 from deshake.io.files import check_output, read_bytes, write_bytes
 from deshake.io.icc import profile_transfer
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
     from deshake.io.transfer import Codes, TransferName
 
 __all__ = ["Photo", "encode_photo", "output_format", "read_photo", "write_photo"]
+
+_log = logging.getLogger(__name__)
 
 _MAX_BYTES = 4 << 30
 _DECODERS: dict[Format, Callable[[bytes], Decoded]] = {
@@ -168,8 +172,9 @@ def encode_photo(photo: Photo, form: Format | None = None) -> bytes:
             )
         alpha = None
     codes = encode(photo.pixels, encoding.transfer, encoding.depth)
+    metadata = carried(photo.metadata, encoding.format, *photo.shape).metadata
     try:
-        return _ENCODERS[encoding.format](Decoded(codes, alpha, encoding, photo.metadata))
+        return _ENCODERS[encoding.format](Decoded(codes, alpha, encoding, metadata))
     except PhotoError as error:
         error.file = str(photo.source)
         raise
@@ -199,7 +204,7 @@ def output_format(path: str | os.PathLike[str], photo: Photo) -> Format:
 
 
 def write_photo(path: str | os.PathLike[str], photo: Photo, *, overwrite: bool = False) -> None:
-    """Write a photo to a file, whole or not at all.
+    """Write a photo to a file, whole or not at all; warn of metadata that it cannot hold.
 
     Parameters
     ----------
@@ -220,6 +225,8 @@ def write_photo(path: str | os.PathLike[str], photo: Photo, *, overwrite: bool =
     """
     form = output_format(path, photo)
     check_output(path, photo.source, overwrite=overwrite)
+    for loss in carried(photo.metadata, form, *photo.shape).losses:
+        _log.warning("%s: %s", photo.source, loss)
     write_bytes(path, encode_photo(photo, form), overwrite=overwrite)
 
 

@@ -32,6 +32,27 @@ def test_tags_about_pixels_are_not_carried() -> None:
     assert set(exif.read_tree(block).main) == {274}
 
 
+@pytest.mark.parametrize("place", [9, 700, 60_000])
+def test_a_maker_note_is_put_where_it_has_to_lie(
+    make_exif: Callable[..., bytes], place: int
+) -> None:
+    tree = exif.read_tree(make_exif(">", orientation=6))
+    block = exif.new_block(tree, note_at=place)
+    assert exif.maker_note_at(block) == place
+    assert block[place:].startswith(b"maker\0note\1\2\3")
+    assert exif.read_tree(block) == tree
+
+
+@pytest.mark.parametrize("place", [None, 3, 65_500, 4_000_000_000])
+def test_a_maker_note_moves_where_there_is_no_such_place(
+    make_exif: Callable[..., bytes], place: int | None
+) -> None:
+    tree = exif.read_tree(make_exif())
+    block = exif.new_block(tree, note_at=place)
+    assert len(block) < 1000
+    assert exif.read_tree(block) == tree
+
+
 def test_no_tags_make_no_block() -> None:
     assert exif.new_block(exif.Tree()) == b""
     assert exif.read_tree(b"") == exif.Tree()
