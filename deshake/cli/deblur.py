@@ -11,6 +11,7 @@ from deshake.cli.options import (
     FILE,
     general_options,
     kernel_argument,
+    linear_option,
     output_option,
     overwrite_option,
     photo_argument,
@@ -40,6 +41,7 @@ __all__ = ["command"]
 )
 @restoration_options
 @transfer_option
+@linear_option
 @overwrite_option
 @general_options
 @click.pass_obj
@@ -53,6 +55,7 @@ def command(
     noisy: Path | None,
     registration: Path | None,
     transfer: TransferName | None,
+    linear: bool,
     overwrite: bool,
     **choices: Any,  # noqa: ANN401 - how to deblur
 ) -> None:
@@ -67,6 +70,7 @@ def command(
     chosen: Any = restoration(noisy, **choices)
     common: dict[str, Any] = {
         "transfer": transfer,
+        "linear": linear,
         "overwrite": overwrite,
         "threads": context.threads,
     }

@@ -14,6 +14,7 @@ from deshake.cli.options import (
     estimate_options,
     general_options,
     json_option,
+    linear_option,
     output_option,
     overwrite_option,
 )
@@ -47,6 +48,7 @@ _log = logging.getLogger(__name__)
 @noisy_option
 @estimate_options
 @restoration_options
+@linear_option
 @json_option
 @overwrite_option
 @click.option(
@@ -67,6 +69,7 @@ def command(
     method: str | None,
     quality: str,
     iterations: int | None,
+    linear: bool,
     as_json: bool,
     overwrite: bool,
     skip_existing: bool,
@@ -114,6 +117,7 @@ def command(
                     job,
                     options,
                     restoration=chosen,
+                    linear=linear,
                     threads=context.threads,
                     progress=_titled(bar, text),
                 )

@@ -12,6 +12,7 @@ References
 
 from __future__ import annotations
 
+import contextlib
 import struct
 from dataclasses import dataclass, field
 from typing import Final
@@ -124,6 +125,15 @@ def read_below(block: bytes, parent: Directory, pointer: int) -> Directory | Non
         return _read_directory(block, parent.order, int(offset[0]), big=big)
     except struct.error:
         return None
+
+
+def read_sub_directories(block: bytes, parent: Directory, pointer: int) -> list[Directory]:
+    """Read all directories that a pointer tag leads to, but for damaged ones."""
+    found = []
+    for offset in parent.numbers(pointer):
+        with contextlib.suppress(struct.error, OverflowError):
+            found.append(_read_directory(block, parent.order, int(offset), big=False))
+    return found
 
 
 def read_tree(block: bytes) -> Tree:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions
 from deshake.errors import DeshakeError, OutputError, PhotoError
-from deshake.io.encoding import SUFFIXES
+from deshake.io.encoding import READ_ONLY, SUFFIXES
 from deshake.io.files import STREAM, check_output, output_name
 from deshake.pipelines.file_stages import fix_file, kernel_name
 from deshake.pipelines.pair_deblurring import PairRestorationOptions
@@ -188,6 +188,7 @@ def run(
     options: EstimateOptions,
     *,
     restoration: RestorationOptions | PairRestorationOptions = BY_DEFAULT,
+    linear: bool = False,
     threads: int | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Estimate | FixedPair | None:
@@ -201,6 +202,8 @@ def run(
         What the estimate goes by.
     restoration : RestorationOptions or PairRestorationOptions
         How the photo is deblurred: alone, or with the job's noisy photo.
+    linear : bool
+        Whether the results of RAW files are written in linear light.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
@@ -220,6 +223,7 @@ def run(
         _log.info("%s: skipped, %s exists already", job.source, job.output)
         return None
     common: dict[str, Any] = {
+        "linear": linear,
         "overwrite": job.overwrite,
         "overwrite_kernel": job.overwrite_kernel,
         "threads": threads,
@@ -237,7 +241,7 @@ def run(
 
 def _is_photo(path: Path) -> bool:
     return (
-        path.suffix.lower() in SUFFIXES
+        path.suffix.lower() in SUFFIXES | READ_ONLY
         and not path.name.startswith(".")
         and not path.stem.endswith(_RESULT)
         and path.is_file()
