@@ -17,6 +17,7 @@ from deshake.cli.options import (
     linear_option,
     output_option,
     overwrite_option,
+    provenance_option,
 )
 from deshake.cli.restoration import noisy_option, restoration, restoration_options
 
@@ -49,6 +50,7 @@ _log = logging.getLogger(__name__)
 @estimate_options
 @restoration_options
 @linear_option
+@provenance_option
 @json_option
 @overwrite_option
 @click.option(
@@ -70,6 +72,7 @@ def command(
     quality: str,
     iterations: int | None,
     linear: bool,
+    no_provenance: bool,
     as_json: bool,
     overwrite: bool,
     skip_existing: bool,
@@ -118,6 +121,7 @@ def command(
                     options,
                     restoration=chosen,
                     linear=linear,
+                    provenance=not no_provenance,
                     threads=context.threads,
                     progress=_titled(bar, text),
                 )

@@ -1,7 +1,4 @@
-"""Many photos: which there are, where each result goes, and whether it can go there.
-
-All of it is decided before any work is done.
-"""
+"""Many photos: which there are, where each result goes, and whether it can, before any work."""
 
 from __future__ import annotations
 
@@ -93,7 +90,7 @@ def find_photos(inputs: Sequence[Path]) -> list[Path]:
         if not found:
             raise PhotoError(
                 "there are no photos in this folder",
-                hint="photos end in .jpg, .png, .tif or .webp; folders in it are not searched",
+                hint="photos end in .jpg, .tif, .dng and the like; folders in it are not searched",
                 file=path,
             )
         photos += found
@@ -189,6 +186,7 @@ def run(
     *,
     restoration: RestorationOptions | PairRestorationOptions = BY_DEFAULT,
     linear: bool = False,
+    provenance: bool = True,
     threads: int | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Estimate | FixedPair | None:
@@ -202,12 +200,12 @@ def run(
         What the estimate goes by.
     restoration : RestorationOptions or PairRestorationOptions
         How the photo is deblurred: alone, or with the job's noisy photo.
-    linear : bool
-        Whether the results of RAW files are written in linear light.
+    linear, provenance : bool
+        As in `fix_file`.
     threads : int, optional
-        Threads to use; by default all processors.
+        By default all processors.
     progress : callable, optional
-        Told the fraction done and what is being done.
+        Told the fraction done and what is done.
 
     Raises
     ------
@@ -224,6 +222,7 @@ def run(
         return None
     common: dict[str, Any] = {
         "linear": linear,
+        "provenance": provenance,
         "overwrite": job.overwrite,
         "overwrite_kernel": job.overwrite_kernel,
         "threads": threads,

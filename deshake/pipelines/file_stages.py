@@ -17,6 +17,7 @@ from deshake.io.kernel_file import read_kernel, write_camera, write_kernel
 from deshake.io.photo import encode_photo, read_photo, write_photo
 from deshake.pipelines.fitting import fitting_kernel
 from deshake.pipelines.latent_picture import latent_photo
+from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
 from deshake.pipelines.stages import calibrate, deblur, estimate
 
 if TYPE_CHECKING:
@@ -128,13 +129,15 @@ def deblur_file(
     transfer: TransferName | None = None,
     restoration: RestorationOptions = BY_DEFAULT,
     linear: bool = False,
+    provenance: bool = True,
     overwrite: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Path:
     """Deblur a photo with the kernel of a file, write the result, and return where.
 
-    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``.
+    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. With
+    `provenance` it tells in its metadata how it came about.
 
     Raises
     ------
@@ -153,6 +156,9 @@ def deblur_file(
     photo = prepared(photo, path, linear=linear)
     kernel = fitting_kernel(content, photo, kernel_file)
     photo = deblur(photo, kernel, restoration, threads=threads, progress=progress)
+    if provenance:
+        told = photo_provenance(photo, content, restoration, transfer=transfer)
+        photo = with_photo_provenance(photo, told)
     write_photo(path, photo, overwrite=overwrite)
     return path
 
@@ -165,6 +171,7 @@ def fix_file(
     *,
     restoration: RestorationOptions = BY_DEFAULT,
     linear: bool = False,
+    provenance: bool = True,
     overwrite: bool = False,
     overwrite_kernel: bool = False,
     threads: int | None = None,
@@ -172,7 +179,9 @@ def fix_file(
 ) -> Estimate:
     """Estimate the kernel of a photo, deblur the photo with it, and write both.
 
-    The kernel file, if `kernel_file` is given, is kept only together with the photo.
+    The kernel file, if `kernel_file` is given, is kept only together with the photo. With
+    `provenance` the photo tells in its metadata how it came about; with `linear` the result of a
+    RAW file is in linear light.
 
     Raises
     ------
@@ -193,6 +202,9 @@ def fix_file(
     found = estimate(photo, options, threads=threads, progress=first)
     kernel = found.content.kernel
     photo = deblur(photo, kernel, restoration, threads=threads, progress=second)
+    if provenance:
+        told = photo_provenance(photo, found.content, restoration, transfer=options.transfer)
+        photo = with_photo_provenance(photo, told)
     with contextlib.ExitStack() as outputs:
         if kernel_file is not None:
             outputs.enter_context(gone_on_failure(kernel_file))

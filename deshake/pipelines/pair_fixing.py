@@ -17,6 +17,7 @@ from deshake.io.photo import read_pair, write_photo
 from deshake.pipelines.file_stages import gone_on_failure, part, prepared
 from deshake.pipelines.pair_deblurring import PairRestorationOptions, deblur_pair
 from deshake.pipelines.pair_stages import estimate_pair
+from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
 from deshake.pipelines.register import find_registration
 
 if TYPE_CHECKING:
@@ -69,6 +70,7 @@ def fix_pair_file(
     *,
     restoration: PairRestorationOptions,
     linear: bool = False,
+    provenance: bool = True,
     overwrite: bool = False,
     overwrite_kernel: bool = False,
     threads: int | None = None,
@@ -90,6 +92,8 @@ def fix_pair_file(
         How the photo is deblurred.
     linear : bool
         Whether the result of a RAW file is written in linear light.
+    provenance : bool
+        Whether the result tells in its metadata how it came about.
     overwrite, overwrite_kernel : bool
         Whether an existing result, or an existing kernel, may be replaced.
     threads : int, optional
@@ -132,6 +136,11 @@ def fix_pair_file(
         threads=threads,
         progress=part(progress, _ESTIMATED, 1),
     )
+    if provenance:
+        told = photo_provenance(
+            g, kernel.content, restoration, transfer=options.transfer, noisy=f_N
+        )
+        photo = with_photo_provenance(photo, told)
     with contextlib.ExitStack() as outputs:
         if kernel_file is not None:
             outputs.enter_context(gone_on_failure(kernel_file))
