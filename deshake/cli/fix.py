@@ -14,6 +14,7 @@ from deshake.cli.options import (
     estimate_options,
     general_options,
     json_option,
+    linear_option,
     output_option,
     overwrite_option,
     provenance_option,
@@ -48,6 +49,7 @@ _log = logging.getLogger(__name__)
 @noisy_option
 @estimate_options
 @restoration_options
+@linear_option
 @provenance_option
 @json_option
 @overwrite_option
@@ -69,6 +71,7 @@ def command(
     method: str | None,
     quality: str,
     iterations: int | None,
+    linear: bool,
     no_provenance: bool,
     as_json: bool,
     overwrite: bool,
@@ -117,6 +120,7 @@ def command(
                     job,
                     options,
                     restoration=chosen,
+                    linear=linear,
                     provenance=not no_provenance,
                     threads=context.threads,
                     progress=_titled(bar, text),

@@ -90,7 +90,7 @@ def _for_jpeg(metadata: Metadata, losses: list[str]) -> Metadata:
         metadata = replace(metadata, icc=b"")
     if len(metadata.exif) > exif.LONGEST:
         block, dropped = exif_editing.shortened(metadata.exif, exif.LONGEST)
-        if exif.maker_note_at(block) != exif.maker_note_at(metadata.exif) and block:
+        if exif_editing.maker_note_at(block) != exif_editing.maker_note_at(metadata.exif) and block:
             losses.append("its maker note has moved, and offsets in it may no longer hold")
         if dropped:
             tags = ", ".join(f"0x{tag:04X}" for tag in dropped)

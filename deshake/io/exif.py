@@ -12,6 +12,7 @@ References
 
 from __future__ import annotations
 
+import contextlib
 import struct
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
@@ -24,7 +25,6 @@ __all__ = [
     "Directory",
     "Tree",
     "append_tree",
-    "maker_note_at",
     "new_block",
     "orientation",
     "pointer",
@@ -156,6 +156,15 @@ def read_below(block: bytes, parent: Directory, pointer: int) -> Directory | Non
         return None
 
 
+def read_sub_directories(block: bytes, parent: Directory, pointer: int) -> list[Directory]:
+    """Read all directories that a pointer tag leads to, but for damaged ones."""
+    found = []
+    for offset in parent.numbers(pointer):
+        with contextlib.suppress(struct.error, OverflowError):
+            found.append(read_directory(block, parent.order, int(offset), big=False))
+    return found
+
+
 def read_tree(block: bytes) -> Tree:
     """Collect the metadata of an EXIF block or a TIFF file, without what describes its pixels."""
     first = read_first(block)
@@ -221,13 +230,6 @@ def new_block(tree: Tree, *, note_at: int | None = None) -> bytes:
         if len(block) <= LONGEST:
             return block
     return append_tree(mark, tree)
-
-
-def maker_note_at(block: bytes) -> int | None:
-    """Return where the maker note of an EXIF block or TIFF file begins; None if there is none."""
-    first = read_first(block)
-    below = None if first is None else read_below(block, first, EXIF_POINTER)
-    return None if below is None else below.places.get(MAKER_NOTE)
 
 
 def orientation(block: bytes) -> int:

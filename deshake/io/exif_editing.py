@@ -11,12 +11,27 @@ from typing import Final
 
 from deshake.io import exif
 
-__all__ = ["pointers", "shortened", "upright", "with_size", "with_software", "without_thumbnail"]
+__all__ = [
+    "maker_note_at",
+    "pointers",
+    "shortened",
+    "upright",
+    "with_size",
+    "with_software",
+    "without_thumbnail",
+]
 
 _SIZES_BELOW: Final = (0xA002, 0xA003)  # PixelXDimension, PixelYDimension
 _SIZES: Final = (256, 257)  # ImageWidth, ImageLength
 _THUMBNAIL: Final = (513, 514)  # JPEGInterchangeFormat, and its length
 _WHOLE: Final = {1: "B", 3: "H", 4: "I"}  # types of one whole number
+
+
+def maker_note_at(block: bytes) -> int | None:
+    """Return where the maker note of an EXIF block or TIFF file begins; None if there is none."""
+    first = exif.read_first(block)
+    below = None if first is None else exif.read_below(block, first, exif.EXIF_POINTER)
+    return None if below is None else below.places.get(exif.MAKER_NOTE)
 
 
 def upright(block: bytes) -> bytes:
@@ -80,7 +95,7 @@ def shortened(block: bytes, longest: int) -> tuple[bytes, list[int]]:
         Tags of the longest values, which had to go for it.
 
     """
-    tree, place = exif.read_tree(block), exif.maker_note_at(block)
+    tree, place = exif.read_tree(block), maker_note_at(block)
     dropped: list[int] = []
     while len(shorter := exif.new_block(tree, note_at=place)) > longest:
         directories = (tree.main, tree.exif, tree.gps, tree.interop)

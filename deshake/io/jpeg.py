@@ -63,7 +63,9 @@ def decode_jpeg(data: bytes) -> Decoded:
             carried=b"".join(_as_it_is(*item) for item in picture.applist),
         )
         metadata = _metadata(picture.applist)
-    return Decoded(codes, None, encoding, metadata)
+    lost = b"HasExtendedXMP" in metadata.xmp and not metadata.extended_xmp
+    notes = ("its extended XMP is damaged, and left out",) if lost else ()
+    return Decoded(codes, None, encoding, metadata, notes=notes)
 
 
 def encode_jpeg(picture: Decoded) -> bytes:

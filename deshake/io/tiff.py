@@ -20,7 +20,7 @@ from tifffile import COMPRESSION, PHOTOMETRIC, TiffFile, TiffPage
 from deshake.errors import PhotoError
 from deshake.io import exif
 from deshake.io.encoding import Decoded, Encoding, check_size, decoding
-from deshake.io.exif_editing import pointers
+from deshake.io.exif_editing import maker_note_at, pointers
 from deshake.io.metadata import Metadata
 from deshake.io.opencv import imdecode
 
@@ -74,7 +74,7 @@ def decode_tiff(data: bytes) -> Decoded:
         first = exif.read_first(data)
         values = {} if first is None else first.values
         metadata = Metadata(
-            exif=exif.new_block(exif.read_tree(data), note_at=exif.maker_note_at(data)),
+            exif=exif.new_block(exif.read_tree(data), note_at=maker_note_at(data)),
             xmp=values.get(exif.XMP, (0, 0, b""))[2],
             icc=values.get(exif.ICC, (0, 0, b""))[2],
             iptc=values.get(exif.IPTC, (0, 0, b""))[2],

@@ -7,6 +7,7 @@ import pytest
 from PIL import Image
 
 from deshake.io import exif
+from deshake.io.exif_editing import maker_note_at
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -38,7 +39,7 @@ def test_a_maker_note_is_put_where_it_has_to_lie(
 ) -> None:
     tree = exif.read_tree(make_exif(">", orientation=6))
     block = exif.new_block(tree, note_at=place)
-    assert exif.maker_note_at(block) == place
+    assert maker_note_at(block) == place
     assert block[place:].startswith(b"maker\0note\1\2\3")
     assert exif.read_tree(block) == tree
 

@@ -10,6 +10,7 @@ from PIL import Image
 
 from deshake.io import exif
 from deshake.io.exif_editing import (
+    maker_note_at,
     pointers,
     shortened,
     upright,
@@ -81,7 +82,7 @@ def test_a_block_is_shortened_by_its_longest_values(make_exif: Callable[..., byt
     same, dropped = shortened(make_exif() + bytes(70_000), 65527)
     assert dropped == []
     assert exif.read_tree(same) == exif.read_tree(make_exif())
-    assert exif.maker_note_at(same) == exif.maker_note_at(make_exif())
+    assert maker_note_at(same) == maker_note_at(make_exif())
 
 
 def test_pointers_lead_to_directories_that_can_stay(make_exif: Callable[..., bytes]) -> None:
@@ -91,7 +92,7 @@ def test_pointers_lead_to_directories_that_can_stay(make_exif: Callable[..., byt
     assert found[exif.EXIF_POINTER] == exif.read_first(block).values[exif.EXIF_POINTER]
     assert pointers(b"") is None
     assert pointers(with_software(b"", "x")) is None
-    place = exif.maker_note_at(block)
+    place = maker_note_at(block)
     at = block.index(struct.pack(">I", place))
     assert pointers(block[:at] + b"\xff\xff\xff\xff" + block[at + 4 :]) is None
 
