@@ -14,8 +14,10 @@ from deshake.cli.options import (
     estimate_options,
     general_options,
     json_option,
+    linear_option,
     output_option,
     overwrite_option,
+    provenance_option,
 )
 from deshake.cli.restoration import noisy_option, restoration, restoration_options
 
@@ -47,6 +49,8 @@ _log = logging.getLogger(__name__)
 @noisy_option
 @estimate_options
 @restoration_options
+@linear_option
+@provenance_option
 @json_option
 @overwrite_option
 @click.option(
@@ -67,6 +71,8 @@ def command(
     method: str | None,
     quality: str,
     iterations: int | None,
+    linear: bool,
+    no_provenance: bool,
     as_json: bool,
     overwrite: bool,
     skip_existing: bool,
@@ -114,6 +120,8 @@ def command(
                     job,
                     options,
                     restoration=chosen,
+                    linear=linear,
+                    provenance=not no_provenance,
                     threads=context.threads,
                     progress=_titled(bar, text),
                 )

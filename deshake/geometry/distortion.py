@@ -176,7 +176,8 @@ def _fit(straight: Points, bent: Points, terms: int) -> tuple[Points, float]:
     b: Points = np.zeros(terms)
     for _ in range(_STEPS if terms else 1):
         weight = (straight / denominator)[:, None]
-        found: Points = np.linalg.lstsq(matrix * weight, q * weight[:, 0])[0]
+        solved = np.linalg.lstsq(matrix * weight, q * weight[:, 0])[0]
+        found: Points = np.asarray(solved, np.float64)
         a, b = found[:4], found[4:]
         denominator = 1 + below @ b
         if denominator.min() < _POLE or a[0] < _POLE:

@@ -22,7 +22,6 @@ _CENTIMETRES: Final = 3
 _ZOOM: Final = 0xA404
 _EQUIVALENT: Final = 0xA405
 _FINE: Final = 10_000  # the denominator of resolutions
-_MOST: Final = 60_000  # bytes: a JPEG holds hardly more
 
 
 def reframed(metadata: Metadata, height: int, width: int, focal_px: float) -> Metadata:
@@ -64,4 +63,4 @@ def reframed(metadata: Metadata, height: int, width: int, focal_px: float) -> Me
             tree.exif[tag] = 5, 1, struct.pack(f"{order}II", resolution, _FINE)
         tree.exif[_UNIT] = 3, 1, struct.pack(f"{order}H", _CENTIMETRES)
     block = exif.append_tree(metadata.exif, tree)
-    return metadata if len(block) > _MOST else replace(metadata, exif=block)
+    return metadata if len(block) > exif.LONGEST else replace(metadata, exif=block)

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass, replace
 
-from deshake.io import exif
+from deshake.io import exif, exif_editing, xmp
 
 __all__ = ["CameraTags", "Metadata"]
 
-_XMP_ORIENTATION = re.compile(rb"(tiff:Orientation(?:=[\"']|>))[2-8](?=[\"']|</)")
 _MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # FocalPlaneResolutionUnit; 4, 5 are in use
 
 
@@ -74,12 +72,21 @@ class Metadata:
         The XMP packet. Empty: none.
     icc : bytes
         The ICC profile. Empty: none.
+    iptc : bytes
+        The IPTC records (IIM). Empty: none.
+    resources : bytes
+        Photoshop's image resources, which may hold the IPTC records too. Empty: none.
+    extended_xmp : bytes
+        What a JPEG's XMP packet had no room for. Empty: nothing.
 
     """
 
     exif: bytes = b""
     xmp: bytes = b""
     icc: bytes = b""
+    iptc: bytes = b""
+    resources: bytes = b""
+    extended_xmp: bytes = b""
 
     @property
     def orientation(self) -> int:
@@ -89,13 +96,11 @@ class Metadata:
     def upright(self) -> Metadata:
         """Return the metadata of the photo turned upright: orientation 1, in EXIF and in XMP.
 
-        The EXIF thumbnail, which would lie on its side, is unlinked. Nothing else changes, and
-        nothing at all if the orientation is 1 already.
+        Nothing else changes, and nothing at all if the orientation is 1 already.
         """
         if self.orientation == 1:
             return self
-        xmp = _XMP_ORIENTATION.sub(rb"\g<1>1", self.xmp)
-        return replace(self, exif=exif.upright(self.exif), xmp=xmp)
+        return replace(self, exif=exif_editing.upright(self.exif), xmp=xmp.upright(self.xmp))
 
     def tags(self) -> CameraTags:
         """Read the tags that calibration needs; odd values read as None."""

@@ -1,7 +1,4 @@
-"""Many photos: which there are, where each result goes, and whether it can go there.
-
-All of it is decided before any work is done.
-"""
+"""Many photos: which there are, where each result goes, and whether it can, before any work."""
 
 from __future__ import annotations
 
@@ -12,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions
 from deshake.errors import DeshakeError, OutputError, PhotoError
-from deshake.io.encoding import SUFFIXES
+from deshake.io.encoding import READ_ONLY, SUFFIXES
 from deshake.io.files import STREAM, check_output, output_name
 from deshake.pipelines.file_stages import fix_file, kernel_name
 from deshake.pipelines.pair_deblurring import PairRestorationOptions
@@ -93,7 +90,7 @@ def find_photos(inputs: Sequence[Path]) -> list[Path]:
         if not found:
             raise PhotoError(
                 "there are no photos in this folder",
-                hint="photos end in .jpg, .png, .tif or .webp; folders in it are not searched",
+                hint="photos end in .jpg, .tif, .dng and the like; folders in it are not searched",
                 file=path,
             )
         photos += found
@@ -188,6 +185,8 @@ def run(
     options: EstimateOptions,
     *,
     restoration: RestorationOptions | PairRestorationOptions = BY_DEFAULT,
+    linear: bool = False,
+    provenance: bool = True,
     threads: int | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Estimate | FixedPair | None:
@@ -201,10 +200,12 @@ def run(
         What the estimate goes by.
     restoration : RestorationOptions or PairRestorationOptions
         How the photo is deblurred: alone, or with the job's noisy photo.
+    linear, provenance : bool
+        As in `fix_file`.
     threads : int, optional
-        Threads to use; by default all processors.
+        By default all processors.
     progress : callable, optional
-        Told the fraction done and what is being done.
+        Told the fraction done and what is done.
 
     Raises
     ------
@@ -220,6 +221,8 @@ def run(
         _log.info("%s: skipped, %s exists already", job.source, job.output)
         return None
     common: dict[str, Any] = {
+        "linear": linear,
+        "provenance": provenance,
         "overwrite": job.overwrite,
         "overwrite_kernel": job.overwrite_kernel,
         "threads": threads,
@@ -237,7 +240,7 @@ def run(
 
 def _is_photo(path: Path) -> bool:
     return (
-        path.suffix.lower() in SUFFIXES
+        path.suffix.lower() in SUFFIXES | READ_ONLY
         and not path.name.startswith(".")
         and not path.stem.endswith(_RESULT)
         and path.is_file()

@@ -6,15 +6,18 @@ Outputs are checked before any work is done for them, and appear whole or not at
 from __future__ import annotations
 
 import contextlib
+import logging
 from typing import TYPE_CHECKING
 
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions
 from deshake.errors import OutputError
+from deshake.io.conversion import lost, output_format
 from deshake.io.files import STREAM, check_output, default_output, write_bytes
 from deshake.io.kernel_file import read_kernel, write_kernel
-from deshake.io.photo import encode_photo, output_format, read_photo, write_photo
+from deshake.io.photo import encode_photo, read_photo, write_photo
 from deshake.pipelines.fitting import fitting_kernel
 from deshake.pipelines.latent_picture import latent_photo
+from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
 from deshake.pipelines.stages import deblur, estimate
 
 if TYPE_CHECKING:
@@ -29,14 +32,16 @@ if TYPE_CHECKING:
     Progress = Callable[[float, str], None]
 
 __all__ = [
-    "check_encoding",
     "deblur_file",
     "estimate_file",
     "fix_file",
     "gone_on_failure",
     "kernel_name",
     "part",
+    "prepared",
 ]
+
+_log = logging.getLogger(__name__)
 
 _ESTIMATE_PIXELS = 8e6
 """Pixels whose deblurring takes about as long as an estimate, which has a size of its own."""
@@ -93,13 +98,16 @@ def deblur_file(
     *,
     transfer: TransferName | None = None,
     restoration: RestorationOptions = BY_DEFAULT,
+    linear: bool = False,
+    provenance: bool = True,
     overwrite: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Path:
     """Deblur a photo with the kernel of a file, write the result, and return where.
 
-    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``.
+    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. With
+    `provenance` it tells in its metadata how it came about.
 
     Raises
     ------
@@ -115,9 +123,12 @@ def deblur_file(
     check_output(path, kernel_file, overwrite=overwrite)
     content = read_kernel(kernel_file)
     photo = read_photo(source, transfer=transfer)
-    check_encoding(photo, path)
+    photo = prepared(photo, path, linear=linear)
     kernel = fitting_kernel(content, photo, kernel_file)
     photo = deblur(photo, kernel, restoration, threads=threads, progress=progress)
+    if provenance:
+        told = photo_provenance(photo, content, restoration, transfer=transfer)
+        photo = with_photo_provenance(photo, told)
     write_photo(path, photo, overwrite=overwrite)
     return path
 
@@ -129,6 +140,8 @@ def fix_file(
     options: EstimateOptions,
     *,
     restoration: RestorationOptions = BY_DEFAULT,
+    linear: bool = False,
+    provenance: bool = True,
     overwrite: bool = False,
     overwrite_kernel: bool = False,
     threads: int | None = None,
@@ -136,7 +149,9 @@ def fix_file(
 ) -> Estimate:
     """Estimate the kernel of a photo, deblur the photo with it, and write both.
 
-    The kernel file, if `kernel_file` is given, is kept only together with the photo.
+    The kernel file, if `kernel_file` is given, is kept only together with the photo. With
+    `provenance` the photo tells in its metadata how it came about; with `linear` the result of a
+    RAW file is in linear light.
 
     Raises
     ------
@@ -150,13 +165,16 @@ def fix_file(
     if kernel_file is not None:
         check_output(kernel_file, source, output, overwrite=overwrite_kernel)
     photo = read_photo(source, transfer=options.transfer)
-    check_encoding(photo, output)
+    photo = prepared(photo, output, linear=linear)
     pixels = photo.shape[0] * photo.shape[1]
     share = _ESTIMATE_PIXELS / (_ESTIMATE_PIXELS + pixels)
     first, second = part(progress, 0, share), part(progress, share, 1)
     found = estimate(photo, options, threads=threads, progress=first)
     kernel = found.content.kernel
     photo = deblur(photo, kernel, restoration, threads=threads, progress=second)
+    if provenance:
+        told = photo_provenance(photo, found.content, restoration, transfer=options.transfer)
+        photo = with_photo_provenance(photo, told)
     with contextlib.ExitStack() as outputs:
         if kernel_file is not None:
             outputs.enter_context(gone_on_failure(kernel_file))
@@ -182,11 +200,34 @@ def _latent_format(path: Path, photo: Photo) -> Format:
     return "PNG" if str(path) == STREAM else output_format(path, photo)
 
 
-def check_encoding(photo: Photo, output: Path) -> None:
-    """Check that a photo can be written under a name: a second now saves minutes later."""
+def prepared(photo: Photo, output: Path, *, linear: bool = False) -> Photo:
+    """Return a photo as it will be written, after checking that it can be.
+
+    That takes a second now and saves minutes later. What the result will lack is said.
+
+    Parameters
+    ----------
+    photo : Photo
+        The photo that was read.
+    output : Path
+        Where its result goes.
+    linear : bool, keyword-only
+        Whether the result of a RAW file is written in linear light.
+
+    Raises
+    ------
+    OutputError, PhotoError
+        If the photo cannot be written under that name, or is no RAW file and was to be linear.
+
+    """
+    if linear:
+        photo = photo.in_linear_light()
     form = output_format(output, photo)
-    if form != photo.encoding.format:
+    if form not in {photo.encoding.format, "TIFF"}:  # a TIFF holds everything
         encode_photo(photo, form)
+    for note in (*photo.notes, *lost(photo.encoding, form)):
+        _log.warning("%s: %s", photo.source, note)
+    return photo
 
 
 def part(progress: Progress | None, start: float, end: float) -> Progress | None:

@@ -18,13 +18,14 @@ from deshake.errors import DeshakeError, EstimationError, OutputError
 from deshake.estimation.registration import register, registered
 from deshake.io.files import STREAM, check_output, default_output
 from deshake.io.kernel_file import read_kernel
-from deshake.io.photo import read_photo, write_photo
+from deshake.io.photo import read_pair, write_photo
 from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import ShakeBlur
 from deshake.pipelines.calibration import camera_for
 from deshake.pipelines.camera_tones import blurred_planes, needs_curves, with_tones_of
-from deshake.pipelines.file_stages import check_encoding, part
+from deshake.pipelines.file_stages import part, prepared
 from deshake.pipelines.fitting import check_registration, fitting_kernel
+from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
 from deshake.pipelines.register import known_registration
 from deshake.pipelines.stages import EstimateOptions, luminance
 
@@ -162,13 +163,16 @@ def deblur_pair_file(
     *,
     registration: Path | None = None,
     transfer: TransferName | None = None,
+    linear: bool = False,
+    provenance: bool = True,
     overwrite: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Path:
     """Deblur a photo with a noisy one and the kernel of a file; write the result, return where.
 
-    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``.
+    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. With
+    `provenance` it tells in its metadata how it came about.
 
     Raises
     ------
@@ -185,8 +189,8 @@ def deblur_pair_file(
     check_output(path, *inputs, overwrite=overwrite)
     content = read_kernel(kernel_file)
     known = None if registration is None else known_registration(registration)
-    photo, noisy = (read_photo(item, transfer=transfer) for item in (source, noisy_file))
-    check_encoding(photo, path)
+    photo, noisy = read_pair(source, noisy_file, transfer=transfer)
+    photo = prepared(photo, path, linear=linear)
     kernel = fitting_kernel(content, photo, kernel_file)
     if known is not None:
         check_registration(known.camera, photo, registration)
@@ -199,6 +203,9 @@ def deblur_pair_file(
         threads=threads,
         progress=progress,
     )
+    if provenance:
+        told = photo_provenance(photo, content, options, transfer=transfer, noisy=noisy)
+        photo = with_photo_provenance(photo, told)
     write_photo(path, photo, overwrite=overwrite)
     return path
 

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from deshake import __version__
 from deshake.errors import DeshakeError, OutputError
+from deshake.io.conversion import output_format
 from deshake.io.files import STREAM, check_output, sha256
 from deshake.io.frame_tags import reframed
 from deshake.io.kernel_file import CameraFile, KernelFile, read_camera, write_kernel
-from deshake.io.photo import output_format, read_photo, write_photo
+from deshake.io.photo import read_photo, write_photo
 from deshake.operators.filter_flow import reach
 from deshake.operators.warps import Warps
 from deshake.pipelines.calibration import camera_for
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from deshake.geometry.kernel import RotationKernel
     from deshake.io.photo import Photo
     from deshake.io.transfer import TransferName
-from deshake.pipelines.camera_path import CameraPath
+    from deshake.pipelines.camera_path import CameraPath
 
 __all__ = ["Shaken", "expose", "shake", "simulate_file"]
 
