@@ -12,6 +12,7 @@ from deshake.cli.options import (
     focal_options,
     general_options,
     json_option,
+    lens_options,
     one_to_stdout,
     output_option,
     overwrite_option,
@@ -32,6 +33,7 @@ _log = logging.getLogger(__name__)
 @photo_argument
 @output_option("PHOTO's name with .camera.npz; none with --json", metavar="FILE.npz")
 @focal_options
+@lens_options
 @json_option
 @overwrite_option
 @general_options
@@ -44,6 +46,8 @@ def command(
     output: Path | None,
     focal_px: float | None,
     focal_35mm: float | None,
+    lens: bool | None,
+    lens_model: str | None,
     as_json: bool,
     overwrite: bool,
 ) -> None:
@@ -62,7 +66,13 @@ def command(
         output = photo.with_name(f"{photo.stem}.camera.npz")
     to_stdout = one_to_stdout(as_json=as_json, output=output)
     found = calibrate_file(
-        photo, output, focal_px=focal_px, focal_35mm=focal_35mm, overwrite=overwrite
+        photo,
+        output,
+        focal_px=focal_px,
+        focal_35mm=focal_35mm,
+        lens=bool(lens),
+        lens_model=lens_model,
+        overwrite=overwrite,
     )
     for line in found.considered:
         _log.info("%s: %s", photo, line)

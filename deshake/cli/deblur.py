@@ -10,6 +10,7 @@ import click
 from deshake.cli.options import (
     FILE,
     general_options,
+    geometry_option,
     kernel_argument,
     linear_option,
     output_option,
@@ -43,6 +44,7 @@ __all__ = ["command"]
 @restoration_options
 @transfer_option
 @linear_option
+@geometry_option
 @provenance_option
 @overwrite_option
 @general_options
@@ -58,6 +60,7 @@ def command(
     registration: Path | None,
     transfer: TransferName | None,
     linear: bool,
+    keep_geometry: bool,
     no_provenance: bool,
     overwrite: bool,
     **choices: Any,  # noqa: ANN401 - how to deblur
@@ -67,7 +70,8 @@ def command(
     KERNEL is a kernel file (.npz), or - for standard input. It may have been made from PHOTO at
     another size. With --noisy it is that of estimate-pair: where nothing else is said, the photos
     are registered as they were there. The result has the format, depth and metadata of PHOTO,
-    and tells in them how it came about.
+    and tells in them how it came about. Where the kernel's camera has a lens that bends, the result
+    is straight, unless its geometry is kept.
     """
     if noisy is None and registration is not None:
         raise click.UsageError("--registration needs --noisy.")
@@ -75,6 +79,7 @@ def command(
     common: dict[str, Any] = {
         "transfer": transfer,
         "linear": linear,
+        "keep_geometry": keep_geometry,
         "provenance": not no_provenance,
         "overwrite": overwrite,
         "threads": context.threads,

@@ -13,6 +13,7 @@ from deshake.cli.options import (
     FILE,
     estimate_options,
     general_options,
+    geometry_option,
     json_option,
     linear_option,
     output_option,
@@ -50,6 +51,7 @@ _log = logging.getLogger(__name__)
 @estimate_options
 @restoration_options
 @linear_option
+@geometry_option
 @provenance_option
 @json_option
 @overwrite_option
@@ -72,6 +74,7 @@ def command(
     quality: str,
     iterations: int | None,
     linear: bool,
+    keep_geometry: bool,
     no_provenance: bool,
     as_json: bool,
     overwrite: bool,
@@ -121,6 +124,7 @@ def command(
                     options,
                     restoration=chosen,
                     linear=linear,
+                    keep_geometry=keep_geometry,
                     provenance=not no_provenance,
                     threads=context.threads,
                     progress=_titled(bar, text),

@@ -40,7 +40,7 @@ _ITERATIONS: Final = (3, 40, 1e-10)  # at most 40, or until nothing moves: TermC
 _ZOOM: Final = (0.2, 5.0)
 
 
-def distorted(points: Points, camera: Camera, distortion: Points, seen: Camera) -> Points:
+def distorted(points: Points, camera: Camera, seen: Camera) -> Points:
     """Tell where points of the pinhole's picture lie in the photo.
 
     Parameters
@@ -48,9 +48,7 @@ def distorted(points: Points, camera: Camera, distortion: Points, seen: Camera) 
     points : (N, 2) array
         Pixels (x, y) of the pinhole's picture.
     camera : Camera
-        That of the photo.
-    distortion : (k,) array
-        In OpenCV's order.
+        That of the photo, with its distortion.
     seen : Camera
         The pinhole.
 
@@ -62,16 +60,16 @@ def distorted(points: Points, camera: Camera, distortion: Points, seen: Camera) 
     """
     rays = _rays(points, seen)
     nowhere = np.zeros(3)
-    there, _ = cv2.projectPoints(rays, nowhere, nowhere, camera.matrix, distortion)
+    there, _ = cv2.projectPoints(rays, nowhere, nowhere, camera.matrix, camera.distortion)
     return np.asarray(there, np.float64).reshape(-1, 2)
 
 
-def undistorted(points: Points, camera: Camera, distortion: Points, seen: Camera) -> Points:
+def undistorted(points: Points, camera: Camera, seen: Camera) -> Points:
     """Tell where points of the photo lie in the pinhole's picture: the inverse of `distorted`."""
     there = cv2.undistortPoints(
         np.ascontiguousarray(points, np.float64).reshape(-1, 1, 2),
         camera.matrix,
-        distortion,
+        camera.distortion,
         R=np.eye(3),
         P=seen.matrix,
         criteria=_ITERATIONS,
@@ -79,15 +77,13 @@ def undistorted(points: Points, camera: Camera, distortion: Points, seen: Camera
     return np.asarray(there, np.float64).reshape(-1, 2)
 
 
-def pinhole(camera: Camera, distortion: Points, *, whole: bool = False) -> Camera:
+def pinhole(camera: Camera, *, whole: bool = False) -> Camera:
     """Return the camera of the picture without distortion.
 
     Parameters
     ----------
     camera : Camera
-        That of the photo.
-    distortion : (k,) array
-        In OpenCV's order.
+        That of the photo, with its distortion.
     whole : bool, keyword-only
         The picture shows all of the photo, and is no smaller than it; by default it has the
         photo's size, and the photo shows all of it: its focal length is the least for which no
@@ -101,24 +97,23 @@ def pinhole(camera: Camera, distortion: Points, *, whole: bool = False) -> Camer
     """
     height, width = camera.shape
     if whole:
-        border = undistorted(_border(camera), camera, distortion, camera)
-        again = distorted(border, camera, distortion, camera)
+        border = undistorted(_border(camera), camera, camera)
+        again = distorted(border, camera, camera)
         if not np.abs(again - _border(camera)).max() < 0.01:
             raise ValueError("the distortion folds the picture")
         low, high = np.floor(border.min(0)).astype(int), np.ceil(border.max(0)).astype(int)
         if (high - low >= _ZOOM[1] * np.array([width, height])).any():
             raise ValueError("the distortion is too strong")
-        whole_size = camera.cropped(int(low[0]), int(low[1]), *(int(n) + 1 for n in high - low))
+        straight = Camera(camera.matrix, height, width)
+        whole_size = straight.cropped(int(low[0]), int(low[1]), *(int(n) + 1 for n in high - low))
         zoom = max(1.0, width / whole_size.width, height / whole_size.height)
         return whole_size.scaled(*(math.ceil(zoom * side) for side in whole_size.shape))
     inside, outside = _ZOOM[1], _ZOOM[0]
-    if not _sees(camera, distortion, inside):
+    if not _sees(camera, inside):
         raise ValueError("the distortion is too strong")
     for _ in range(40):
         middle = np.sqrt(inside * outside)
-        inside, outside = (
-            (middle, outside) if _sees(camera, distortion, middle) else (inside, middle)
-        )
+        inside, outside = (middle, outside) if _sees(camera, middle) else (inside, middle)
     return _zoomed(camera, inside)
 
 
@@ -190,17 +185,15 @@ def _fit(straight: Points, bent: Points, terms: int) -> tuple[Points, float]:
     return np.array([k[0], k[1], 0, 0, k[2], *m]), float(left.max())
 
 
-def _sees(camera: Camera, distortion: Points, zoom: float) -> bool:
+def _sees(camera: Camera, zoom: float) -> bool:
     """Tell whether a pinhole of some zoom shows nothing beyond the photo."""
     seen = _zoomed(camera, zoom)
     border = _border(camera)
-    there = distorted(border, camera, distortion, seen)
+    there = distorted(border, camera, seen)
     if not np.isfinite(there).all():
         return False
     inside = (there >= -1e-6).all() and (there <= np.array(camera.shape[::-1]) - 1 + 1e-6).all()
-    return (
-        bool(inside) and np.abs(undistorted(there, camera, distortion, seen) - border).max() < 0.1
-    )
+    return bool(inside) and np.abs(undistorted(there, camera, seen) - border).max() < 0.1
 
 
 def _zoomed(camera: Camera, zoom: float) -> Camera:

@@ -186,6 +186,7 @@ def run(
     *,
     restoration: RestorationOptions | PairRestorationOptions = BY_DEFAULT,
     linear: bool = False,
+    keep_geometry: bool = False,
     provenance: bool = True,
     threads: int | None = None,
     progress: Callable[[float, str], None] | None = None,
@@ -200,7 +201,7 @@ def run(
         What the estimate goes by.
     restoration : RestorationOptions or PairRestorationOptions
         How the photo is deblurred: alone, or with the job's noisy photo.
-    linear, provenance : bool
+    linear, keep_geometry, provenance : bool
         As in `fix_file`.
     threads : int, optional
         By default all processors.
@@ -222,6 +223,7 @@ def run(
         return None
     common: dict[str, Any] = {
         "linear": linear,
+        "keep_geometry": keep_geometry,
         "provenance": provenance,
         "overwrite": job.overwrite,
         "overwrite_kernel": job.overwrite_kernel,

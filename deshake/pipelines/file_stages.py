@@ -99,6 +99,7 @@ def deblur_file(
     transfer: TransferName | None = None,
     restoration: RestorationOptions = BY_DEFAULT,
     linear: bool = False,
+    keep_geometry: bool = False,
     provenance: bool = True,
     overwrite: bool = False,
     threads: int | None = None,
@@ -107,7 +108,8 @@ def deblur_file(
     """Deblur a photo with the kernel of a file, write the result, and return where.
 
     Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. With
-    `provenance` it tells in its metadata how it came about.
+    `provenance` it tells in its metadata how it came about; with `keep_geometry` it is bent as the
+    photo is, if the kernel's camera has a lens that bends.
 
     Raises
     ------
@@ -125,9 +127,18 @@ def deblur_file(
     photo = read_photo(source, transfer=transfer)
     photo = prepared(photo, path, linear=linear)
     kernel = fitting_kernel(content, photo, kernel_file)
-    photo = deblur(photo, kernel, restoration, threads=threads, progress=progress)
+    photo = deblur(
+        photo,
+        kernel,
+        restoration,
+        keep_geometry=keep_geometry,
+        threads=threads,
+        progress=progress,
+    )
     if provenance:
-        told = photo_provenance(photo, content, restoration, transfer=transfer)
+        told = photo_provenance(
+            photo, content, restoration, transfer=transfer, keep_geometry=keep_geometry
+        )
         photo = with_photo_provenance(photo, told)
     write_photo(path, photo, overwrite=overwrite)
     return path
@@ -141,6 +152,7 @@ def fix_file(
     *,
     restoration: RestorationOptions = BY_DEFAULT,
     linear: bool = False,
+    keep_geometry: bool = False,
     provenance: bool = True,
     overwrite: bool = False,
     overwrite_kernel: bool = False,
@@ -151,7 +163,7 @@ def fix_file(
 
     The kernel file, if `kernel_file` is given, is kept only together with the photo. With
     `provenance` the photo tells in its metadata how it came about; with `linear` the result of a
-    RAW file is in linear light.
+    RAW file is in linear light; with `keep_geometry` it is bent as the photo is.
 
     Raises
     ------
@@ -171,9 +183,22 @@ def fix_file(
     first, second = part(progress, 0, share), part(progress, share, 1)
     found = estimate(photo, options, threads=threads, progress=first)
     kernel = found.content.kernel
-    photo = deblur(photo, kernel, restoration, threads=threads, progress=second)
+    photo = deblur(
+        photo,
+        kernel,
+        restoration,
+        keep_geometry=keep_geometry,
+        threads=threads,
+        progress=second,
+    )
     if provenance:
-        told = photo_provenance(photo, found.content, restoration, transfer=options.transfer)
+        told = photo_provenance(
+            photo,
+            found.content,
+            restoration,
+            transfer=options.transfer,
+            keep_geometry=keep_geometry,
+        )
         photo = with_photo_provenance(photo, told)
     with contextlib.ExitStack() as outputs:
         if kernel_file is not None:

@@ -70,6 +70,7 @@ def fix_pair_file(
     *,
     restoration: PairRestorationOptions,
     linear: bool = False,
+    keep_geometry: bool = False,
     provenance: bool = True,
     overwrite: bool = False,
     overwrite_kernel: bool = False,
@@ -92,6 +93,8 @@ def fix_pair_file(
         How the photo is deblurred.
     linear : bool
         Whether the result of a RAW file is written in linear light.
+    keep_geometry : bool
+        Whether the result is bent as the photo is, if the camera has a lens that bends.
     provenance : bool
         Whether the result tells in its metadata how it came about.
     overwrite, overwrite_kernel : bool
@@ -133,12 +136,18 @@ def fix_pair_file(
         kernel.content.kernel,
         restoration,
         registration=found.registration,
+        keep_geometry=keep_geometry,
         threads=threads,
         progress=part(progress, _ESTIMATED, 1),
     )
     if provenance:
         told = photo_provenance(
-            g, kernel.content, restoration, transfer=options.transfer, noisy=f_N
+            g,
+            kernel.content,
+            restoration,
+            transfer=options.transfer,
+            noisy=f_N,
+            keep_geometry=keep_geometry,
         )
         photo = with_photo_provenance(photo, told)
     with contextlib.ExitStack() as outputs:

@@ -38,6 +38,7 @@ def photo_provenance(
     *,
     transfer: TransferName | None = None,
     noisy: Photo | None = None,
+    keep_geometry: bool = False,
 ) -> dict[str, Any]:
     """Tell how a photo was deblurred, as JSON data.
 
@@ -53,6 +54,9 @@ def photo_provenance(
         The transfer curve, if one was given.
     noisy : Photo, optional
         The noisy photo of the same scene.
+    keep_geometry : bool
+        Whether the result is bent as the photo is. It counts if the kernel's camera has a lens that
+        bends.
 
     """
     found: dict[str, Any] = {
@@ -62,6 +66,8 @@ def photo_provenance(
         "input_sha256": sha256(photo.source),
         "kernel": _short(content.provenance),
     }
+    if not content.kernel.camera.is_pinhole:
+        found["options"] |= {"keep_geometry": keep_geometry}
     return found if noisy is None else found | {"noisy_sha256": sha256(noisy.source)}
 
 
