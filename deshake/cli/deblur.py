@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from deshake.cli.finishing import finish_options
 from deshake.cli.options import (
     FILE,
     general_options,
@@ -39,6 +40,7 @@ __all__ = ["command"]
     help="Registration file written by register, for --noisy.  [default: register the photos]",
 )
 @restoration_options
+@finish_options()
 @transfer_option
 @overwrite_option
 @general_options
@@ -53,6 +55,10 @@ def command(
     noisy: Path | None,
     registration: Path | None,
     transfer: TransferName | None,
+    strength: float,
+    mask: Path | None,
+    preview: bool,
+    compare: bool,
     overwrite: bool,
     **choices: Any,  # noqa: ANN401 - how to deblur
 ) -> None:
@@ -64,9 +70,12 @@ def command(
     """
     if noisy is None and registration is not None:
         raise click.UsageError("--registration needs --noisy.")
+    from deshake.pipelines.finishing import Finish
+
     chosen: Any = restoration(noisy, **choices)
     common: dict[str, Any] = {
         "transfer": transfer,
+        "finish": Finish(strength, mask, preview, compare),
         "overwrite": overwrite,
         "threads": context.threads,
     }

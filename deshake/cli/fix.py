@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from deshake.cli.finishing import finish_options
 from deshake.cli.messages import describe, print_error
 from deshake.cli.options import (
     FILE,
@@ -47,6 +48,7 @@ _log = logging.getLogger(__name__)
 @noisy_option
 @estimate_options
 @restoration_options
+@finish_options(folder=True)
 @json_option
 @overwrite_option
 @click.option(
@@ -67,6 +69,10 @@ def command(
     method: str | None,
     quality: str,
     iterations: int | None,
+    strength: float,
+    mask: Path | None,
+    preview: bool,
+    compare: bool,
     as_json: bool,
     overwrite: bool,
     skip_existing: bool,
@@ -84,6 +90,7 @@ def command(
     """
     from deshake.io.kernel_file import read_camera
     from deshake.pipelines.batch import PlanError, plan, run
+    from deshake.pipelines.finishing import Finish
     from deshake.pipelines.stages import EstimateOptions
 
     if overwrite and skip_existing:
@@ -97,6 +104,8 @@ def command(
             output,
             keep_kernels,
             noisy=noisy,
+            mask=mask,
+            compare=compare,
             overwrite=overwrite,
             skip_existing=skip_existing,
         )
@@ -114,6 +123,7 @@ def command(
                     job,
                     options,
                     restoration=chosen,
+                    finish=Finish(strength, job.mask, preview, compare),
                     threads=context.threads,
                     progress=_titled(bar, text),
                 )
@@ -146,8 +156,10 @@ def _files(job: Job) -> dict[str, str]:
     files = {
         "input": job.source,
         "noisy": job.noisy,
+        "mask": job.mask,
         "output": job.output,
         "kernel": job.kernel,
+        "sheet": job.sheet,
     }
     return {name: str(path) for name, path in files.items() if path is not None}
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
@@ -22,8 +22,10 @@ from deshake.io.photo import read_photo, write_photo
 from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import ShakeBlur
 from deshake.pipelines.camera_tones import blurred_planes, needs_curves, with_tones_of
-from deshake.pipelines.file_stages import check_encoding, part
+from deshake.pipelines.file_stages import check_encoding, part, sheet_kept
+from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.fitting import check_registration, fitting_kernel
+from deshake.pipelines.preview import preview_photo
 from deshake.pipelines.register import known_registration
 from deshake.pipelines.stages import EstimateOptions, camera_for, luminance
 
@@ -161,13 +163,15 @@ def deblur_pair_file(
     *,
     registration: Path | None = None,
     transfer: TransferName | None = None,
+    finish: Finish = AS_IT_IS,
     overwrite: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Path:
     """Deblur a photo with a noisy one and the kernel of a file; write the result, return where.
 
-    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``.
+    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. The sheet
+    of `finish` is kept only together with it.
 
     Raises
     ------
@@ -182,14 +186,19 @@ def deblur_pair_file(
     path = default_output(source, output, overwrite=overwrite)
     inputs = [item for item in (noisy_file, kernel_file, registration) if item is not None]
     check_output(path, *inputs, overwrite=overwrite)
+    finish.check(path, source, *inputs, overwrite=overwrite)
     content = read_kernel(kernel_file)
     known = None if registration is None else known_registration(registration)
     photo, noisy = (read_photo(item, transfer=transfer) for item in (source, noisy_file))
     check_encoding(photo, path)
-    kernel = fitting_kernel(content, photo, kernel_file)
     if known is not None:
         check_registration(known.camera, photo, registration)
-    photo = deblur_pair(
+    photo, mask = finish.prepare(photo)
+    if finish.preview:
+        noisy = preview_photo(noisy)
+        known = None if known is None else replace(known, camera=known.camera.scaled(*photo.shape))
+    kernel = fitting_kernel(content, photo, kernel_file)
+    result = deblur_pair(
         photo,
         noisy,
         kernel,
@@ -198,7 +207,9 @@ def deblur_pair_file(
         threads=threads,
         progress=progress,
     )
-    write_photo(path, photo, overwrite=overwrite)
+    result = finish.blend(photo, result, mask)
+    with sheet_kept(finish.sheet(path), photo, result, kernel, overwrite=overwrite):
+        write_photo(path, result, overwrite=overwrite)
     return path
 
 

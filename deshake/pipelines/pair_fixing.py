@@ -6,17 +6,17 @@ one before it found. That is why the results are the same to the byte.
 
 from __future__ import annotations
 
-import contextlib
 import logging
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from deshake.io.files import check_output
-from deshake.io.kernel_file import write_kernel
 from deshake.io.photo import read_photo, write_photo
-from deshake.pipelines.file_stages import check_encoding, gone_on_failure, part
+from deshake.pipelines.file_stages import check_encoding, kernel_kept, part, sheet_kept
+from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.pair_deblurring import PairRestorationOptions, deblur_pair
 from deshake.pipelines.pair_stages import estimate_pair
+from deshake.pipelines.preview import preview_options, preview_photo
 from deshake.pipelines.register import find_registration
 
 if TYPE_CHECKING:
@@ -68,8 +68,9 @@ def fix_pair_file(
     options: EstimateOptions,
     *,
     restoration: PairRestorationOptions,
+    finish: Finish = AS_IT_IS,
     overwrite: bool = False,
-    overwrite_kernel: bool = False,
+    overwrite_others: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> FixedPair:
@@ -87,8 +88,10 @@ def fix_pair_file(
         What the estimate goes by; region and estimator do not count, and the angle is the blur's.
     restoration : PairRestorationOptions
         How the photo is deblurred.
-    overwrite, overwrite_kernel : bool
-        Whether an existing result, or an existing kernel, may be replaced.
+    finish : Finish
+        What is wanted beside it; its sheet, too, is kept only together with the result.
+    overwrite, overwrite_others : bool
+        Whether an existing result, or other existing outputs, may be replaced.
     threads : int, optional
         Threads to use; by default all processors. The result does not depend on it.
     progress : callable, optional
@@ -104,9 +107,16 @@ def fix_pair_file(
     """
     check_output(output, blurred, noisy, overwrite=overwrite)
     if kernel_file is not None:
-        check_output(kernel_file, blurred, noisy, output, overwrite=overwrite_kernel)
+        check_output(kernel_file, blurred, noisy, output, overwrite=overwrite_others)
+    inputs = blurred, noisy, *filter(None, [kernel_file])
+    finish.check(output, *inputs, overwrite=overwrite_others)
     g, f_N = (read_photo(path, transfer=options.transfer) for path in (blurred, noisy))
     check_encoding(g, output)
+    whole, (g, mask) = g, finish.prepare(g)
+    if finish.preview:
+        options = preview_options(options, whole, g)
+        f_N = preview_photo(f_N)
+    del whole
     found = find_registration(
         g, f_N, options, threads=threads, progress=part(progress, 0, _REGISTERED)
     )
@@ -120,7 +130,7 @@ def fix_pair_file(
         threads=threads,
         progress=part(progress, _REGISTERED, _ESTIMATED),
     )
-    photo = deblur_pair(
+    result = deblur_pair(
         g,
         f_N,
         kernel.content.kernel,
@@ -129,9 +139,11 @@ def fix_pair_file(
         threads=threads,
         progress=part(progress, _ESTIMATED, 1),
     )
-    with contextlib.ExitStack() as outputs:
-        if kernel_file is not None:
-            outputs.enter_context(gone_on_failure(kernel_file))
-            write_kernel(kernel_file, kernel.content, overwrite=overwrite_kernel)
-        write_photo(output, photo, overwrite=overwrite)
+    result = finish.blend(g, result, mask)
+    undone = kernel.content.kernel
+    with (
+        kernel_kept(kernel_file, kernel.content, overwrite=overwrite_others),
+        sheet_kept(finish.sheet(output), g, result, undone, overwrite=overwrite_others),
+    ):
+        write_photo(output, result, overwrite=overwrite)
     return FixedPair(found, kernel)
