@@ -17,6 +17,7 @@ from deshake.cli.options import (
     json_option,
     output_option,
     overwrite_option,
+    provenance_option,
 )
 from deshake.cli.restoration import noisy_option, restoration, restoration_options
 
@@ -49,6 +50,7 @@ _log = logging.getLogger(__name__)
 @estimate_options
 @restoration_options
 @finish_options(folder=True)
+@provenance_option
 @json_option
 @overwrite_option
 @click.option(
@@ -73,6 +75,7 @@ def command(
     mask: Path | None,
     preview: bool,
     compare: bool,
+    no_provenance: bool,
     as_json: bool,
     overwrite: bool,
     skip_existing: bool,
@@ -124,6 +127,7 @@ def command(
                     options,
                     restoration=chosen,
                     finish=Finish(strength, job.mask, preview, compare),
+                    provenance=not no_provenance,
                     threads=context.threads,
                     progress=_titled(bar, text),
                 )

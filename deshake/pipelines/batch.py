@@ -181,15 +181,17 @@ def plan(
             result = output / output_name(source) if into else output
         kernel = None if keep_kernels is None else keep_kernels / kernel_name(source)
         sheet = result.with_name(comparison_name(result)) if compare else None
+        kept, problem = (mask, None) if masks is None else _mask(masks, source)
         jobs.append(
             Job(
                 source,
                 result,
                 kernel,
+                problem,
                 overwrite=overwrite,
                 overwrite_others=overwrite or skip_existing,
                 noisy=noisy,
-                mask=mask if masks is None else find_mask(masks, source),
+                mask=kept,
                 sheet=sheet,
             )
         )
@@ -209,6 +211,7 @@ def run(
     *,
     restoration: RestorationOptions | PairRestorationOptions = BY_DEFAULT,
     finish: Finish = AS_IT_IS,
+    provenance: bool = True,
     threads: int | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Estimate | FixedPair | None:
@@ -224,6 +227,8 @@ def run(
         How the photo is deblurred: alone, or with the job's noisy photo.
     finish : Finish
         What is wanted beside it, with the job's mask.
+    provenance : bool
+        Whether the result tells in its metadata how it came about.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
@@ -244,6 +249,7 @@ def run(
         return None
     common: dict[str, Any] = {
         "finish": finish,
+        "provenance": provenance,
         "overwrite": job.overwrite,
         "overwrite_others": job.overwrite_others,
         "threads": threads,
@@ -276,6 +282,14 @@ def _check_single(output: Path | None, noisy: Path | None, mask: Path | None) ->
         raise PlanError("one noisy photo goes with one blurred photo", hint="fix them in turn")
     if mask is not None:
         raise PlanError("one mask goes with one photo; for several, --mask names a folder")
+
+
+def _mask(folder: Path, source: Path) -> tuple[Path | None, DeshakeError | None]:
+    """Return the mask of a photo, or what is wrong with it."""
+    try:
+        return find_mask(folder, source), None
+    except PhotoError as error:
+        return None, error
 
 
 def _check_collisions(jobs: Sequence[Job]) -> None:
@@ -317,7 +331,9 @@ def _checked(job: Job, identities: dict[tuple[int, int], Path], *, skip_existing
             check_output(path, job.source, other, overwrite=job.overwrite_others)
     except DeshakeError as error:
         return replace(job, problem=error)
-    return replace(job, skipped=skip_existing and os.path.lexists(job.output))
+    return replace(
+        job, skipped=job.problem is None and skip_existing and os.path.lexists(job.output)
+    )
 
 
 def _identity(path: Path) -> tuple[int, int] | None:

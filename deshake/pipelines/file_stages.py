@@ -17,6 +17,7 @@ from deshake.pipelines.comparison import comparison_sheet
 from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.fitting import fitting_kernel
 from deshake.pipelines.latent_picture import latent_photo
+from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
 from deshake.pipelines.preview import preview_estimate
 from deshake.pipelines.stages import calibrate, deblur, estimate
 
@@ -130,14 +131,16 @@ def deblur_file(
     transfer: TransferName | None = None,
     restoration: RestorationOptions = BY_DEFAULT,
     finish: Finish = AS_IT_IS,
+    provenance: bool = True,
     overwrite: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Path:
     """Deblur a photo with the kernel of a file, write the result, and return where.
 
-    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. The sheet
-    of `finish` is kept only together with it.
+    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. With
+    `provenance` it tells in its metadata how it came about. The sheet of `finish` is kept only
+    together with it.
 
     Raises
     ------
@@ -159,6 +162,9 @@ def deblur_file(
     kernel = fitting_kernel(content, photo, kernel_file)
     result = deblur(photo, kernel, restoration, threads=threads, progress=progress)
     result = finish.blend(photo, result, mask)
+    if provenance:
+        told = photo_provenance(photo, content, restoration, transfer=transfer, finish=finish)
+        result = with_photo_provenance(result, told)
     with sheet_kept(finish.sheet(path), photo, result, kernel, overwrite=overwrite):
         write_photo(path, result, overwrite=overwrite)
     return path
@@ -172,6 +178,7 @@ def fix_file(
     *,
     restoration: RestorationOptions = BY_DEFAULT,
     finish: Finish = AS_IT_IS,
+    provenance: bool = True,
     overwrite: bool = False,
     overwrite_others: bool = False,
     threads: int | None = None,
@@ -180,7 +187,7 @@ def fix_file(
     """Estimate the kernel of a photo, deblur the photo with it, and write both.
 
     The kernel file, if `kernel_file` is given, and the sheet of `finish` are kept only together
-    with the photo.
+    with the photo. With `provenance` the photo tells in its metadata how it came about.
 
     Raises
     ------
@@ -208,6 +215,11 @@ def fix_file(
     kernel = found.content.kernel
     result = deblur(photo, kernel, restoration, threads=threads, progress=second)
     result = finish.blend(photo, result, mask)
+    if provenance:
+        told = photo_provenance(
+            photo, found.content, restoration, transfer=options.transfer, finish=finish
+        )
+        result = with_photo_provenance(result, told)
     with (
         kernel_kept(kernel_file, found.content, overwrite=overwrite_others),
         sheet_kept(finish.sheet(output), photo, result, kernel, overwrite=overwrite_others),

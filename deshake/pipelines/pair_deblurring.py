@@ -25,6 +25,7 @@ from deshake.pipelines.camera_tones import blurred_planes, needs_curves, with_to
 from deshake.pipelines.file_stages import check_encoding, part, sheet_kept
 from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.fitting import check_registration, fitting_kernel
+from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
 from deshake.pipelines.preview import preview_photo
 from deshake.pipelines.register import known_registration
 from deshake.pipelines.stages import EstimateOptions, camera_for, luminance
@@ -164,14 +165,16 @@ def deblur_pair_file(
     registration: Path | None = None,
     transfer: TransferName | None = None,
     finish: Finish = AS_IT_IS,
+    provenance: bool = True,
     overwrite: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Path:
     """Deblur a photo with a noisy one and the kernel of a file; write the result, return where.
 
-    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. The sheet
-    of `finish` is kept only together with it.
+    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. With
+    `provenance` it tells in its metadata how it came about. The sheet of `finish` is kept only
+    together with it.
 
     Raises
     ------
@@ -208,6 +211,11 @@ def deblur_pair_file(
         progress=progress,
     )
     result = finish.blend(photo, result, mask)
+    if provenance:
+        told = photo_provenance(
+            photo, content, options, transfer=transfer, noisy=noisy, finish=finish
+        )
+        result = with_photo_provenance(result, told)
     with sheet_kept(finish.sheet(path), photo, result, kernel, overwrite=overwrite):
         write_photo(path, result, overwrite=overwrite)
     return path

@@ -16,6 +16,7 @@ from deshake.pipelines.file_stages import check_encoding, kernel_kept, part, she
 from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.pair_deblurring import PairRestorationOptions, deblur_pair
 from deshake.pipelines.pair_stages import estimate_pair
+from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
 from deshake.pipelines.preview import preview_options, preview_photo
 from deshake.pipelines.register import find_registration
 
@@ -69,6 +70,7 @@ def fix_pair_file(
     *,
     restoration: PairRestorationOptions,
     finish: Finish = AS_IT_IS,
+    provenance: bool = True,
     overwrite: bool = False,
     overwrite_others: bool = False,
     threads: int | None = None,
@@ -90,6 +92,8 @@ def fix_pair_file(
         How the photo is deblurred.
     finish : Finish
         What is wanted beside it; its sheet, too, is kept only together with the result.
+    provenance : bool
+        Whether the result tells in its metadata how it came about.
     overwrite, overwrite_others : bool
         Whether an existing result, or other existing outputs, may be replaced.
     threads : int, optional
@@ -141,6 +145,16 @@ def fix_pair_file(
     )
     result = finish.blend(g, result, mask)
     undone = kernel.content.kernel
+    if provenance:
+        told = photo_provenance(
+            g,
+            kernel.content,
+            restoration,
+            transfer=options.transfer,
+            noisy=f_N,
+            finish=finish,
+        )
+        result = with_photo_provenance(result, told)
     with (
         kernel_kept(kernel_file, kernel.content, overwrite=overwrite_others),
         sheet_kept(finish.sheet(output), g, result, undone, overwrite=overwrite_others),

@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 
 from deshake.io.kernel_file import read_kernel
+from deshake.io.provenance import read_provenance
 from deshake.pipelines import batch
 
 LENS = ("--focal-35mm", 40)
@@ -43,6 +44,17 @@ def test_the_method_is_that_of_deblur(deshake, shaken, tmp_path):
     args = ("--method", "rl", "--iterations", 2, "-o", out)
     assert deshake("deblur", photo, kernels / "a.kernel.npz", *args).code == 0
     assert out.read_bytes() == (tmp_path / "a.deshaken.png").read_bytes()
+
+
+def test_the_photo_tells_of_its_kernel_or_nothing_at_all(deshake, shaken, tmp_path):
+    photo, out = shaken("a.jpg"), tmp_path / "a.deshaken.jpg"
+    assert deshake("fix", photo, *FAST).code == 0
+    told = read_provenance(out)["kernel"]
+    assert told["command"] == "estimate-blind"
+    assert told["camera"] == "--focal-35mm 40"
+    assert told["options"]["region"] == [20, 10, 60, 50]
+    assert deshake("fix", photo, *FAST, "--overwrite", "--no-provenance").code == 0
+    assert b"deshake" not in out.read_bytes()
 
 
 def test_fixes_beside_the_photo_and_keeps_it(deshake, shaken, tmp_path):
