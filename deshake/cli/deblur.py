@@ -12,6 +12,7 @@ from deshake.cli.options import (
     FILE,
     general_options,
     kernel_argument,
+    linear_option,
     output_option,
     overwrite_option,
     photo_argument,
@@ -43,6 +44,7 @@ __all__ = ["command"]
 @restoration_options
 @finish_options()
 @transfer_option
+@linear_option
 @provenance_option
 @overwrite_option
 @general_options
@@ -61,6 +63,7 @@ def command(
     mask: Path | None,
     preview: bool,
     compare: bool,
+    linear: bool,
     no_provenance: bool,
     overwrite: bool,
     **choices: Any,  # noqa: ANN401 - how to deblur
@@ -80,6 +83,7 @@ def command(
     common: dict[str, Any] = {
         "transfer": transfer,
         "finish": Finish(strength, mask, preview, compare),
+        "linear": linear,
         "provenance": not no_provenance,
         "overwrite": overwrite,
         "threads": context.threads,

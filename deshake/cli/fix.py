@@ -15,6 +15,7 @@ from deshake.cli.options import (
     estimate_options,
     general_options,
     json_option,
+    linear_option,
     output_option,
     overwrite_option,
     provenance_option,
@@ -50,6 +51,7 @@ _log = logging.getLogger(__name__)
 @estimate_options
 @restoration_options
 @finish_options(folder=True)
+@linear_option
 @provenance_option
 @json_option
 @overwrite_option
@@ -75,6 +77,7 @@ def command(
     mask: Path | None,
     preview: bool,
     compare: bool,
+    linear: bool,
     no_provenance: bool,
     as_json: bool,
     overwrite: bool,
@@ -127,6 +130,7 @@ def command(
                     options,
                     restoration=chosen,
                     finish=Finish(strength, job.mask, preview, compare),
+                    linear=linear,
                     provenance=not no_provenance,
                     threads=context.threads,
                     progress=_titled(bar, text),

@@ -58,12 +58,21 @@ class Metadata:
         The XMP packet. Empty: none.
     icc : bytes
         The ICC profile. Empty: none.
+    iptc : bytes
+        The IPTC records (IIM). Empty: none.
+    resources : bytes
+        Photoshop's image resources, which may hold the IPTC records too. Empty: none.
+    extended_xmp : bytes
+        What a JPEG's XMP packet had no room for. Empty: nothing.
 
     """
 
     exif: bytes = b""
     xmp: bytes = b""
     icc: bytes = b""
+    iptc: bytes = b""
+    resources: bytes = b""
+    extended_xmp: bytes = b""
 
     @property
     def orientation(self) -> int:
@@ -73,8 +82,7 @@ class Metadata:
     def upright(self) -> Metadata:
         """Return the metadata of the photo turned upright: orientation 1, in EXIF and in XMP.
 
-        The EXIF thumbnail, which would lie on its side, is unlinked. Nothing else changes, and
-        nothing at all if the orientation is 1 already.
+        Nothing else changes, and nothing at all if the orientation is 1 already.
         """
         if self.orientation == 1:
             return self

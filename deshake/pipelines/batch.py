@@ -1,7 +1,4 @@
-"""Many photos: which there are, where each result goes, and whether it can go there.
-
-All of it is decided before any work is done.
-"""
+"""Many photos: which there are, where each result goes, and whether it can, before any work."""
 
 from __future__ import annotations
 
@@ -12,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions
 from deshake.errors import DeshakeError, OutputError, PhotoError
-from deshake.io.encoding import SUFFIXES
+from deshake.io.encoding import READ_ONLY, SUFFIXES
 from deshake.io.files import STREAM, check_output, output_name
 from deshake.pipelines.blending import find_mask
 from deshake.pipelines.comparison import SUFFIX, comparison_name
@@ -103,7 +100,7 @@ def find_photos(inputs: Sequence[Path]) -> list[Path]:
         if not found:
             raise PhotoError(
                 "there are no photos in this folder",
-                hint="photos end in .jpg, .png, .tif or .webp; folders in it are not searched",
+                hint="photos end in .jpg, .tif, .dng and the like; folders in it are not searched",
                 file=path,
             )
         photos += found
@@ -211,6 +208,7 @@ def run(
     *,
     restoration: RestorationOptions | PairRestorationOptions = BY_DEFAULT,
     finish: Finish = AS_IT_IS,
+    linear: bool = False,
     provenance: bool = True,
     threads: int | None = None,
     progress: Callable[[float, str], None] | None = None,
@@ -227,12 +225,12 @@ def run(
         How the photo is deblurred: alone, or with the job's noisy photo.
     finish : Finish
         What is wanted beside it, with the job's mask.
-    provenance : bool
-        Whether the result tells in its metadata how it came about.
+    linear, provenance : bool
+        As in `fix_file`.
     threads : int, optional
-        Threads to use; by default all processors.
+        By default all processors.
     progress : callable, optional
-        Told the fraction done and what is being done.
+        Told the fraction done and what is done.
 
     Raises
     ------
@@ -249,6 +247,7 @@ def run(
         return None
     common: dict[str, Any] = {
         "finish": finish,
+        "linear": linear,
         "provenance": provenance,
         "overwrite": job.overwrite,
         "overwrite_others": job.overwrite_others,
@@ -267,7 +266,7 @@ def run(
 
 def _is_photo(path: Path) -> bool:
     return (
-        path.suffix.lower() in SUFFIXES
+        path.suffix.lower() in SUFFIXES | READ_ONLY
         and not path.name.startswith(".")
         and not path.stem.endswith((_RESULT, SUFFIX))
         and path.is_file()

@@ -6,13 +6,15 @@ Outputs are checked before any work is done for them, and appear whole or not at
 from __future__ import annotations
 
 import contextlib
+import logging
 from typing import TYPE_CHECKING
 
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions
 from deshake.errors import OutputError
+from deshake.io.conversion import lost, output_format
 from deshake.io.files import STREAM, check_output, default_output, write_bytes
 from deshake.io.kernel_file import read_kernel, write_camera, write_kernel
-from deshake.io.photo import encode_photo, output_format, read_photo, write_photo
+from deshake.io.photo import encode_photo, read_photo, write_photo
 from deshake.pipelines.comparison import comparison_sheet
 from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.fitting import fitting_kernel
@@ -36,7 +38,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "calibrate_file",
-    "check_encoding",
     "deblur_file",
     "estimate_file",
     "fix_file",
@@ -44,8 +45,11 @@ __all__ = [
     "kernel_kept",
     "kernel_name",
     "part",
+    "prepared",
     "sheet_kept",
 ]
+
+_log = logging.getLogger(__name__)
 
 _ESTIMATE_PIXELS = 8e6
 """Pixels whose deblurring takes about as long as an estimate, which has a size of its own."""
@@ -131,6 +135,7 @@ def deblur_file(
     transfer: TransferName | None = None,
     restoration: RestorationOptions = BY_DEFAULT,
     finish: Finish = AS_IT_IS,
+    linear: bool = False,
     provenance: bool = True,
     overwrite: bool = False,
     threads: int | None = None,
@@ -157,8 +162,7 @@ def deblur_file(
     finish.check(path, source, kernel_file, overwrite=overwrite)
     content = read_kernel(kernel_file)
     photo = read_photo(source, transfer=transfer)
-    check_encoding(photo, path)
-    photo, mask = finish.prepare(photo)
+    photo, mask = finish.prepare(prepared(photo, path, linear=linear))
     kernel = fitting_kernel(content, photo, kernel_file)
     result = deblur(photo, kernel, restoration, threads=threads, progress=progress)
     result = finish.blend(photo, result, mask)
@@ -178,6 +182,7 @@ def fix_file(
     *,
     restoration: RestorationOptions = BY_DEFAULT,
     finish: Finish = AS_IT_IS,
+    linear: bool = False,
     provenance: bool = True,
     overwrite: bool = False,
     overwrite_others: bool = False,
@@ -187,7 +192,8 @@ def fix_file(
     """Estimate the kernel of a photo, deblur the photo with it, and write both.
 
     The kernel file, if `kernel_file` is given, and the sheet of `finish` are kept only together
-    with the photo. With `provenance` the photo tells in its metadata how it came about.
+    with the photo. With `provenance` the photo tells in its metadata how it came about; with
+    `linear` the result of a RAW file is in linear light.
 
     Raises
     ------
@@ -202,8 +208,8 @@ def fix_file(
         check_output(kernel_file, source, output, overwrite=overwrite_others)
     finish.check(output, source, *filter(None, [kernel_file]), overwrite=overwrite_others)
     photo = read_photo(source, transfer=options.transfer)
-    check_encoding(photo, output)
-    whole, (photo, mask) = photo, finish.prepare(photo)
+    whole = prepared(photo, output, linear=linear)
+    photo, mask = finish.prepare(whole)
     pixels = photo.shape[0] * photo.shape[1]
     share = _ESTIMATE_PIXELS / (_ESTIMATE_PIXELS + pixels)
     first, second = part(progress, 0, share), part(progress, share, 1)
@@ -269,11 +275,34 @@ def _latent_format(path: Path, photo: Photo) -> Format:
     return "PNG" if str(path) == STREAM else output_format(path, photo)
 
 
-def check_encoding(photo: Photo, output: Path) -> None:
-    """Check that a photo can be written under a name: a second now saves minutes later."""
+def prepared(photo: Photo, output: Path, *, linear: bool = False) -> Photo:
+    """Return a photo as it will be written, after checking that it can be.
+
+    That takes a second now and saves minutes later. What the result will lack is said.
+
+    Parameters
+    ----------
+    photo : Photo
+        The photo that was read.
+    output : Path
+        Where its result goes.
+    linear : bool, keyword-only
+        Whether the result of a RAW file is written in linear light.
+
+    Raises
+    ------
+    OutputError, PhotoError
+        If the photo cannot be written under that name, or is no RAW file and was to be linear.
+
+    """
+    if linear:
+        photo = photo.in_linear_light()
     form = output_format(output, photo)
-    if form != photo.encoding.format:
+    if form not in {photo.encoding.format, "TIFF"}:  # a TIFF holds everything
         encode_photo(photo, form)
+    for note in (*photo.notes, *lost(photo.encoding, form)):
+        _log.warning("%s: %s", photo.source, note)
+    return photo
 
 
 def part(progress: Progress | None, start: float, end: float) -> Progress | None:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from deshake.io.files import check_output
-from deshake.io.photo import read_photo, write_photo
-from deshake.pipelines.file_stages import check_encoding, kernel_kept, part, sheet_kept
+from deshake.io.photo import read_pair, write_photo
+from deshake.pipelines.file_stages import kernel_kept, part, prepared, sheet_kept
 from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.pair_deblurring import PairRestorationOptions, deblur_pair
 from deshake.pipelines.pair_stages import estimate_pair
@@ -70,6 +70,7 @@ def fix_pair_file(
     *,
     restoration: PairRestorationOptions,
     finish: Finish = AS_IT_IS,
+    linear: bool = False,
     provenance: bool = True,
     overwrite: bool = False,
     overwrite_others: bool = False,
@@ -92,6 +93,8 @@ def fix_pair_file(
         How the photo is deblurred.
     finish : Finish
         What is wanted beside it; its sheet, too, is kept only together with the result.
+    linear : bool
+        Whether the result of a RAW file is written in linear light.
     provenance : bool
         Whether the result tells in its metadata how it came about.
     overwrite, overwrite_others : bool
@@ -114,9 +117,8 @@ def fix_pair_file(
         check_output(kernel_file, blurred, noisy, output, overwrite=overwrite_others)
     inputs = blurred, noisy, *filter(None, [kernel_file])
     finish.check(output, *inputs, overwrite=overwrite_others)
-    g, f_N = (read_photo(path, transfer=options.transfer) for path in (blurred, noisy))
-    check_encoding(g, output)
-    whole, (g, mask) = g, finish.prepare(g)
+    whole, f_N = read_pair(blurred, noisy, transfer=options.transfer)
+    g, mask = finish.prepare(prepared(whole, output, linear=linear))
     if finish.preview:
         options = preview_options(options, whole, g)
         f_N = preview_photo(f_N)

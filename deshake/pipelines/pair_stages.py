@@ -18,7 +18,7 @@ from deshake.errors import DeshakeError, EstimationError
 from deshake.estimation.registration import registered
 from deshake.io.files import check_output, sha256
 from deshake.io.kernel_file import CameraFile, KernelFile, write_kernel
-from deshake.io.photo import read_photo
+from deshake.io.photo import read_pair
 from deshake.pipelines.file_stages import part
 from deshake.pipelines.fitting import check_registration
 from deshake.pipelines.register import find_registration, known_registration
@@ -181,8 +181,7 @@ def estimate_pair_file(
     check_output(output, *inputs, overwrite=overwrite)
     known = None if registration is None else known_registration(registration)
     found = estimate_pair(
-        read_photo(blurred, transfer=options.transfer),
-        read_photo(noisy, transfer=options.transfer),
+        *read_pair(blurred, noisy, transfer=options.transfer),
         options,
         registration=known,
         threads=threads,

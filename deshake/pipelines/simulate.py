@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from deshake import __version__
 from deshake.errors import CalibrationError, DeshakeError, OutputError
 from deshake.geometry.camera import Camera
+from deshake.io.conversion import output_format
 from deshake.io.files import STREAM, check_output, sha256
 from deshake.io.kernel_file import CameraFile, KernelFile, read_camera, write_kernel
-from deshake.io.photo import output_format, read_photo, write_photo
+from deshake.io.photo import read_photo, write_photo
 from deshake.io.sensors import assumed_focal_length, focal_length
 from deshake.operators.filter_flow import reach
 from deshake.operators.warps import Warps
