@@ -135,7 +135,7 @@ def test_a_photo_with_two_masks_fails_alone(deshake, portrait, mask, tmp_path):
         ("none.png", "no such file"),
         ("cropped.png", "the mask has 90 x 80 pixels, and "),
         ("colour.png", "a mask is grey"),
-        ("text.png", "not a JPEG"),
+        ("text.png", "not a photo"),
     ],
 )
 def test_a_wrong_mask_is_refused(
