@@ -13,19 +13,18 @@ from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions
 from deshake.errors import OutputError
 from deshake.io.conversion import lost, output_format
 from deshake.io.files import STREAM, check_output, default_output, write_bytes
-from deshake.io.kernel_file import read_kernel, write_camera, write_kernel
+from deshake.io.kernel_file import read_kernel, write_kernel
 from deshake.io.photo import encode_photo, read_photo, write_photo
 from deshake.pipelines.fitting import fitting_kernel
 from deshake.pipelines.latent_picture import latent_photo
 from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
-from deshake.pipelines.stages import calibrate, deblur, estimate
+from deshake.pipelines.stages import deblur, estimate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
     from deshake.io.encoding import Format
-    from deshake.io.kernel_file import CameraFile
     from deshake.io.photo import Photo
     from deshake.io.transfer import TransferName
     from deshake.pipelines.stages import Estimate, EstimateOptions
@@ -33,7 +32,6 @@ if TYPE_CHECKING:
     Progress = Callable[[float, str], None]
 
 __all__ = [
-    "calibrate_file",
     "deblur_file",
     "estimate_file",
     "fix_file",
@@ -52,34 +50,6 @@ _ESTIMATE_PIXELS = 8e6
 def kernel_name(source: Path) -> str:
     """Return the default name of a photo's kernel: ``<stem>.kernel.npz``."""
     return f"{source.stem}.kernel.npz"
-
-
-def calibrate_file(
-    source: Path,
-    output: Path | None,
-    *,
-    focal_px: float | None = None,
-    focal_35mm: float | None = None,
-    overwrite: bool = False,
-) -> CameraFile:
-    """Find the camera of a photo, and write its camera file if `output` is given.
-
-    Raises
-    ------
-    PhotoError
-        If the photo cannot be read.
-    CalibrationError
-        If nothing tells the focal length.
-    OutputError
-        If the camera file cannot be written.
-
-    """
-    if output is not None:
-        check_output(output, source, overwrite=overwrite)
-    camera = calibrate(read_photo(source), focal_px=focal_px, focal_35mm=focal_35mm)
-    if output is not None:
-        write_camera(output, camera, overwrite=overwrite)
-    return camera
 
 
 def estimate_file(

@@ -21,12 +21,13 @@ from deshake.io.kernel_file import read_kernel
 from deshake.io.photo import read_pair, write_photo
 from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import ShakeBlur
+from deshake.pipelines.calibration import camera_for
 from deshake.pipelines.camera_tones import blurred_planes, needs_curves, with_tones_of
 from deshake.pipelines.file_stages import part, prepared
 from deshake.pipelines.fitting import check_registration, fitting_kernel
 from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
 from deshake.pipelines.register import known_registration
-from deshake.pipelines.stages import EstimateOptions, camera_for, luminance
+from deshake.pipelines.stages import EstimateOptions, luminance
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -152,7 +152,7 @@ def estimate_pair(
         _log.warning("%s: %s", blurred.source, note)
     provenance = _provenance((blurred, noisy), options, registration, found)
     provenance |= {"camera": camera.source, "tone_curves": curved, "notes": notes}
-    content = KernelFile(found.kernel, found.confidence, provenance, camera.distortion)
+    content = KernelFile(found.kernel, found.confidence, provenance)
     return PairKernel(content, camera, registration, scale, notes)
 
 

@@ -25,8 +25,9 @@ from deshake.io.registration_file import (
     read_registration,
     write_registration,
 )
+from deshake.pipelines.calibration import calibrate, camera_for
 from deshake.pipelines.file_stages import gone_on_failure
-from deshake.pipelines.stages import EstimateOptions, calibrate, camera_for, luminance
+from deshake.pipelines.stages import EstimateOptions, luminance
 
 if TYPE_CHECKING:
     from collections.abc import Callable
