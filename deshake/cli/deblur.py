@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from deshake.cli.finishing import finish_options
 from deshake.cli.options import (
     FILE,
     general_options,
-    geometry_option,
     kernel_argument,
     linear_option,
     output_option,
@@ -42,9 +42,9 @@ __all__ = ["command"]
     help="Registration file written by register, for --noisy.  [default: register the photos]",
 )
 @restoration_options
+@finish_options()
 @transfer_option
 @linear_option
-@geometry_option
 @provenance_option
 @overwrite_option
 @general_options
@@ -59,6 +59,10 @@ def command(
     noisy: Path | None,
     registration: Path | None,
     transfer: TransferName | None,
+    strength: float,
+    mask: Path | None,
+    preview: bool,
+    compare: bool,
     linear: bool,
     keep_geometry: bool,
     no_provenance: bool,
@@ -75,11 +79,13 @@ def command(
     """
     if noisy is None and registration is not None:
         raise click.UsageError("--registration needs --noisy.")
+    from deshake.pipelines.finishing import Finish
+
     chosen: Any = restoration(noisy, **choices)
     common: dict[str, Any] = {
         "transfer": transfer,
+        "finish": Finish(strength, mask, preview, compare, keep_geometry),
         "linear": linear,
-        "keep_geometry": keep_geometry,
         "provenance": not no_provenance,
         "overwrite": overwrite,
         "threads": context.threads,

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from deshake.cli.finishing import finish_options
 from deshake.cli.messages import describe, print_error
 from deshake.cli.options import (
     FILE,
     estimate_options,
     general_options,
-    geometry_option,
     json_option,
     linear_option,
     output_option,
@@ -50,8 +50,8 @@ _log = logging.getLogger(__name__)
 @noisy_option
 @estimate_options
 @restoration_options
+@finish_options(folder=True)
 @linear_option
-@geometry_option
 @provenance_option
 @json_option
 @overwrite_option
@@ -73,6 +73,10 @@ def command(
     method: str | None,
     quality: str,
     iterations: int | None,
+    strength: float,
+    mask: Path | None,
+    preview: bool,
+    compare: bool,
     linear: bool,
     keep_geometry: bool,
     no_provenance: bool,
@@ -93,6 +97,7 @@ def command(
     """
     from deshake.io.kernel_file import read_camera
     from deshake.pipelines.batch import PlanError, plan, run
+    from deshake.pipelines.finishing import Finish
     from deshake.pipelines.stages import EstimateOptions
 
     if overwrite and skip_existing:
@@ -106,6 +111,8 @@ def command(
             output,
             keep_kernels,
             noisy=noisy,
+            mask=mask,
+            compare=compare,
             overwrite=overwrite,
             skip_existing=skip_existing,
         )
@@ -123,8 +130,8 @@ def command(
                     job,
                     options,
                     restoration=chosen,
+                    finish=Finish(strength, job.mask, preview, compare, keep_geometry),
                     linear=linear,
-                    keep_geometry=keep_geometry,
                     provenance=not no_provenance,
                     threads=context.threads,
                     progress=_titled(bar, text),
@@ -158,8 +165,10 @@ def _files(job: Job) -> dict[str, str]:
     files = {
         "input": job.source,
         "noisy": job.noisy,
+        "mask": job.mask,
         "output": job.output,
         "kernel": job.kernel,
+        "sheet": job.sheet,
     }
     return {name: str(path) for name, path in files.items() if path is not None}
 

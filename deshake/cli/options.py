@@ -29,7 +29,6 @@ __all__ = [
     "estimator_option",
     "focal_options",
     "general_options",
-    "geometry_option",
     "json_option",
     "kernel_argument",
     "lens_options",
@@ -243,12 +242,6 @@ camera_option = click.option(
     callback=_only_one_of(*_FOCAL_SOURCES, "lens", "lens_model"),
     help="Camera file written by calibrate, whose lens is undone if it bends.  [default: "
     "calibrate from the photo]",
-)
-geometry_option = click.option(
-    "--keep-geometry",
-    is_flag=True,
-    help="Bend the result again as the photo was, where a lens is undone.  [default: leave it "
-    "straight]",
 )
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print the result to stdout, one JSON object a line."
