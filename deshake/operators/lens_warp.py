@@ -31,7 +31,7 @@ Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 _BAND = 128  # rows that are resampled at once
-_NODE = 16  # pixels between those whose inverse is found by iteration
+_NODE = 8  # pixels between those whose inverse is found by iteration
 _NEAR = np.ones((5, 5), np.uint8)
 _TOUCHED = np.ones((3, 3), np.uint8)
 _CLEAR = 1e-3  # share of marked pixels that does not count
@@ -71,11 +71,11 @@ class LensWarp:
 
     def straighten_codes(self, codes: NDArray[np.unsignedinteger]) -> NDArray[np.unsignedinteger]:
         """Resample a plane of codes (h, w), such as an opacity, bilinearly."""
-        out = np.empty(self.seen.shape, codes.dtype)
-        plane = codes.astype(np.float32)
-        for rows, where in self._straight_bands():
-            out[rows] = np.rint(_interpolated(plane, where, order=1))
-        return out
+        return _codes(codes, self.seen.shape, self._straight_bands)
+
+    def bend_codes(self, codes: NDArray[np.unsignedinteger]) -> NDArray[np.unsignedinteger]:
+        """Resample a plane of codes the other way."""
+        return _codes(codes, self.camera.shape, self._bent_bands)
 
     def _resampled(
         self,
@@ -117,8 +117,7 @@ class LensWarp:
         The inverse is found on a grid of nodes, and its smooth rest between them.
         """
         height, width = self.camera.shape
-        y, x = (np.arange(0, side + 3 * _NODE, _NODE, dtype=np.float64) for side in (height, width))
-        y, x = np.minimum(y, height - 1 + _NODE * 2), np.minimum(x, width - 1 + _NODE * 2)
+        y, x = (np.linspace(0, n - 1, max(-(-n // _NODE), 4) + 1) for n in (height, width))
         nodes = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
         there = undistorted(nodes, self.camera, self.seen)
         moved = (there - nodes).reshape(len(y), len(x), 2)
@@ -136,4 +135,14 @@ def _interpolated(plane: Image, where: NDArray[np.floating], *, order: int) -> I
     out = np.empty(where.shape[1:], np.float32)
     how: Any = {"order": order, "prefilter": False, "mode": "mirror"}
     ndimage.map_coordinates(plane, where, output=out, **how)
+    return out
+
+
+def _codes(
+    codes: NDArray[np.unsignedinteger], shape: tuple[int, int], bands: Bands
+) -> NDArray[np.unsignedinteger]:
+    out = np.empty(shape, codes.dtype)
+    plane = codes.astype(np.float32)
+    for rows, where in bands():
+        out[rows] = np.rint(_interpolated(plane, where, order=1))
     return out
