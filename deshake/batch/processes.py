@@ -94,6 +94,8 @@ def run_in_processes(
                     )
                 pool.start(number, job)
                 taken[number] = need
+            if not taken:
+                continue  # all that waited were refused
             for number, message in pool.heard():
                 if isinstance(message, Shown):
                     progress(number, message.share, message.text)

@@ -94,7 +94,9 @@ def run_job(
             figures = work(job, threads=threads, progress=progress)
         except Exception as error:  # noqa: BLE001  one bad photo never stops the rest
             return failure(job, error, time.perf_counter() - start, warnings)
-    return Result(job, "done", time.perf_counter() - start, figures, tuple(warnings))
+    # What was noted was warned of as well, unless nothing but errors is wanted.
+    told = dict.fromkeys([*warnings, *figures.pop("notes", [])])
+    return Result(job, "done", time.perf_counter() - start, figures, tuple(told))
 
 
 def failure(

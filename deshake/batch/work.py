@@ -59,11 +59,14 @@ class Fix:
         What the estimate goes by.
     restoration : RestorationOptions or PairRestorationOptions
         How the photo is deblurred.
+    provenance : bool
+        Whether the result tells in its metadata how it came about.
 
     """
 
     options: EstimateOptions
     restoration: RestorationOptions | PairRestorationOptions = BY_DEFAULT
+    provenance: bool = True
 
     def __call__(
         self, job: Job, *, threads: int | None, progress: Progress | None
@@ -72,6 +75,7 @@ class Fix:
         output, kernel = _output(job), job.others.get("kernel")
         common: dict[str, Any] = {
             "overwrite": job.overwrite,
+            "provenance": self.provenance,
             "overwrite_kernel": job.overwrite_others,
             "threads": threads,
             "progress": progress,
@@ -105,11 +109,14 @@ class Deblur:
         How.
     transfer : {"srgb", "linear", "gamma22"}, optional
         The file's transfer curve.
+    provenance : bool
+        Whether the result tells in its metadata how it came about.
 
     """
 
     restoration: RestorationOptions | PairRestorationOptions = BY_DEFAULT
     transfer: TransferName | None = None
+    provenance: bool = True
 
     def __call__(
         self, job: Job, *, threads: int | None, progress: Progress | None
@@ -118,6 +125,7 @@ class Deblur:
         kernel = job.needs["kernel"]
         common: dict[str, Any] = {
             "transfer": self.transfer,
+            "provenance": self.provenance,
             "overwrite": job.overwrite,
             "threads": threads,
             "progress": progress,

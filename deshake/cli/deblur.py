@@ -14,6 +14,7 @@ from deshake.cli.options import (
     output_option,
     overwrite_option,
     photo_argument,
+    provenance_option,
     transfer_option,
 )
 from deshake.cli.restoration import noisy_option, restoration, restoration_options
@@ -40,6 +41,7 @@ __all__ = ["command"]
 )
 @restoration_options
 @transfer_option
+@provenance_option
 @overwrite_option
 @general_options
 @click.pass_obj
@@ -53,6 +55,7 @@ def command(
     noisy: Path | None,
     registration: Path | None,
     transfer: TransferName | None,
+    no_provenance: bool,
     overwrite: bool,
     **choices: Any,  # noqa: ANN401 - how to deblur
 ) -> None:
@@ -60,13 +63,15 @@ def command(
 
     KERNEL is a kernel file (.npz), or - for standard input. It may have been made from PHOTO at
     another size. With --noisy it is that of estimate-pair: where nothing else is said, the photos
-    are registered as they were there. The result has the format, depth and metadata of PHOTO.
+    are registered as they were there. The result has the format, depth and metadata of PHOTO,
+    and tells in them how it came about.
     """
     if noisy is None and registration is not None:
         raise click.UsageError("--registration needs --noisy.")
     chosen: Any = restoration(noisy, **choices)
     common: dict[str, Any] = {
         "transfer": transfer,
+        "provenance": not no_provenance,
         "overwrite": overwrite,
         "threads": context.threads,
     }

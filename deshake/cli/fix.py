@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from deshake.cli.batch import batch_options, photos_argument, planned, refuse_stdout, run_batch
-from deshake.cli.options import FILE, estimate_options, general_options, output_option
+from deshake.cli.options import (
+    FILE,
+    estimate_options,
+    general_options,
+    output_option,
+    provenance_option,
+)
 from deshake.cli.restoration import noisy_option, restoration, restoration_options
 
 if TYPE_CHECKING:
@@ -35,6 +41,7 @@ __all__ = ["command"]
 @noisy_option
 @estimate_options
 @restoration_options
+@provenance_option
 @batch_options
 @general_options
 @click.pass_obj
@@ -50,6 +57,7 @@ def command(
     method: str | None,
     quality: str,
     iterations: int | None,
+    no_provenance: bool,
     batch: Batch,
     **choices: Any,  # noqa: ANN401 - the fields of EstimateOptions
 ) -> int:
@@ -81,7 +89,7 @@ def command(
         needs={} if noisy is None else {"noisy": lambda _: noisy},
     )
     known = None if camera is None else read_camera(camera)
-    work = Fix(EstimateOptions(camera=known, **choices), chosen)
+    work = Fix(EstimateOptions(camera=known, **choices), chosen, provenance=not no_provenance)
     return run_batch(context, jobs, work, batch)
 
 

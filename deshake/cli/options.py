@@ -35,6 +35,7 @@ __all__ = [
     "output_option",
     "overwrite_option",
     "photo_argument",
+    "provenance_option",
     "region_option",
     "transfer_option",
     "uniform_option",
@@ -196,6 +197,11 @@ kernel_argument = click.argument("kernel", type=FILE)
 
 overwrite_option = click.option(
     "--overwrite", is_flag=True, help="Replace the output if it exists."
+)
+provenance_option = click.option(
+    "--no-provenance",
+    is_flag=True,
+    help="Add nothing to the photo's metadata about how it was deblurred.",
 )
 transfer_option = click.option(
     "--transfer",

@@ -1,4 +1,4 @@
-"""The raw structure of EXIF and TIFF: directories of tags, read, patched and appended.
+"""The raw structure of EXIF and TIFF: directories of tags, read and appended.
 
 Values are carried as the bytes that the camera wrote: no tag is ever interpreted and written
 anew. An EXIF block here is a small TIFF file, without the ``Exif`` marker of JPEG.
@@ -16,9 +16,10 @@ import struct
 from dataclasses import dataclass, field
 from typing import Final
 
-__all__ = ["Directory", "Tree", "append_tree", "new_block", "orientation", "read_tree", "upright"]
+__all__ = ["Directory", "Tree", "append_tree", "new_block", "orientation", "read_tree"]
 
 ORIENTATION: Final = 274
+SOFTWARE: Final = 305
 EXIF_POINTER: Final = 34665
 GPS_POINTER: Final = 34853
 INTEROP_POINTER: Final = 40965
@@ -178,26 +179,6 @@ def orientation(block: bytes) -> int:
     first = read_first(block)
     stated = [] if first is None else first.numbers(ORIENTATION)
     return int(stated[0]) if len(stated) == 1 and stated[0] in range(1, 9) else 1
-
-
-def upright(block: bytes) -> bytes:
-    """Return an EXIF block that says orientation 1, for pixels that have been turned.
-
-    Only the value of the tag changes, and the link to the thumbnail, which would now lie on its
-    side: it is cut by zeroing the four bytes that point at it. All other bytes stay in place.
-    """
-    first = read_first(block)
-    if first is None or orientation(block) == 1:
-        return block
-    out = bytearray(block)
-    kind, _, raw = first.values[ORIENTATION]
-    code = {1: "B", 3: "H", 4: "I"}.get(kind)
-    if code is not None:
-        place = first.places[ORIENTATION]
-        out[place : place + len(raw)] = struct.pack(f"{first.order}{code}", 1)
-    if first.next_at + 4 <= len(out):
-        out[first.next_at : first.next_at + 4] = bytes(4)
-    return bytes(out)
 
 
 def _read_directory(block: bytes, order: str, offset: int, *, big: bool) -> Directory:

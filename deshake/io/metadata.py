@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass, replace
 
-from deshake.io import exif
+from deshake.io import exif, exif_editing, xmp
 
 __all__ = ["CameraTags", "Metadata"]
 
-_XMP_ORIENTATION = re.compile(rb"(tiff:Orientation(?:=[\"']|>))[2-8](?=[\"']|</)")
 _MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # FocalPlaneResolutionUnit; 4, 5 are in use
 
 
@@ -80,8 +78,7 @@ class Metadata:
         """
         if self.orientation == 1:
             return self
-        xmp = _XMP_ORIENTATION.sub(rb"\g<1>1", self.xmp)
-        return replace(self, exif=exif.upright(self.exif), xmp=xmp)
+        return replace(self, exif=exif_editing.upright(self.exif), xmp=xmp.upright(self.xmp))
 
     def tags(self) -> CameraTags:
         """Read the tags that calibration needs; odd values read as None."""

@@ -15,6 +15,7 @@ from deshake.io.kernel_file import read_kernel, write_camera, write_kernel
 from deshake.io.photo import encode_photo, output_format, read_photo, write_photo
 from deshake.pipelines.fitting import fitting_kernel
 from deshake.pipelines.latent_picture import latent_photo
+from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
 from deshake.pipelines.stages import calibrate, deblur, estimate
 
 if TYPE_CHECKING:
@@ -123,13 +124,15 @@ def deblur_file(
     *,
     transfer: TransferName | None = None,
     restoration: RestorationOptions = BY_DEFAULT,
+    provenance: bool = True,
     overwrite: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Path:
     """Deblur a photo with the kernel of a file, write the result, and return where.
 
-    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``.
+    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. With
+    `provenance` it tells in its metadata how it came about.
 
     Raises
     ------
@@ -148,6 +151,9 @@ def deblur_file(
     check_encoding(photo, path)
     kernel = fitting_kernel(content, photo, kernel_file)
     photo = deblur(photo, kernel, restoration, threads=threads, progress=progress)
+    if provenance:
+        told = photo_provenance(photo, content, restoration, transfer=transfer)
+        photo = with_photo_provenance(photo, told)
     write_photo(path, photo, overwrite=overwrite)
     return path
 
@@ -159,6 +165,7 @@ def fix_file(
     options: EstimateOptions,
     *,
     restoration: RestorationOptions = BY_DEFAULT,
+    provenance: bool = True,
     overwrite: bool = False,
     overwrite_kernel: bool = False,
     threads: int | None = None,
@@ -166,7 +173,8 @@ def fix_file(
 ) -> Estimate:
     """Estimate the kernel of a photo, deblur the photo with it, and write both.
 
-    The kernel file, if `kernel_file` is given, is kept only together with the photo.
+    The kernel file, if `kernel_file` is given, is kept only together with the photo. With
+    `provenance` the photo tells in its metadata how it came about.
 
     Raises
     ------
@@ -187,6 +195,9 @@ def fix_file(
     found = estimate(photo, options, threads=threads, progress=first)
     kernel = found.content.kernel
     photo = deblur(photo, kernel, restoration, threads=threads, progress=second)
+    if provenance:
+        told = photo_provenance(photo, found.content, restoration, transfer=options.transfer)
+        photo = with_photo_provenance(photo, told)
     with contextlib.ExitStack() as outputs:
         if kernel_file is not None:
             outputs.enter_context(gone_on_failure(kernel_file))

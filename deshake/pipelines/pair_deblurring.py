@@ -24,6 +24,7 @@ from deshake.operators.shake_blur import ShakeBlur
 from deshake.pipelines.camera_tones import blurred_planes, needs_curves, with_tones_of
 from deshake.pipelines.file_stages import check_encoding, part
 from deshake.pipelines.fitting import check_registration, fitting_kernel
+from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
 from deshake.pipelines.register import known_registration
 from deshake.pipelines.stages import EstimateOptions, camera_for, luminance
 
@@ -161,13 +162,15 @@ def deblur_pair_file(
     *,
     registration: Path | None = None,
     transfer: TransferName | None = None,
+    provenance: bool = True,
     overwrite: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Path:
     """Deblur a photo with a noisy one and the kernel of a file; write the result, return where.
 
-    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``.
+    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. With
+    `provenance` it tells in its metadata how it came about.
 
     Raises
     ------
@@ -198,6 +201,9 @@ def deblur_pair_file(
         threads=threads,
         progress=progress,
     )
+    if provenance:
+        told = photo_provenance(photo, content, options, transfer=transfer, noisy=noisy)
+        photo = with_photo_provenance(photo, told)
     write_photo(path, photo, overwrite=overwrite)
     return path
 

@@ -17,6 +17,7 @@ from deshake.io.photo import read_photo, write_photo
 from deshake.pipelines.file_stages import check_encoding, gone_on_failure, part
 from deshake.pipelines.pair_deblurring import PairRestorationOptions, deblur_pair
 from deshake.pipelines.pair_stages import estimate_pair
+from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
 from deshake.pipelines.register import find_registration
 
 if TYPE_CHECKING:
@@ -68,6 +69,7 @@ def fix_pair_file(
     options: EstimateOptions,
     *,
     restoration: PairRestorationOptions,
+    provenance: bool = True,
     overwrite: bool = False,
     overwrite_kernel: bool = False,
     threads: int | None = None,
@@ -87,6 +89,8 @@ def fix_pair_file(
         What the estimate goes by; region and estimator do not count, and the angle is the blur's.
     restoration : PairRestorationOptions
         How the photo is deblurred.
+    provenance : bool
+        Whether the result tells in its metadata how it came about.
     overwrite, overwrite_kernel : bool
         Whether an existing result, or an existing kernel, may be replaced.
     threads : int, optional
@@ -129,6 +133,11 @@ def fix_pair_file(
         threads=threads,
         progress=part(progress, _ESTIMATED, 1),
     )
+    if provenance:
+        told = photo_provenance(
+            g, kernel.content, restoration, transfer=options.transfer, noisy=f_N
+        )
+        photo = with_photo_provenance(photo, told)
     with contextlib.ExitStack() as outputs:
         if kernel_file is not None:
             outputs.enter_context(gone_on_failure(kernel_file))

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 # What it does with a photo stands in the photo.
-WORK = '''
+WORK = """
 import logging, os, signal, time
 from pathlib import Path
 from deshake.errors import PhotoError
@@ -44,7 +44,7 @@ class Trial:
 
     def memory(self, size):
         return self.need * max(size.pixels, 1)
-'''
+"""
 
 
 @pytest.fixture

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import pytest
@@ -49,16 +48,16 @@ def test_numbers_count_by_their_value():
 
 
 def test_links_that_go_round_are_followed_once():
-    os.symlink("..", "in/d/up")
-    os.symlink("d", "in/same")
-    os.symlink("z.jpg", "in/link.jpg")
-    os.symlink("nowhere", "in/gone.jpg")
+    Path("in/d/up").symlink_to("..")
+    Path("in/same").symlink_to("d")
+    Path("in/link.jpg").symlink_to("z.jpg")
+    Path("in/gone.jpg").symlink_to("nowhere")
     photos = found("in", recursive=True)
     assert photos == ["in/link.jpg", "in/y.tif", "in/z.jpg", "in/d/q.jpg"]
 
 
 def test_folders_of_results_are_left_out_under_any_name():
-    os.symlink("d", "in/other")
+    Path("in/other").symlink_to("d")
     assert found("in", recursive=True, without=[Path("in/other")]) == ["in/y.tif", "in/z.jpg"]
 
 

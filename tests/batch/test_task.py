@@ -65,3 +65,16 @@ def test_warnings_of_other_threads_are_not_this_photos(jobs):
         return {}
 
     assert run_job(job, work).warnings == ()
+
+
+def test_notes_are_told_where_warnings_are_not_wanted(jobs, caplog):
+    [job] = jobs("")
+
+    def work(*_, **__):
+        logging.getLogger("deshake").warning("%s: one", job.source)
+        return {"notes": ["one", "two"], "x": 1}
+
+    for level in (logging.ERROR, logging.WARNING):
+        caplog.set_level(level, "deshake")
+        result = run_job(job, work)
+        assert (result.warnings, result.figures) == (("one", "two"), {"x": 1})

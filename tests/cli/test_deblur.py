@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import hashlib
 import subprocess
 import sys
 
@@ -8,9 +9,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from deshake import __version__
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.io.kernel_file import KernelFile, write_kernel
+from deshake.io.provenance import read_provenance
 from deshake.io.registration_file import RegistrationFile, write_registration
 
 
@@ -62,6 +65,30 @@ def test_metadata_stay(deshake, shaken, kernel, tmp_path):
     with Image.open(tmp_path / "a.deshaken.jpg") as image:
         assert image.getexif()[0x010F] == "a camera"
         assert image.info["icc_profile"] == b"x" * 200
+
+
+@pytest.mark.parametrize("ending", ["jpg", "png", "tif", "webp"])
+def test_the_result_tells_how_it_came_about(deshake, shaken, kernel, tmp_path, ending):
+    photo = shaken(f"a.{ending}")
+    how = ("--method", "rl", "--iterations", 1)
+    assert deshake("deblur", photo, kernel, *how).code == 0
+    out = tmp_path / f"a.deshaken.{ending}"
+    told = read_provenance(out)
+    assert told["options"] == {
+        "transfer": None,
+        "method": "rl",
+        "quality": "default",
+        "iterations": 1,
+    }
+    assert told["input_sha256"] == hashlib.sha256(photo.read_bytes()).hexdigest()
+    assert str(tmp_path).encode() not in out.read_bytes()
+    with Image.open(out) as image:
+        assert image.getexif()[305] == f"deshake {__version__}"
+    assert deshake("deblur", photo, kernel, *how, "--overwrite", "--no-provenance").code == 0
+    assert b"deshake" not in out.read_bytes()
+    with Image.open(out) as image:
+        assert not image.getexif().get(305)
+        assert not image.info.get("xmp")
 
 
 def test_a_folder_takes_the_default_name(deshake, shaken, kernel, tmp_path):

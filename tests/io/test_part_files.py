@@ -3,6 +3,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -23,7 +24,7 @@ with atomic_write(sys.argv[1]) as stream:
 def test_parts_are_hidden_and_of_ones_own(tmp_path):
     made = [create_part(str(tmp_path)) for _ in range(2)]
     for handle, path in made:
-        assert os.path.basename(path).startswith(".deshake-")
+        assert Path(path).name.startswith(".deshake-")
         os.close(handle)
     assert len(list(tmp_path.iterdir())) == 2
 
