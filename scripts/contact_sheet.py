@@ -23,11 +23,11 @@ from typing import TYPE_CHECKING
 
 from sheets import CHARACTER, GAP, Line, at_least, detailed_part, resized, sheet, shown
 
+from deshake.batch.folders import find_photos
 from deshake.errors import DeshakeError, OutputError
 from deshake.io.files import check_output
 from deshake.io.kernel_file import write_kernel
 from deshake.io.photo import read_photo, write_photo
-from deshake.batch.folders import find_photos
 from deshake.pipelines.file_stages import kernel_name
 from deshake.pipelines.render import render_kernel
 from deshake.pipelines.stages import EstimateOptions, deblur, estimate

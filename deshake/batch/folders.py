@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from deshake.errors import PhotoError
-from deshake.io.encoding import SUFFIXES
+from deshake.io.encoding import READ_ONLY, SUFFIXES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["Found", "find_photos", "identity", "natural_order"]
 
 _RESULT = ".deshaken"
+_SUFFIXES = frozenset([*SUFFIXES, *READ_ONLY])
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ def find_photos(
             elsewhere = "" if recursive else "; folders in it are searched with -r only"
             raise PhotoError(
                 "there are no photos in this folder",
-                hint=f"photos end in .jpg, .png, .tif or .webp{elsewhere}",
+                hint=f"photos end in .jpg, .tif, .dng and the like{elsewhere}",
                 file=path,
             )
         photos += found
@@ -122,4 +123,4 @@ def _in_folder(
 
 def _is_photo(entry: os.DirEntry[str]) -> bool:
     stem, suffix = os.path.splitext(entry.name)  # noqa: PTH122 - 100 000 names
-    return suffix.lower() in SUFFIXES and not stem.endswith(_RESULT) and entry.is_file()
+    return suffix.lower() in _SUFFIXES and not stem.endswith(_RESULT) and entry.is_file()

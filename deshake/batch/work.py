@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
+import logging
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 from deshake.batch.footprint import estimate_memory, photo_memory, restoration_memory
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions
 from deshake.io.kernel_file import read_kernel
-from deshake.io.sensors import FULL_FRAME_DIAGONAL
-from deshake.pipelines.file_stages import calibrate_file, deblur_file, estimate_file, fix_file
+from deshake.pipelines.calibration import calibrate_file
+from deshake.pipelines.file_stages import deblur_file, estimate_file, fix_file
 from deshake.pipelines.pair_deblurring import PairRestorationOptions, deblur_pair_file
 from deshake.pipelines.pair_fixing import fix_pair_file
 
@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     Progress = Callable[[float, str], None]
 
 __all__ = ["Calibrate", "Deblur", "EstimateBlind", "Fix", "Work"]
+
+
+_log = logging.getLogger(__name__)
 
 
 class Work(Protocol):
@@ -59,13 +62,14 @@ class Fix:
         What the estimate goes by.
     restoration : RestorationOptions or PairRestorationOptions
         How the photo is deblurred.
-    provenance : bool
-        Whether the result tells in its metadata how it came about.
+    linear, provenance : bool
+        As in `fix_file` and `deblur_file`.
 
     """
 
     options: EstimateOptions
     restoration: RestorationOptions | PairRestorationOptions = BY_DEFAULT
+    linear: bool = False
     provenance: bool = True
 
     def __call__(
@@ -75,6 +79,7 @@ class Fix:
         output, kernel = _output(job), job.others.get("kernel")
         common: dict[str, Any] = {
             "overwrite": job.overwrite,
+            "linear": self.linear,
             "provenance": self.provenance,
             "overwrite_kernel": job.overwrite_others,
             "threads": threads,
@@ -109,13 +114,14 @@ class Deblur:
         How.
     transfer : {"srgb", "linear", "gamma22"}, optional
         The file's transfer curve.
-    provenance : bool
-        Whether the result tells in its metadata how it came about.
+    linear, provenance : bool
+        As in `fix_file` and `deblur_file`.
 
     """
 
     restoration: RestorationOptions | PairRestorationOptions = BY_DEFAULT
     transfer: TransferName | None = None
+    linear: bool = False
     provenance: bool = True
 
     def __call__(
@@ -125,6 +131,7 @@ class Deblur:
         kernel = job.needs["kernel"]
         common: dict[str, Any] = {
             "transfer": self.transfer,
+            "linear": self.linear,
             "provenance": self.provenance,
             "overwrite": job.overwrite,
             "threads": threads,
@@ -214,15 +221,11 @@ class Calibrate:
             focal_35mm=self.focal_35mm,
             overwrite=job.overwrite,
         )
-        camera = found.camera
-        film = camera.focal_px * FULL_FRAME_DIAGONAL / math.hypot(*camera.shape)
-        return {
-            "focal_px": round(camera.focal_px, 3),
-            "focal_35mm": round(film, 3),
-            "source": found.source,
-            "width": camera.width,
-            "height": camera.height,
-        }
+        for line in found.considered:
+            _log.info("%s: %s", job.source, line)
+        for note in found.notes:
+            _log.warning("%s: %s", job.source, note)
+        return found.report()
 
     def memory(self, size: PictureSize) -> int:
         """Predict the memory that it takes."""

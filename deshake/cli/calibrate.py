@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import math
+import logging
 from typing import TYPE_CHECKING
 
 import click
@@ -12,6 +12,7 @@ from deshake.cli.options import (
     focal_options,
     general_options,
     json_option,
+    one_to_stdout,
     output_option,
     overwrite_option,
     photo_argument,
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from deshake.cli.context import Context
 
 __all__ = ["command"]
+
+_log = logging.getLogger(__name__)
 
 
 @click.command("calibrate")
@@ -47,34 +50,29 @@ def command(
     """Find a photo's focal length in pixels.
 
     It comes from the options, from the EXIF tags of PHOTO (the 35 mm equivalent, or the focal
-    length with the resolution of the focal plane), or from a table of cameras' sensors. The
-    camera file (.npz) has it with the principal point in the middle of the upright photo.
+    length with the resolution of the focal plane), from the crop factor that lensfun knows, or from
+    a table of cameras' sensors. That PHOTO was cropped, resized or taken with a digital zoom is
+    noticed where its EXIF tells. The camera file (.npz) has it with the principal point in the
+    middle of the upright photo. The confidence that --json prints is a judgement of how likely the
+    figure is right to within 5 %.
     """
-    from deshake.io.sensors import FULL_FRAME_DIAGONAL
-    from deshake.pipelines.file_stages import calibrate_file
+    from deshake.pipelines.calibration import calibrate_file
 
     if output is None and not as_json:
         output = photo.with_name(f"{photo.stem}.camera.npz")
-    to_stdout = str(output) == "-"
-    if as_json and to_stdout:
-        raise click.UsageError("--json and -o - cannot both go to standard output.")
+    to_stdout = one_to_stdout(as_json=as_json, output=output)
     found = calibrate_file(
         photo, output, focal_px=focal_px, focal_35mm=focal_35mm, overwrite=overwrite
     )
-    camera = found.camera
-    film = camera.focal_px * FULL_FRAME_DIAGONAL / math.hypot(*camera.shape)
+    for line in found.considered:
+        _log.info("%s: %s", photo, line)
+    for note in found.notes:
+        _log.warning("%s: %s", photo, note)
     if as_json:
-        result = {
-            "input": str(photo),
-            "output": None if output is None else str(output),
-            "focal_px": round(camera.focal_px, 3),
-            "focal_35mm": round(film, 3),
-            "source": found.source,
-            "width": camera.width,
-            "height": camera.height,
-        }
-        click.echo(json.dumps(result))
+        files = {"input": str(photo), "output": None if output is None else str(output)}
+        click.echo(json.dumps(files | found.report()))
     elif not to_stdout and context.verbosity >= 0:
         click.echo(
-            f"{photo}: {camera.focal_px:.1f} pixels, {film:.1f} mm-equivalent ({found.source})"
+            f"{photo}: {found.camera.focal_px:.1f} pixels, {found.focal_35mm:.1f} mm-equivalent "
+            f"({found.source})"
         )

@@ -11,6 +11,7 @@ from deshake.cli.options import (
     FILE,
     general_options,
     kernel_argument,
+    linear_option,
     output_option,
     overwrite_option,
     photo_argument,
@@ -41,6 +42,7 @@ __all__ = ["command"]
 )
 @restoration_options
 @transfer_option
+@linear_option
 @provenance_option
 @overwrite_option
 @general_options
@@ -55,6 +57,7 @@ def command(
     noisy: Path | None,
     registration: Path | None,
     transfer: TransferName | None,
+    linear: bool,
     no_provenance: bool,
     overwrite: bool,
     **choices: Any,  # noqa: ANN401 - how to deblur
@@ -71,6 +74,7 @@ def command(
     chosen: Any = restoration(noisy, **choices)
     common: dict[str, Any] = {
         "transfer": transfer,
+        "linear": linear,
         "provenance": not no_provenance,
         "overwrite": overwrite,
         "threads": context.threads,

@@ -11,6 +11,7 @@ from deshake.cli.options import (
     FILE,
     estimate_options,
     general_options,
+    linear_option,
     output_option,
     provenance_option,
 )
@@ -41,6 +42,7 @@ __all__ = ["command"]
 @noisy_option
 @estimate_options
 @restoration_options
+@linear_option
 @provenance_option
 @batch_options
 @general_options
@@ -57,6 +59,7 @@ def command(
     method: str | None,
     quality: str,
     iterations: int | None,
+    linear: bool,
     no_provenance: bool,
     batch: Batch,
     **choices: Any,  # noqa: ANN401 - the fields of EstimateOptions
@@ -89,7 +92,12 @@ def command(
         needs={} if noisy is None else {"noisy": lambda _: noisy},
     )
     known = None if camera is None else read_camera(camera)
-    work = Fix(EstimateOptions(camera=known, **choices), chosen, provenance=not no_provenance)
+    work = Fix(
+        EstimateOptions(camera=known, **choices),
+        chosen,
+        linear=linear,
+        provenance=not no_provenance,
+    )
     return run_batch(context, jobs, work, batch)
 
 

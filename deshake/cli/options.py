@@ -31,6 +31,7 @@ __all__ = [
     "general_options",
     "json_option",
     "kernel_argument",
+    "linear_option",
     "one_to_stdout",
     "output_option",
     "overwrite_option",
@@ -207,6 +208,12 @@ transfer_option = click.option(
     "--transfer",
     type=click.Choice(["linear", "srgb", "gamma22"]),
     help="How the file's values stand for light.  [default: by its colour profile, else srgb]",
+)
+linear_option = click.option(
+    "--linear",
+    is_flag=True,
+    help="Write the result of a RAW file in linear light and the sensor's colours.  "
+    "[default: in sRGB]",
 )
 camera_option = click.option(
     "--camera",

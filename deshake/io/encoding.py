@@ -17,12 +17,27 @@ from deshake.io.transfer import SRGB
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    import numpy as np
+    from numpy.typing import NDArray
+
     from deshake.io.metadata import Metadata
     from deshake.io.transfer import Codes, Depth, Transfer
 
-__all__ = ["MAX_PIXELS", "SUFFIXES", "Decoded", "Encoding", "Format", "check_size", "decoding"]
+__all__ = [
+    "MAX_PIXELS",
+    "READ_ONLY",
+    "SUFFIXES",
+    "WRITTEN_AS",
+    "Decoded",
+    "Encoding",
+    "Format",
+    "Matrix",
+    "check_size",
+    "decoding",
+]
 
-Format = Literal["JPEG", "PNG", "TIFF", "WEBP"]
+Format = Literal["JPEG", "PNG", "TIFF", "WEBP", "AVIF", "JPEG2000", "HEIF", "RAW"]
+Matrix = tuple[tuple[float, float, float], ...]
 
 SUFFIXES: dict[str, Format] = {
     ".jpg": "JPEG",
@@ -32,7 +47,29 @@ SUFFIXES: dict[str, Format] = {
     ".tif": "TIFF",
     ".tiff": "TIFF",
     ".webp": "WEBP",
+    ".avif": "AVIF",
+    ".jp2": "JPEG2000",
 }
+"""Formats that are read and written, by the ending of the name."""
+
+_RAW_SUFFIXES = (
+    *(".dng", ".gpr"),  # any maker's
+    *(".cr2", ".cr3", ".crw"),  # Canon
+    *(".nef", ".nrw"),  # Nikon
+    *(".arw", ".sr2", ".srf", ".mrw"),  # Sony, Minolta
+    *(".raf", ".orf", ".rw2"),  # Fujifilm, Olympus, Panasonic
+    *(".pef", ".srw", ".rwl"),  # Pentax, Samsung, Leica
+    *(".3fr", ".fff", ".iiq", ".mos", ".mef"),  # Hasselblad, Phase One, Leaf, Mamiya
+    *(".x3f", ".erf", ".kdc", ".dcr"),  # Sigma, Epson, Kodak
+)
+READ_ONLY: dict[str, Format] = {
+    **dict.fromkeys((".heic", ".heif", ".hif"), "HEIF"),
+    **dict.fromkeys(_RAW_SUFFIXES, "RAW"),
+}
+"""Formats that are only read, by the ending of the name."""
+
+WRITTEN_AS: dict[Format, str] = {"HEIF": ".jpg", "RAW": ".tif"}
+"""What the result of a format that is only read ends in."""
 
 MAX_PIXELS = 300_000_000
 """Pixels of the largest picture that is decoded: half as many again as a 200 MP camera's."""
@@ -44,10 +81,12 @@ class Encoding:
 
     Parameters
     ----------
-    format : {"JPEG", "PNG", "TIFF", "WEBP"}
+    format : {"JPEG", "PNG", "TIFF", "WEBP", "AVIF", "JPEG2000", "HEIF", "RAW"}
         The file format.
     depth : {8, 16}
         Bits a sample.
+    bits : int
+        Bits a sample that the file really has, where they are fewer than a depth of 16; 0: as many.
     grey : bool
         One channel, or three.
     transfer : Transfer
@@ -64,6 +103,10 @@ class Encoding:
         Whether a TIFF is compressed. Whatever the method was, deflate is what is written.
     premultiplied : bool
         Whether a TIFF's colours are multiplied by its alpha; they are carried as they are.
+    matrix : 3 x 3 tuple of float, or None
+        Turns colours as the photo has them, the sensor's own, into those of the file.
+    balance : tuple of float
+        By how much the channels of a RAW file were amplified, the least by 1: the white balance.
     carried : bytes
         Blocks of the same format that are copied as they are: JPEG segments (IPTC, comments,
         extended XMP) or PNG chunks (texts, density, chromaticities).
@@ -72,6 +115,7 @@ class Encoding:
 
     format: Format
     depth: Depth = 8
+    bits: int = 0
     grey: bool = False
     transfer: Transfer = SRGB
     quantisation: tuple[tuple[int, ...], ...] = ()
@@ -80,6 +124,8 @@ class Encoding:
     lossless: bool = False
     compressed: bool = False
     premultiplied: bool = False
+    matrix: Matrix | None = None
+    balance: tuple[float, ...] = ()
     carried: bytes = b""
 
 
@@ -97,6 +143,10 @@ class Decoded:
         How the file holds them.
     metadata : Metadata
         The metadata blocks.
+    saturated : array of bool, as `codes`, or None
+        Of a RAW file, whose codes are in linear light: where the sensor was at its white level.
+    notes : tuple of str
+        What else the file holds that a result will lack, in plain words.
 
     """
 
@@ -104,6 +154,8 @@ class Decoded:
     alpha: Codes | None
     encoding: Encoding
     metadata: Metadata
+    saturated: NDArray[np.bool_] | None = None
+    notes: tuple[str, ...] = ()
 
 
 def check_size(height: int, width: int) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from deshake.errors import OutputError
+from deshake.io.encoding import READ_ONLY, WRITTEN_AS
 from deshake.io.part_files import create_part
 
 if TYPE_CHECKING:
@@ -47,9 +48,14 @@ _REASONS = {
 
 
 def output_name(source: str | os.PathLike[str]) -> str:
-    """Return the default name of a photo's output: ``<stem>.deshaken.<ext>``."""
+    """Return the default name of a photo's output: ``<stem>.deshaken.<ext>``.
+
+    The ending is the photo's own, or that of the format which takes the place of one that is only
+    read.
+    """
     path = Path(source)
-    return f"{path.stem}.deshaken{path.suffix}"
+    form = READ_ONLY.get(path.suffix.lower())
+    return f"{path.stem}.deshaken{path.suffix if form is None else WRITTEN_AS[form]}"
 
 
 def default_output(

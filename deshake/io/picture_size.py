@@ -5,16 +5,19 @@ from __future__ import annotations
 import contextlib
 import os
 import warnings
+from pathlib import Path
 from typing import NamedTuple
 
 import tifffile
 from PIL import Image
 
+from deshake.io.encoding import READ_ONLY
+
 __all__ = ["PictureSize", "picture_size"]
 
 _GREY = {"1", "L", "LA", "I", "I;16", "I;16B", "I;16L", "F"}
-_PIXELS_A_BYTE = 4
-"""Of a file whose header tells nothing: more than any camera's own formats hold but HEIC."""
+_PIXELS_A_BYTE = 8
+"""Of a file whose header tells nothing: more than phones' HEIC files hold."""
 
 
 class PictureSize(NamedTuple):
@@ -27,9 +30,11 @@ class PictureSize(NamedTuple):
 def picture_size(path: str | os.PathLike[str]) -> PictureSize | None:
     """Return the size of a picture, without decoding it; None: it is no picture.
 
-    Where the header is in no format that Pillow and tifffile know, the size of the file tells,
-    roughly and rather too much.
+    Where no library knows the header, the size of the file tells, roughly and rather too much.
     """
+    if READ_ONLY.get(Path(path).suffix.lower()) == "RAW":  # has a small preview for the others
+        with contextlib.suppress(Exception):
+            return _by_rawpy(path)
     with warnings.catch_warnings(), contextlib.suppress(Exception):
         warnings.simplefilter("ignore")  # reading the photo tells what is wrong with it
         return _by_pillow(path)
@@ -45,6 +50,13 @@ def picture_size(path: str | os.PathLike[str]) -> PictureSize | None:
 def _by_pillow(path: str | os.PathLike[str]) -> PictureSize:
     with Image.open(path) as image:
         return PictureSize(image.width * image.height, 1 if image.mode in _GREY else 3)
+
+
+def _by_rawpy(path: str | os.PathLike[str]) -> PictureSize:
+    import rawpy  # noqa: PLC0415 - needed for RAW files alone
+
+    with rawpy.imread(os.fspath(path)) as raw:
+        return PictureSize(raw.sizes.raw_width * raw.sizes.raw_height, 3)
 
 
 def _by_tifffile(path: str | os.PathLike[str]) -> PictureSize:

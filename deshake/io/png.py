@@ -22,8 +22,10 @@ from PIL.PngImagePlugin import PngImageFile
 
 from deshake.errors import PhotoError
 from deshake.io.encoding import Decoded, Encoding, check_size, decoding
+from deshake.io.image_resources import with_iptc
 from deshake.io.metadata import Metadata
 from deshake.io.opencv import imdecode
+from deshake.io.raw_profiles import RAW_PROFILE, profile_text, raw_profile
 from deshake.io.transfer import SRGB, Power
 
 if TYPE_CHECKING:
@@ -105,6 +107,11 @@ def encode_png(picture: Decoded) -> bytes:
         out.append(_pack(b"eXIf", metadata.exif))
     if metadata.xmp:
         out.append(_pack(b"iTXt", _XMP + bytes(4) + metadata.xmp))
+    if metadata.iptc or metadata.resources:
+        resources = with_iptc(metadata.resources, metadata.iptc)
+        out.append(
+            _pack(b"zTXt", RAW_PROFILE + b"iptc\0\0" + zlib.compress(profile_text(resources)))
+        )
     out.extend(_pack(b"IDAT", part) for part in _compress(pixels))
     out.append(_pack(b"IEND", b""))
     return b"".join(out)
@@ -175,18 +182,26 @@ def _check_stream(chunks: list[Chunk]) -> None:
 
 
 def _metadata(chunks: list[Chunk]) -> tuple[Metadata, Transfer, bytes]:
-    """Sort the ancillary chunks into metadata, transfer curve, and what is carried as it is."""
-    exif = xmp = icc = carried = b""
+    """Sort the ancillary chunks into metadata, transfer curve, and what is carried as it is.
+
+    Where there are two of what should be one, the first counts.
+    """
+    blocks: dict[str, bytes] = {}
+    raw: dict[str, bytes] = {}
+    carried = b""
     found = dict(chunks)
     for name, content in chunks:
         if name == b"eXIf":
-            exif = content.removeprefix(b"Exif\0\0")
+            blocks.setdefault("exif", content.removeprefix(b"Exif\0\0"))
         elif name == b"iCCP":
-            icc = _inflate(content.split(b"\0", 1)[1][1:])
+            blocks.setdefault("icc", _inflate(content.split(b"\0", 1)[1][1:]))
         elif name == b"iTXt" and content.startswith(_XMP):
             packed, rest = content[len(_XMP)], content[len(_XMP) + 2 :]
             text = rest.split(b"\0", 2)[2]
-            xmp = _inflate(text) if packed else text
+            blocks.setdefault("xmp", _inflate(text) if packed else text)
+        elif name in {b"tEXt", b"zTXt"} and content.startswith(RAW_PROFILE):
+            text = content.split(b"\0", 1)[1]
+            raw = raw_profile(content, _inflate(text[1:]) if name == b"zTXt" else text) | raw
         elif name in _CARRIED:
             carried += _pack(name, content)
     transfer: Transfer = SRGB
@@ -194,7 +209,7 @@ def _metadata(chunks: list[Chunk]) -> tuple[Metadata, Transfer, bytes]:
         (gamma,) = struct.unpack(">I", found[b"gAMA"])
         if 25000 <= gamma <= 300000 and abs(gamma - _SRGB_GAMMA) > 100:
             transfer = Power(100000 / gamma)
-    return Metadata(exif, xmp, icc), transfer, carried
+    return Metadata(**(raw | blocks)), transfer, carried
 
 
 def _inflate(packed: bytes) -> bytes:

@@ -21,13 +21,15 @@ if TYPE_CHECKING:
 
     from deshake.io.metadata import Metadata
 
-__all__ = ["NAMESPACE", "read_provenance", "with_provenance"]
+__all__ = ["NAMESPACE", "PROPERTY", "read_provenance", "with_provenance"]
 
 NAMESPACE: Final = ("deshake", "urn:deshake:photo:1#")
 """Prefix and name of the XMP namespace."""
 
-_NAME: Final = "Provenance"
-_KEY: Final = f"{NAMESPACE[0]}:{_NAME}".encode()
+PROPERTY: Final = "Provenance"
+"""The XMP property whose text the block is."""
+
+_KEY: Final = f"{NAMESPACE[0]}:{PROPERTY}".encode()
 _MAX_TEXT: Final = 1 << 17  # bytes of the block that are looked at
 _MAX_PLACES: Final = 16  # looked at: the start tag, the end tag, and what else may bear the name
 
@@ -59,8 +61,8 @@ def with_provenance(metadata: Metadata, provenance: Mapping[str, Any]) -> Metada
     if former and former != software:
         told["software"] = former
     text = json.dumps(told, sort_keys=True, allow_nan=False)
-    packet = xmp.without(metadata.xmp, NAMESPACE[0], _NAME)
-    packet = xmp.insert(packet, NAMESPACE, _NAME, text) or metadata.xmp
+    packet = xmp.without(metadata.xmp, NAMESPACE[0], PROPERTY)
+    packet = xmp.insert(packet, NAMESPACE, PROPERTY, text) or metadata.xmp
     return replace(metadata, exif=with_software(metadata.exif, software), xmp=packet)
 
 
@@ -88,7 +90,7 @@ def _find(data: mmap.mmap) -> dict[str, Any] | None:
         at = data.find(_KEY, at + 1)
         if at < 0:
             break
-        text = xmp.property_of(data[at : at + _MAX_TEXT], NAMESPACE[0], _NAME)
+        text = xmp.property_of(data[at : at + _MAX_TEXT], NAMESPACE[0], PROPERTY)
         try:
             found = json.loads(text or "")
         except (ValueError, RecursionError):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import logging
 import math
+import struct
 from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
@@ -19,6 +20,7 @@ from tifffile import COMPRESSION, PHOTOMETRIC, TiffFile, TiffPage
 from deshake.errors import PhotoError
 from deshake.io import exif
 from deshake.io.encoding import Decoded, Encoding, check_size, decoding
+from deshake.io.exif_editing import maker_note_at, pointers
 from deshake.io.metadata import Metadata
 from deshake.io.opencv import imdecode
 
@@ -33,6 +35,7 @@ logging.getLogger("tifffile").addHandler(logging.NullHandler())
 _DNG_VERSION: Final = 50706
 _REDUCED: Final = 1  # the bit of NewSubfileType that marks a thumbnail
 _ASSOCIATED, _UNASSOCIATED = 1, 2
+_STRIPS: Final = 273  # StripOffsets
 _MAX_PAGES: Final = 64  # looked at to tell thumbnails from pictures
 _ALONE: Final = {  # the methods that tifffile knows without further libraries
     COMPRESSION.NONE,
@@ -71,9 +74,11 @@ def decode_tiff(data: bytes) -> Decoded:
         first = exif.read_first(data)
         values = {} if first is None else first.values
         metadata = Metadata(
-            exif=exif.new_block(exif.read_tree(data)),
+            exif=exif.new_block(exif.read_tree(data), note_at=maker_note_at(data)),
             xmp=values.get(exif.XMP, (0, 0, b""))[2],
             icc=values.get(exif.ICC, (0, 0, b""))[2],
+            iptc=values.get(exif.IPTC, (0, 0, b""))[2],
+            resources=values.get(exif.IMAGE_RESOURCES, (0, 0, b""))[2],
         )
         encoding = Encoding(
             "TIFF",
@@ -109,16 +114,38 @@ def encode_tiff(picture: Decoded) -> bytes:
         byteorder="<" if tree.order == "<" else ">",
         **options,
     )
-    written = stream.getvalue()
+    return _with_metadata(stream.getvalue(), metadata)
+
+
+def _with_metadata(written: bytes, metadata: Metadata) -> bytes:
+    """Put metadata into a TIFF that has none, made in their byte order.
+
+    The EXIF block becomes the beginning of the file, so that what counts from there still holds;
+    the pixels follow, and then the main directory, anew.
+    """
     first = exif.read_first(written)
     if first is None:
         msg = "tifffile wrote no TIFF"
         raise RuntimeError(msg)
+    tree, block = exif.read_tree(metadata.exif), metadata.exif
+    lies = pointers(block)
+    if lies is not None:
+        shift = len(block) + -len(block) % 16
+        kind, count, raw = first.values[_STRIPS]
+        code = f"{tree.order}{count}{'H' if kind == 3 else 'I'}"
+        places = [shift + place for place in struct.unpack(code, raw)]
+        first.values[_STRIPS] = 4, count, struct.pack(f"{tree.order}{count}I", *places)
+        written = block.ljust(shift, b"\0") + written
+        tree = exif.Tree(tree.order, tree.main | lies)
     tree.main = first.values | tree.main
-    if metadata.xmp:
-        tree.main[exif.XMP] = (1, len(metadata.xmp), metadata.xmp)
-    if metadata.icc:
-        tree.main[exif.ICC] = (7, len(metadata.icc), metadata.icc)
+    for tag, kind, value in (
+        (exif.XMP, 1, metadata.xmp),
+        (exif.IPTC, 7, metadata.iptc),
+        (exif.IMAGE_RESOURCES, 7, metadata.resources),
+        (exif.ICC, 7, metadata.icc),
+    ):
+        if value:
+            tree.main[tag] = kind, len(value), value
     return exif.append_tree(written, tree)
 
 

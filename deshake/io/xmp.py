@@ -11,10 +11,23 @@ References
 
 from __future__ import annotations
 
+import hashlib
 import re
 from typing import Final
+from xml.parsers import expat
 
-__all__ = ["insert", "property_of", "upright", "without", "without_padding"]
+__all__ = [
+    "extended",
+    "guid",
+    "insert",
+    "merged",
+    "property_of",
+    "upright",
+    "with_size",
+    "without",
+    "without_padding",
+    "without_thumbnails",
+]
 
 _RDF: Final = b"http://www.w3.org/1999/02/22-rdf-syntax-ns#"
 _NEW: Final = (
@@ -24,6 +37,11 @@ _NEW: Final = (
 )
 _END: Final = b"<?xpacket end"
 _ORIENTATION: Final = re.compile(rb"(tiff:Orientation(?:=[\"']|>))[2-8](?=[\"']|</)")
+_SIZE: Final = rb"(%s(?:=[\"']|>))\d{1,9}(?=[\"']|</)"
+_WIDTH: Final = re.compile(_SIZE % b"(?:tiff:ImageWidth|exif:PixelXDimension)")
+_HEIGHT: Final = re.compile(_SIZE % b"(?:tiff:ImageLength|exif:PixelYDimension)")
+_NOTE: Final = ("xmpNote", "http://ns.adobe.com/xmp/note/")
+_EXTENDED: Final = "HasExtendedXMP"
 _ABOUT: Final = re.compile(rb"rdf:about=(\"[^\"<]{0,200}\"|'[^'<]{0,200}')")
 _NO_MORE: Final = rb"(?:\s(?:xmlns:\w+|rdf:about)=(?:\"[^\"<]{0,300}\"|'[^'<]{0,300}')){0,4}"
 _EMPTY_RDF: Final = re.compile(rb"<rdf:RDF(\s[^<>]{0,2000}?)?/>")
@@ -103,7 +121,90 @@ def upright(packet: bytes) -> bytes:
     return _ORIENTATION.sub(rb"\g<1>1", packet)
 
 
+def with_size(packet: bytes, height: int, width: int) -> bytes:
+    """Return a packet whose sizes of the picture, where it tells any, are these."""
+    packet = _WIDTH.sub(rb"\g<1>%d" % width, packet)
+    return _HEIGHT.sub(rb"\g<1>%d" % height, packet)
+
+
+def without_thumbnails(packet: bytes) -> bytes:
+    """Return a packet without its thumbnails, which show the photo as it was."""
+    for name in (b"xmp:Thumbnails", b"xap:Thumbnails"):
+        start = packet.find(b"<" + name + b">")
+        end = packet.find(b"</" + name + b">", start)
+        if 0 <= start < end:
+            packet = packet[:start] + packet[end + len(name) + 3 :]
+    return packet
+
+
+def merged(packet: bytes, more: bytes) -> bytes | None:
+    """Return a packet together with what a JPEG had to put into its extended XMP.
+
+    None if the two do not make one packet of XML.
+    """
+    opening = re.search(rb"<rdf:RDF(?:\s[^<>]{0,2000})?>", more)
+    closing, place = more.rfind(b"</rdf:RDF"), packet.rfind(b"</rdf:RDF")
+    if opening is None or closing < opening.end() or place < 0:
+        return None
+    packet = packet[:place] + more[opening.end() : closing] + packet[place:]
+    packet = without(packet, _NOTE[0], _EXTENDED)
+    return packet if _is_xml(packet) else None
+
+
+def extended(packet: bytes, *keep: tuple[tuple[str, str], str]) -> tuple[bytes, bytes] | None:
+    """Split a packet that is too long for a JPEG; None if it has no place to be split.
+
+    Parameters
+    ----------
+    packet : bytes
+        The packet.
+    *keep : (namespace, name)
+        Properties of simple text that stay in the short one.
+
+    Returns
+    -------
+    short : bytes
+        A short packet that refers to the long one by its MD5.
+    long : bytes
+        The rest, without its wrapper.
+
+    """
+    start, end = packet.find(b"<x:xmpmeta"), packet.rfind(b"</x:xmpmeta>")
+    if not 0 <= start < end:
+        return None
+    long = packet[start : end + len(b"</x:xmpmeta>")]
+    short: bytes | None = b""
+    for namespace, name in keep:
+        value = property_of(long, namespace[0], name)
+        if value is not None and short is not None:
+            long = without(long, namespace[0], name)
+            short = insert(short, namespace, name, value)
+    short = None if short is None else insert(short, _NOTE, _EXTENDED, _md5(long))
+    return None if short is None else (short, long)
+
+
+def guid(packet: bytes, more: bytes) -> bytes:
+    """Return the GUID of a packet's extended XMP: the one that it names, else the MD5."""
+    named = property_of(packet, _NOTE[0], _EXTENDED) or ""
+    return (named if re.fullmatch("[0-9A-Fa-f]{32}", named) else _md5(more)).encode()
+
+
 def without_padding(packet: bytes) -> bytes:
     """Return a packet without the blanks before its end, which leave room to edit it in place."""
     end = packet.rfind(_END)
     return packet if end < 0 else packet[:end].rstrip() + b"\n" + packet[end:]
+
+
+def _md5(data: bytes) -> str:
+    return hashlib.md5(data, usedforsecurity=False).hexdigest().upper()
+
+
+def _is_xml(packet: bytes) -> bool:
+    """Tell whether a packet is well-formed, without unknown prefixes; nothing is expanded."""
+    if b"<!" in packet:
+        return False
+    try:
+        expat.ParserCreate(namespace_separator=" ").Parse(packet, True)  # noqa: FBT003
+    except expat.ExpatError:
+        return False
+    return True

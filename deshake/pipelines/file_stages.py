@@ -6,24 +6,25 @@ Outputs are checked before any work is done for them, and appear whole or not at
 from __future__ import annotations
 
 import contextlib
+import logging
 from typing import TYPE_CHECKING
 
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions
 from deshake.errors import OutputError
+from deshake.io.conversion import lost, output_format
 from deshake.io.files import STREAM, check_output, default_output, write_bytes
-from deshake.io.kernel_file import read_kernel, write_camera, write_kernel
-from deshake.io.photo import encode_photo, output_format, read_photo, write_photo
+from deshake.io.kernel_file import read_kernel, write_kernel
+from deshake.io.photo import encode_photo, read_photo, write_photo
 from deshake.pipelines.fitting import fitting_kernel
 from deshake.pipelines.latent_picture import latent_photo
 from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
-from deshake.pipelines.stages import calibrate, deblur, estimate
+from deshake.pipelines.stages import deblur, estimate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
     from deshake.io.encoding import Format
-    from deshake.io.kernel_file import CameraFile
     from deshake.io.photo import Photo
     from deshake.io.transfer import TransferName
     from deshake.pipelines.stages import Estimate, EstimateOptions
@@ -31,15 +32,16 @@ if TYPE_CHECKING:
     Progress = Callable[[float, str], None]
 
 __all__ = [
-    "calibrate_file",
-    "check_encoding",
     "deblur_file",
     "estimate_file",
     "fix_file",
     "gone_on_failure",
     "kernel_name",
     "part",
+    "prepared",
 ]
+
+_log = logging.getLogger(__name__)
 
 _ESTIMATE_PIXELS = 8e6
 """Pixels whose deblurring takes about as long as an estimate, which has a size of its own."""
@@ -48,34 +50,6 @@ _ESTIMATE_PIXELS = 8e6
 def kernel_name(source: Path) -> str:
     """Return the default name of a photo's kernel: ``<stem>.kernel.npz``."""
     return f"{source.stem}.kernel.npz"
-
-
-def calibrate_file(
-    source: Path,
-    output: Path | None,
-    *,
-    focal_px: float | None = None,
-    focal_35mm: float | None = None,
-    overwrite: bool = False,
-) -> CameraFile:
-    """Find the camera of a photo, and write its camera file if `output` is given.
-
-    Raises
-    ------
-    PhotoError
-        If the photo cannot be read.
-    CalibrationError
-        If nothing tells the focal length.
-    OutputError
-        If the camera file cannot be written.
-
-    """
-    if output is not None:
-        check_output(output, source, overwrite=overwrite)
-    camera = calibrate(read_photo(source), focal_px=focal_px, focal_35mm=focal_35mm)
-    if output is not None:
-        write_camera(output, camera, overwrite=overwrite)
-    return camera
 
 
 def estimate_file(
@@ -124,6 +98,7 @@ def deblur_file(
     *,
     transfer: TransferName | None = None,
     restoration: RestorationOptions = BY_DEFAULT,
+    linear: bool = False,
     provenance: bool = True,
     overwrite: bool = False,
     threads: int | None = None,
@@ -148,7 +123,7 @@ def deblur_file(
     check_output(path, kernel_file, overwrite=overwrite)
     content = read_kernel(kernel_file)
     photo = read_photo(source, transfer=transfer)
-    check_encoding(photo, path)
+    photo = prepared(photo, path, linear=linear)
     kernel = fitting_kernel(content, photo, kernel_file)
     photo = deblur(photo, kernel, restoration, threads=threads, progress=progress)
     if provenance:
@@ -165,6 +140,7 @@ def fix_file(
     options: EstimateOptions,
     *,
     restoration: RestorationOptions = BY_DEFAULT,
+    linear: bool = False,
     provenance: bool = True,
     overwrite: bool = False,
     overwrite_kernel: bool = False,
@@ -174,7 +150,8 @@ def fix_file(
     """Estimate the kernel of a photo, deblur the photo with it, and write both.
 
     The kernel file, if `kernel_file` is given, is kept only together with the photo. With
-    `provenance` the photo tells in its metadata how it came about.
+    `provenance` the photo tells in its metadata how it came about; with `linear` the result of a
+    RAW file is in linear light.
 
     Raises
     ------
@@ -188,7 +165,7 @@ def fix_file(
     if kernel_file is not None:
         check_output(kernel_file, source, output, overwrite=overwrite_kernel)
     photo = read_photo(source, transfer=options.transfer)
-    check_encoding(photo, output)
+    photo = prepared(photo, output, linear=linear)
     pixels = photo.shape[0] * photo.shape[1]
     share = _ESTIMATE_PIXELS / (_ESTIMATE_PIXELS + pixels)
     first, second = part(progress, 0, share), part(progress, share, 1)
@@ -223,11 +200,34 @@ def _latent_format(path: Path, photo: Photo) -> Format:
     return "PNG" if str(path) == STREAM else output_format(path, photo)
 
 
-def check_encoding(photo: Photo, output: Path) -> None:
-    """Check that a photo can be written under a name: a second now saves minutes later."""
+def prepared(photo: Photo, output: Path, *, linear: bool = False) -> Photo:
+    """Return a photo as it will be written, after checking that it can be.
+
+    That takes a second now and saves minutes later. What the result will lack is said.
+
+    Parameters
+    ----------
+    photo : Photo
+        The photo that was read.
+    output : Path
+        Where its result goes.
+    linear : bool, keyword-only
+        Whether the result of a RAW file is written in linear light.
+
+    Raises
+    ------
+    OutputError, PhotoError
+        If the photo cannot be written under that name, or is no RAW file and was to be linear.
+
+    """
+    if linear:
+        photo = photo.in_linear_light()
     form = output_format(output, photo)
-    if form != photo.encoding.format:
+    if form not in {photo.encoding.format, "TIFF"}:  # a TIFF holds everything
         encode_photo(photo, form)
+    for note in (*photo.notes, *lost(photo.encoding, form)):
+        _log.warning("%s: %s", photo.source, note)
+    return photo
 
 
 def part(progress: Progress | None, start: float, end: float) -> Progress | None:

@@ -18,15 +18,16 @@ from deshake.errors import DeshakeError, EstimationError, OutputError
 from deshake.estimation.registration import register, registered
 from deshake.io.files import STREAM, check_output, default_output
 from deshake.io.kernel_file import read_kernel
-from deshake.io.photo import read_photo, write_photo
+from deshake.io.photo import read_pair, write_photo
 from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import ShakeBlur
+from deshake.pipelines.calibration import camera_for
 from deshake.pipelines.camera_tones import blurred_planes, needs_curves, with_tones_of
-from deshake.pipelines.file_stages import check_encoding, part
+from deshake.pipelines.file_stages import part, prepared
 from deshake.pipelines.fitting import check_registration, fitting_kernel
 from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
 from deshake.pipelines.register import known_registration
-from deshake.pipelines.stages import EstimateOptions, camera_for, luminance
+from deshake.pipelines.stages import EstimateOptions, luminance
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -162,6 +163,7 @@ def deblur_pair_file(
     *,
     registration: Path | None = None,
     transfer: TransferName | None = None,
+    linear: bool = False,
     provenance: bool = True,
     overwrite: bool = False,
     threads: int | None = None,
@@ -187,8 +189,8 @@ def deblur_pair_file(
     check_output(path, *inputs, overwrite=overwrite)
     content = read_kernel(kernel_file)
     known = None if registration is None else known_registration(registration)
-    photo, noisy = (read_photo(item, transfer=transfer) for item in (source, noisy_file))
-    check_encoding(photo, path)
+    photo, noisy = read_pair(source, noisy_file, transfer=transfer)
+    photo = prepared(photo, path, linear=linear)
     kernel = fitting_kernel(content, photo, kernel_file)
     if known is not None:
         check_registration(known.camera, photo, registration)

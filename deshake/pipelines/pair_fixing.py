@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from deshake.io.files import check_output
 from deshake.io.kernel_file import write_kernel
-from deshake.io.photo import read_photo, write_photo
-from deshake.pipelines.file_stages import check_encoding, gone_on_failure, part
+from deshake.io.photo import read_pair, write_photo
+from deshake.pipelines.file_stages import gone_on_failure, part, prepared
 from deshake.pipelines.pair_deblurring import PairRestorationOptions, deblur_pair
 from deshake.pipelines.pair_stages import estimate_pair
 from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
@@ -69,6 +69,7 @@ def fix_pair_file(
     options: EstimateOptions,
     *,
     restoration: PairRestorationOptions,
+    linear: bool = False,
     provenance: bool = True,
     overwrite: bool = False,
     overwrite_kernel: bool = False,
@@ -89,6 +90,8 @@ def fix_pair_file(
         What the estimate goes by; region and estimator do not count, and the angle is the blur's.
     restoration : PairRestorationOptions
         How the photo is deblurred.
+    linear : bool
+        Whether the result of a RAW file is written in linear light.
     provenance : bool
         Whether the result tells in its metadata how it came about.
     overwrite, overwrite_kernel : bool
@@ -109,8 +112,8 @@ def fix_pair_file(
     check_output(output, blurred, noisy, overwrite=overwrite)
     if kernel_file is not None:
         check_output(kernel_file, blurred, noisy, output, overwrite=overwrite_kernel)
-    g, f_N = (read_photo(path, transfer=options.transfer) for path in (blurred, noisy))
-    check_encoding(g, output)
+    g, f_N = read_pair(blurred, noisy, transfer=options.transfer)
+    g = prepared(g, output, linear=linear)
     found = find_registration(
         g, f_N, options, threads=threads, progress=part(progress, 0, _REGISTERED)
     )

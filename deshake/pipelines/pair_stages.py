@@ -18,7 +18,7 @@ from deshake.errors import DeshakeError, EstimationError
 from deshake.estimation.registration import registered
 from deshake.io.files import check_output, sha256
 from deshake.io.kernel_file import CameraFile, KernelFile, write_kernel
-from deshake.io.photo import read_photo
+from deshake.io.photo import read_pair
 from deshake.pipelines.file_stages import part
 from deshake.pipelines.fitting import check_registration
 from deshake.pipelines.register import find_registration, known_registration
@@ -152,7 +152,7 @@ def estimate_pair(
         _log.warning("%s: %s", blurred.source, note)
     provenance = _provenance((blurred, noisy), options, registration, found)
     provenance |= {"camera": camera.source, "tone_curves": curved, "notes": notes}
-    content = KernelFile(found.kernel, found.confidence, provenance, camera.distortion)
+    content = KernelFile(found.kernel, found.confidence, provenance)
     return PairKernel(content, camera, registration, scale, notes)
 
 
@@ -181,8 +181,7 @@ def estimate_pair_file(
     check_output(output, *inputs, overwrite=overwrite)
     known = None if registration is None else known_registration(registration)
     found = estimate_pair(
-        read_photo(blurred, transfer=options.transfer),
-        read_photo(noisy, transfer=options.transfer),
+        *read_pair(blurred, noisy, transfer=options.transfer),
         options,
         registration=known,
         threads=threads,

@@ -1,4 +1,4 @@
-"""The stages from a shaken photo to a sharper one: calibrate, estimate, deblur.
+"""The stages from a shaken photo to a sharper one: estimate and deblur; `calibration` is the first.
 
 The commands that bear these names and `fix` call the same functions, which is why `fix` gives the
 same bytes as its stages run one by one.
@@ -17,14 +17,13 @@ from deshake import __version__
 from deshake.deconvolution.dark_halos import without_dark_halos
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions, restore
 from deshake.deconvolution.noise import noise_model
-from deshake.errors import CalibrationError, DeshakeError
+from deshake.errors import DeshakeError
 from deshake.estimation.blind import blur_bound
 from deshake.estimation.methods import estimate_kernel
-from deshake.geometry.camera import Camera
 from deshake.io.files import sha256
-from deshake.io.kernel_file import CameraFile, KernelFile
-from deshake.io.sensors import assumed_focal_length, focal_length
-from deshake.pipelines.fitting import check_region, fitting_camera
+from deshake.io.kernel_file import KernelFile
+from deshake.pipelines.calibration import camera_for
+from deshake.pipelines.fitting import check_region
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,7 +32,9 @@ if TYPE_CHECKING:
 
     from deshake.estimation.blind import BlindEstimate
     from deshake.estimation.methods import Estimator
+    from deshake.geometry.camera import Camera
     from deshake.geometry.kernel import RotationKernel
+    from deshake.io.kernel_file import CameraFile
     from deshake.io.photo import Photo
     from deshake.io.transfer import TransferName
 
@@ -42,8 +43,6 @@ if TYPE_CHECKING:
 __all__ = [
     "Estimate",
     "EstimateOptions",
-    "calibrate",
-    "camera_for",
     "deblur",
     "estimate",
     "largest_blur",
@@ -146,25 +145,6 @@ def luminance(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
     return grey
 
 
-def calibrate(
-    photo: Photo, *, focal_px: float | None = None, focal_35mm: float | None = None
-) -> CameraFile:
-    """Find the camera of an upright photo: its focal length, the principal point in the middle.
-
-    Raises
-    ------
-    CalibrationError
-        If neither the options nor the metadata tell the focal length.
-
-    """
-    try:
-        found = focal_length(photo.metadata, *photo.shape, focal_px=focal_px, focal_35mm=focal_35mm)
-    except CalibrationError as error:
-        error.file = str(photo.source)
-        raise
-    return CameraFile(Camera.from_focal(found.pixels, *photo.shape), found.source)
-
-
 def estimate(
     photo: Photo,
     options: EstimateOptions,
@@ -211,7 +191,7 @@ def estimate(
     for note in notes:
         _log.warning("%s: %s", photo.source, note)
     provenance = _provenance(photo, options, camera, found) | {"notes": notes}
-    content = KernelFile(found.kernel, found.confidence, provenance, camera.distortion)
+    content = KernelFile(found.kernel, found.confidence, provenance)
     slope, floor = noise_model(grey)
     noise = math.sqrt(slope * _MID_GREY + floor)
     return Estimate(content, camera, notes, found.latent, noise)
@@ -262,20 +242,6 @@ def deblur(
         raise
     _log.info("%s: deblurred in %d iterations", photo.source, restored.iterations)
     return photo.with_pixels(without_dark_halos(restored.pixels, photo.pixels, kernel))
-
-
-def camera_for(photo: Photo, options: EstimateOptions) -> tuple[CameraFile, list[str]]:
-    """Return the camera to go by, and a note if it is only assumed."""
-    if options.camera is not None:
-        return fitting_camera(options.camera, photo), []
-    try:
-        return calibrate(photo, focal_px=options.focal_px, focal_35mm=options.focal_35mm), []
-    except CalibrationError as error:
-        if options.focal_px is not None or options.focal_35mm is not None:
-            raise
-        found = assumed_focal_length(*photo.shape)
-        note = f"{error.message}; a 50 mm-equivalent is assumed (--focal-35mm MM says otherwise)"
-        return CameraFile(Camera.from_focal(found.pixels, *photo.shape), found.source), [note]
 
 
 def largest_blur(camera: Camera, options: EstimateOptions) -> float | None:

@@ -96,8 +96,8 @@ def test_one_bad_photo_does_not_stop_the_rest(deshake, shaken, tmp_path):
     lines = [json.loads(line) for line in outcome.out.splitlines()]
     lines.sort(key=lambda line: [str(bad), str(good), str(empty)].index(line["input"]))
     assert [line["status"] for line in lines] == ["failed", "done", "failed"]
-    assert "not a JPEG" in lines[0]["error"]
-    assert f"error: {bad}: not a JPEG" in outcome.err
+    assert "not a photo" in lines[0]["error"]
+    assert f"error: {bad}: not a photo" in outcome.err
     assert f"error: {empty}: the file is empty" in outcome.err
     assert "\n3 photos: 1 done, 0 skipped, 2 failed; 1 with warnings; 0:0" in outcome.err
     assert f"\n  failed: {bad}\n" in outcome.err

@@ -7,6 +7,7 @@ import pytest
 from PIL import Image
 
 from deshake.io import exif
+from deshake.io.exif_editing import maker_note_at
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,6 +31,27 @@ def test_a_tree_survives_being_written_anew(make_exif: Callable[..., bytes], ord
 def test_tags_about_pixels_are_not_carried() -> None:
     block = b"II*\0" + struct.pack("<IHHHIIHHIHHI", 8, 2, 256, 4, 1, 99, 274, 3, 1, 1, 0, 0)
     assert set(exif.read_tree(block).main) == {274}
+
+
+@pytest.mark.parametrize("place", [9, 700, 60_000])
+def test_a_maker_note_is_put_where_it_has_to_lie(
+    make_exif: Callable[..., bytes], place: int
+) -> None:
+    tree = exif.read_tree(make_exif(">", orientation=6))
+    block = exif.new_block(tree, note_at=place)
+    assert maker_note_at(block) == place
+    assert block[place:].startswith(b"maker\0note\1\2\3")
+    assert exif.read_tree(block) == tree
+
+
+@pytest.mark.parametrize("place", [None, 3, 65_500, 4_000_000_000])
+def test_a_maker_note_moves_where_there_is_no_such_place(
+    make_exif: Callable[..., bytes], place: int | None
+) -> None:
+    tree = exif.read_tree(make_exif())
+    block = exif.new_block(tree, note_at=place)
+    assert len(block) < 1000
+    assert exif.read_tree(block) == tree
 
 
 def test_no_tags_make_no_block() -> None:

@@ -118,6 +118,27 @@ def test_metadata_and_chunks_are_carried(
         assert b"tIME" not in data
 
 
+def test_profiles_in_texts_count_where_there_are_no_chunks(
+    make_codes: Callable[..., np.ndarray], make_exif: Callable[..., bytes]
+) -> None:
+    exif, iptc = make_exif(orientation=6), b"\x1c\x02\x05\0\x05Title"
+    stream = io.BytesIO()
+    info = PngImagePlugin.PngInfo()
+    for kind, data in (("exif", b"Exif\0\0" + exif), ("iptc", iptc)):
+        info.add_text(
+            f"Raw profile type {kind}", f"\n{kind}\n{len(data):8}\n{data.hex()}\n", zip=True
+        )
+    Image.fromarray(make_codes(9, 8)).save(stream, "PNG", pnginfo=info)
+    decoded = decode_png(stream.getvalue())
+    assert decoded.metadata.exif == exif
+    assert decoded.metadata.orientation == 6
+    assert decoded.metadata.iptc == iptc
+    again = decode_png(encode_png(decoded))
+    assert again.metadata.exif == exif
+    assert again.metadata.iptc == iptc
+    assert b"Raw profile type exif" not in encode_png(decoded)
+
+
 def test_palettes_and_few_bits_become_eight() -> None:
     stream = io.BytesIO()
     colours = Image.new("P", (4, 4), 1)

@@ -8,10 +8,14 @@ import cv2
 import numpy as np
 import pytest
 import tifffile
-from PIL import Image, ImageCms
+from PIL import Image, ImageCms, IptcImagePlugin
 
 from deshake.errors import PhotoError
+from deshake.io.encoding import Decoded, Encoding
 from deshake.io.exif import read_tree
+from deshake.io.exif_editing import maker_note_at
+from deshake.io.image_resources import with_iptc
+from deshake.io.metadata import Metadata
 from deshake.io.tiff import decode_tiff, encode_tiff
 
 if TYPE_CHECKING:
@@ -138,6 +142,36 @@ def test_metadata_are_carried(make_codes: Callable[..., np.ndarray], xmp: bytes)
     again = decode_tiff(data)
     assert again.metadata == decoded.metadata
     assert encode_tiff(again) == data
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("compressed", [False, True])
+def test_the_exif_block_keeps_its_place(
+    make_codes: Callable[..., np.ndarray],
+    make_exif: Callable[..., bytes],
+    order: str,
+    *,
+    compressed: bool,
+) -> None:
+    codes, block = make_codes(70, 80, 3, 16), make_exif(order)
+    encoding = Encoding("TIFF", depth=16, compressed=compressed)
+    data = encode_tiff(Decoded(codes, None, encoding, Metadata(block)))
+    assert data[8 : len(block)] == block[8:]
+    assert maker_note_at(data) == maker_note_at(block)
+    assert np.array_equal(tifffile.imread(io.BytesIO(data)), codes)
+    again = decode_tiff(data)
+    assert maker_note_at(again.metadata.exif) == maker_note_at(block)
+    assert encode_tiff(again) == encode_tiff(decode_tiff(encode_tiff(again)))
+
+
+def test_iptc_and_image_resources_have_their_tags(make_codes: Callable[..., np.ndarray]) -> None:
+    iptc = b"\x1c\x02\x05\0\x05Title"
+    metadata = Metadata(iptc=iptc, resources=with_iptc(b"", iptc))
+    data = encode_tiff(Decoded(make_codes(9, 8), None, Encoding("TIFF", grey=True), metadata))
+    assert decode_tiff(data).metadata.iptc == iptc
+    assert decode_tiff(data).metadata.resources == metadata.resources
+    with Image.open(io.BytesIO(data)) as picture:
+        assert IptcImagePlugin.getiptcinfo(picture) == {(2, 5): b"Title"}
 
 
 def test_tags_order_and_header_satisfy_a_strict_reader(

@@ -10,10 +10,9 @@ from deshake.deconvolution.methods import RestorationOptions
 from deshake.errors import OutputError, PhotoError
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
-from deshake.io.kernel_file import KernelFile, read_camera, read_kernel, write_kernel
+from deshake.io.kernel_file import KernelFile, read_kernel, write_kernel
 from deshake.pipelines import file_stages
 from deshake.pipelines.file_stages import (
-    calibrate_file,
     deblur_file,
     estimate_file,
     fix_file,
@@ -42,13 +41,6 @@ def kernel(tmp_path):
 
 def test_kernels_are_named_after_their_photos(tmp_path):
     assert kernel_name(tmp_path / "a.b.jpg") == "a.b.kernel.npz"
-
-
-def test_calibration_is_written_where_it_is_wanted(photo, tmp_path):
-    found = calibrate_file(photo, None, focal_px=90)
-    assert not list(tmp_path.glob("*.npz"))
-    calibrate_file(photo, tmp_path / "c.npz", focal_px=90)
-    assert np.array_equal(read_camera(tmp_path / "c.npz").camera.matrix, found.camera.matrix)
 
 
 def test_fixing_is_estimating_and_deblurring(photo, tmp_path):
