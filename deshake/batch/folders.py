@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING
 
 from deshake.errors import PhotoError
 from deshake.io.encoding import READ_ONLY, SUFFIXES
+from deshake.pipelines.comparison import SUFFIX as SHEET
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
 __all__ = ["Found", "find_photos", "identity", "natural_order"]
 
-_RESULT = ".deshaken"
+_RESULTS = (".deshaken", SHEET)
 _SUFFIXES = frozenset([*SUFFIXES, *READ_ONLY])
 
 
@@ -43,8 +44,9 @@ def find_photos(
     """List the photos among `inputs` and those in the folders among them.
 
     In a folder, a photo is a file whose name ends as photos' do; what is hidden, or is a result
-    of deshake itself (``<stem>.deshaken.<ext>``), is passed over. Photos of a folder come in
-    natural order (``IMG_2`` before ``IMG_10``), and before those of the folders in it.
+    of deshake itself (``<stem>.deshaken.<ext>``, ``<stem>.compare.png``), is passed over. Photos
+    of a folder come in natural order (``IMG_2`` before ``IMG_10``), and before those of the
+    folders in it.
 
     Parameters
     ----------
@@ -123,4 +125,4 @@ def _in_folder(
 
 def _is_photo(entry: os.DirEntry[str]) -> bool:
     stem, suffix = os.path.splitext(entry.name)  # noqa: PTH122 - 100 000 names
-    return suffix.lower() in _SUFFIXES and not stem.endswith(_RESULT) and entry.is_file()
+    return suffix.lower() in _SUFFIXES and not stem.endswith(_RESULTS) and entry.is_file()

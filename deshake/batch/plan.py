@@ -31,15 +31,23 @@ class Extra:
 
     Parameters
     ----------
-    path : Path
-        For one photo without `name`, a file; else a folder, made if it is missing.
+    path : Path or None
+        A folder, made if it is missing; without `name`, a file for one photo. None: beside the
+        result.
     name : callable, optional
-        Gives the name for a photo.
+        Gives the name for a photo; for the name of the result if it lies beside that.
 
     """
 
-    path: Path
+    path: Path | None
     name: Callable[[Path], str] | None = None
+
+    def place(self, found: Found, result: Path | None) -> Path:
+        """Return where it goes for a photo."""
+        if self.path is None:
+            beside = found.path if result is None else result
+            return beside.with_name(self.name(beside) if self.name else beside.name)
+        return self.path / found.below / self.name(found.path) if self.name else self.path
 
 
 @dataclass(frozen=True)
@@ -53,9 +61,9 @@ class Job:
     output : Path or None
         Where its result goes.
     others : mapping of str to Path
-        Where other outputs go, by what they are: ``kernel``, ``latent``.
+        Where other outputs go, by what they are: ``kernel``, ``latent``, ``sheet``.
     needs : mapping of str to Path
-        Other inputs, by what they are: ``noisy``, ``kernel``.
+        Other inputs, by what they are: ``noisy``, ``kernel``, ``mask``.
     problem : DeshakeError or None
         Why the outputs cannot go there.
     existing : {"refuse", "skip", "replace"}
@@ -85,7 +93,7 @@ class Job:
     def skipped(self) -> bool:
         """Whether the result is there already, and is to be left as it is."""
         there = self.output is not None and os.path.lexists(self.output)
-        return there and self.existing == "skip"
+        return there and self.existing == "skip" and self.problem is None
 
     @property
     def outputs(self) -> list[Path]:
@@ -105,7 +113,7 @@ def plan(
     name: Callable[[Path], str] = output_name,
     beside: bool = True,
     extras: Mapping[str, Extra] | None = None,
-    needs: Mapping[str, Callable[[Found], Path]] | None = None,
+    needs: Mapping[str, Callable[[Found], Path | None]] | None = None,
     recursive: bool = False,
     existing: Existing = "refuse",
     dry: bool = False,
@@ -129,7 +137,7 @@ def plan(
     extras : mapping of str to Extra, optional
         Further outputs.
     needs : mapping of str to callable, optional
-        Further inputs, which functions find for a photo.
+        Further inputs, which functions find for a photo; None: it has none.
     recursive : bool
         Whether folders in folders are searched, too.
     existing : {"refuse", "skip", "replace"}
@@ -156,7 +164,7 @@ def plan(
     several = len(inputs) > 1 or inputs[0].is_dir()
     _check_places(output, extras, several=several)
     into = output is not None and (several or output.is_dir())
-    tops = [extra.path for extra in extras.values() if extra.name is not None]
+    tops = [extra.path for extra in extras.values() if extra.path and extra.name]
     if output is not None and into:
         tops.insert(0, output)
     own = [top for top in tops if identity(top) not in [identity(path) for path in inputs]]
@@ -167,12 +175,17 @@ def plan(
             result = source.with_name(name(source)) if beside else None
         else:
             result = output / found.below / name(source) if into else output
-        others = {
-            kind: extra.path / found.below / extra.name(source) if extra.name else extra.path
-            for kind, extra in extras.items()
-        }
-        given = {kind: find(found) for kind, find in needs.items()}
-        jobs.append(Job(source, result, others, given, existing=existing))
+        others = {kind: extra.place(found, result) for kind, extra in extras.items()}
+        given: dict[str, Path] = {}
+        problem: DeshakeError | None = None
+        for kind, find in needs.items():
+            try:
+                path = find(found)
+            except DeshakeError as error:
+                problem = error
+            else:
+                given |= {} if path is None else {kind: path}
+        jobs.append(Job(source, result, others, given, problem, existing=existing))
     _check_collisions(jobs)
     if not dry:
         _prepare_folders(tops, jobs)
@@ -245,6 +258,8 @@ def _make_folder(path: Path, *, parents: bool = False) -> None:
 
 def _checked(job: Job, known: Mapping[tuple[int, int], Path], *, dry: bool) -> Job:
     """Return a job with what is wrong with its outputs."""
+    if job.problem is not None:
+        return job
     for path in job.outputs:
         if dry and not path.parent.exists():
             continue  # it would be made

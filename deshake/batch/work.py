@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 from deshake.batch.footprint import estimate_memory, photo_memory, restoration_memory
@@ -11,6 +11,7 @@ from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions
 from deshake.io.kernel_file import read_kernel
 from deshake.pipelines.calibration import calibrate_file
 from deshake.pipelines.file_stages import deblur_file, estimate_file, fix_file
+from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.pair_deblurring import PairRestorationOptions, deblur_pair_file
 from deshake.pipelines.pair_fixing import fix_pair_file
 
@@ -62,6 +63,8 @@ class Fix:
         What the estimate goes by.
     restoration : RestorationOptions or PairRestorationOptions
         How the photo is deblurred.
+    finish : Finish
+        What is wanted of the result beside it; the ``mask`` is the job's.
     linear, provenance : bool
         As in `fix_file` and `deblur_file`.
 
@@ -69,6 +72,7 @@ class Fix:
 
     options: EstimateOptions
     restoration: RestorationOptions | PairRestorationOptions = BY_DEFAULT
+    finish: Finish = AS_IT_IS
     linear: bool = False
     provenance: bool = True
 
@@ -79,9 +83,10 @@ class Fix:
         output, kernel = _output(job), job.others.get("kernel")
         common: dict[str, Any] = {
             "overwrite": job.overwrite,
+            "finish": replace(self.finish, mask=job.needs.get("mask")),
             "linear": self.linear,
             "provenance": self.provenance,
-            "overwrite_kernel": job.overwrite_others,
+            "overwrite_others": job.overwrite_others,
             "threads": threads,
             "progress": progress,
         }
@@ -114,6 +119,8 @@ class Deblur:
         How.
     transfer : {"srgb", "linear", "gamma22"}, optional
         The file's transfer curve.
+    finish : Finish
+        What is wanted of the result beside it; the ``mask`` is the job's.
     linear, provenance : bool
         As in `fix_file` and `deblur_file`.
 
@@ -121,6 +128,7 @@ class Deblur:
 
     restoration: RestorationOptions | PairRestorationOptions = BY_DEFAULT
     transfer: TransferName | None = None
+    finish: Finish = AS_IT_IS
     linear: bool = False
     provenance: bool = True
 
@@ -131,6 +139,7 @@ class Deblur:
         kernel = job.needs["kernel"]
         common: dict[str, Any] = {
             "transfer": self.transfer,
+            "finish": replace(self.finish, mask=job.needs.get("mask")),
             "linear": self.linear,
             "provenance": self.provenance,
             "overwrite": job.overwrite,

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
+    from deshake.batch.folders import Found
     from deshake.batch.plan import Existing, Job
     from deshake.batch.task import Result
     from deshake.batch.work import Work
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Batch",
     "batch_options",
+    "for_masks",
     "photos_argument",
     "planned",
     "refuse_stdout",
@@ -108,6 +110,19 @@ def batch_options(command: F) -> F:
     ):
         collected = option(collected)
     return cast("F", collected)
+
+
+def for_masks(mask: Path, photos: Sequence[Path]) -> Callable[[Found], Path | None]:
+    """Return what finds the mask of a photo: the one, or that of its stem in the folder."""
+    if not mask.is_dir():
+        if len(photos) > 1 or photos[0].is_dir():
+            raise click.UsageError(
+                "one mask goes with one photo; for several, --mask names a folder"
+            )
+        return lambda _: mask
+    from deshake.pipelines.blending import find_mask
+
+    return lambda found: find_mask(mask / found.below, found.path)
 
 
 def refuse_stdout(output: Path | None) -> None:

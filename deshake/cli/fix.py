@@ -6,7 +6,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from deshake.cli.batch import batch_options, photos_argument, planned, refuse_stdout, run_batch
+from deshake.cli.batch import (
+    batch_options,
+    for_masks,
+    photos_argument,
+    planned,
+    refuse_stdout,
+    run_batch,
+)
+from deshake.cli.finishing import finish_options
 from deshake.cli.options import (
     FILE,
     estimate_options,
@@ -42,6 +50,7 @@ __all__ = ["command"]
 @noisy_option
 @estimate_options
 @restoration_options
+@finish_options(folder=True)
 @linear_option
 @provenance_option
 @batch_options
@@ -59,6 +68,10 @@ def command(
     method: str | None,
     quality: str,
     iterations: int | None,
+    strength: float,
+    mask: Path | None,
+    preview: bool,
+    compare: bool,
     linear: bool,
     no_provenance: bool,
     batch: Batch,
@@ -77,24 +90,27 @@ def command(
     from deshake.batch.plan import Extra
     from deshake.batch.work import Fix
     from deshake.io.kernel_file import read_camera
+    from deshake.pipelines.comparison import comparison_name
     from deshake.pipelines.file_stages import kernel_name
+    from deshake.pipelines.finishing import Finish
     from deshake.pipelines.stages import EstimateOptions
 
     chosen = restoration(noisy, method=method, quality=quality, iterations=iterations)
     if noisy is not None:
         _check_pair(photos, noisy, **choices)
     refuse_stdout(output)
-    jobs = planned(
-        photos,
-        output,
-        batch,
-        extras={} if keep_kernels is None else {"kernel": Extra(keep_kernels, kernel_name)},
-        needs={} if noisy is None else {"noisy": lambda _: noisy},
-    )
+    extras = {} if keep_kernels is None else {"kernel": Extra(keep_kernels, kernel_name)}
+    needs: dict[str, Any] = {} if noisy is None else {"noisy": lambda _: noisy}
+    if mask is not None:
+        needs["mask"] = for_masks(mask, photos)
+    if compare:
+        extras["sheet"] = Extra(None, comparison_name)
+    jobs = planned(photos, output, batch, extras=extras, needs=needs)
     known = None if camera is None else read_camera(camera)
     work = Fix(
         EstimateOptions(camera=known, **choices),
         chosen,
+        Finish(strength, preview=preview, compare=compare),
         linear=linear,
         provenance=not no_provenance,
     )

@@ -17,7 +17,7 @@ from deshake.io import exif
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["canon_exif", "read_boxes"]
+__all__ = ["canon_exif", "item_properties", "read_boxes"]
 
 _CANON: Final = bytes.fromhex("85c0b687820f11e08111f4ce462b6a48")
 _MAX_BOXES: Final = 4096
@@ -49,6 +49,21 @@ def read_boxes(
             return
         yield name, start + head, start + size
         start += size
+
+
+def item_properties(data: bytes) -> list[tuple[bytes, bytes]]:
+    """Return the properties of the pictures in a HEIC or AVIF file: types and contents."""
+    found = []
+    for name, start, end in read_boxes(data):
+        if name != b"meta":
+            continue
+        for inner, first, last in read_boxes(data, start + 4, end):  # behind version and flags
+            if inner != b"iprp":
+                continue
+            for box, a, b in read_boxes(data, first, last):
+                if box == b"ipco":
+                    found += [(kind, data[x:y]) for kind, x, y in read_boxes(data, a, b)]
+    return found
 
 
 def canon_exif(data: bytes) -> exif.Tree:

@@ -55,10 +55,15 @@ def output_format(path: str | os.PathLike[str], photo: Photo) -> Format:
 
 
 def converted(encoding: Encoding, form: Format) -> Encoding:
-    """Return the way to write another format: lossless and compressed where it can be."""
+    """Return the way to write another format: lossless and compressed where it can be.
+
+    More than 8 bits stay 16, or become 10 in an AVIF.
+    """
+    deep = encoding.depth == 16 and form in {"PNG", "TIFF", "AVIF", "JPEG2000"}
     return Encoding(
         form,
-        depth=encoding.depth if form in {"PNG", "TIFF"} else 8,
+        depth=16 if deep else 8,
+        bits=10 if deep and form == "AVIF" else 0,
         grey=encoding.grey,
         transfer=encoding.transfer,
         matrix=encoding.matrix,

@@ -7,8 +7,9 @@ import struct
 import warnings
 import zlib
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, TypeVar
 
+import numpy as np
 from PIL import Image
 
 from deshake.errors import PhotoError
@@ -17,7 +18,6 @@ from deshake.io.transfer import SRGB
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from deshake.io.metadata import Metadata
@@ -34,7 +34,10 @@ __all__ = [
     "Matrix",
     "check_size",
     "decoding",
+    "turned",
 ]
+
+T = TypeVar("T", bound=np.generic)
 
 Format = Literal["JPEG", "PNG", "TIFF", "WEBP", "AVIF", "JPEG2000", "HEIF", "RAW"]
 Matrix = tuple[tuple[float, float, float], ...]
@@ -173,6 +176,17 @@ def check_size(height: int, width: int) -> None:
         raise PhotoError(
             f"{width} x {height} pixels are more than the {MAX_PIXELS // 10**6} million allowed"
         )
+
+
+def turned(array: NDArray[T], orientation: int) -> NDArray[T]:
+    """Turn an array (H, W, ...) as stored to upright, by its EXIF orientation."""
+    if orientation >= 5:  # rows and columns change places first
+        array = array.swapaxes(0, 1)
+    if orientation in {3, 4, 7, 8}:
+        array = array[::-1]
+    if orientation in {2, 3, 6, 7}:
+        array = array[:, ::-1]
+    return np.ascontiguousarray(array)
 
 
 @contextlib.contextmanager

@@ -6,17 +6,19 @@ import logging
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from deshake.errors import PhotoError
+from deshake.io.avif import decode_avif, encode_avif
 from deshake.io.carrying import carried
 from deshake.io.conversion import converted, encoded, output_format
-from deshake.io.encoding import SUFFIXES, WRITTEN_AS, Decoded, Encoding
+from deshake.io.encoding import SUFFIXES, WRITTEN_AS, Decoded, Encoding, turned
 from deshake.io.files import check_output, read_bytes, write_bytes
 from deshake.io.icc import profile_transfer
 from deshake.io.jpeg import decode_jpeg, encode_jpeg
+from deshake.io.jpeg2000 import decode_jpeg2000, encode_jpeg2000
 from deshake.io.png import decode_png, encode_png
 from deshake.io.profiles import linear_profile
 from deshake.io.raw import decode_raw
@@ -34,8 +36,6 @@ if TYPE_CHECKING:
     from deshake.io.metadata import Metadata
     from deshake.io.transfer import Codes, TransferName
 
-T = TypeVar("T", bound=np.generic)
-
 __all__ = [
     "Photo",
     "encode_photo",
@@ -52,6 +52,8 @@ _DECODERS: dict[Format, Callable[[bytes], Decoded]] = {
     "PNG": decode_png,
     "TIFF": decode_tiff,
     "WEBP": decode_webp,
+    "AVIF": decode_avif,
+    "JPEG2000": decode_jpeg2000,
     "RAW": decode_raw,
 }
 _ENCODERS: dict[Format, Callable[[Decoded], bytes]] = {
@@ -59,6 +61,8 @@ _ENCODERS: dict[Format, Callable[[Decoded], bytes]] = {
     "PNG": encode_png,
     "TIFF": encode_tiff,
     "WEBP": encode_webp,
+    "AVIF": encode_avif,
+    "JPEG2000": encode_jpeg2000,
 }
 
 
@@ -170,13 +174,13 @@ def read_photo(path: str | os.PathLike[str], *, transfer: TransferName | None = 
         error.file = os.fspath(path)
         raise
     turn = decoded.metadata.orientation
-    codes = _turn(decoded.codes, turn)
+    codes = turned(decoded.codes, turn)
     raw = encoding.format == "RAW"
-    clipped = is_clipped(codes) if decoded.saturated is None else _turn(decoded.saturated, turn)
+    clipped = is_clipped(codes) if decoded.saturated is None else turned(decoded.saturated, turn)
     return Photo(
         pixels=decode(codes, LINEAR if raw else encoding.transfer),
         clipped=clipped if encoding.grey else np.any(clipped, axis=-1),
-        alpha=None if decoded.alpha is None else _turn(decoded.alpha, turn),
+        alpha=None if decoded.alpha is None else turned(decoded.alpha, turn),
         encoding=encoding,
         metadata=decoded.metadata.upright(),
         source=Path(path),
@@ -285,14 +289,3 @@ def _encoding(decoded: Decoded, transfer: TransferName | None) -> Encoding:
         return encoding
     known = NAMED[transfer] if transfer is not None else profile_transfer(decoded.metadata.icc)
     return encoding if known is None else replace(encoding, transfer=known)
-
-
-def _turn(array: NDArray[T], orientation: int) -> NDArray[T]:
-    """Turn an array (H, W, ...) as stored to upright, by its EXIF orientation."""
-    if orientation >= 5:  # rows and columns change places first
-        array = array.swapaxes(0, 1)
-    if orientation in {3, 4, 7, 8}:
-        array = array[::-1]
-    if orientation in {2, 3, 6, 7}:
-        array = array[:, ::-1]
-    return np.ascontiguousarray(array)

@@ -6,6 +6,7 @@ References
 ----------
 .. [1] ICC.1:2022, Image technology colour management, Secs. 7.2, 8.3, 9.2 and 10.
 .. [2] IEC 61966-2-1:1999, the sRGB colour space.
+.. [3] Recommendation ITU-T H.273, Secs. 8.1 and 8.2.
 
 """
 
@@ -16,10 +17,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from deshake.errors import PhotoError
+
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["GREY_PROFILE", "SRGB_PROFILE", "XYZ_FROM_SRGB", "linear_profile"]
+__all__ = ["GREY_PROFILE", "SRGB_PROFILE", "XYZ_FROM_SRGB", "cicp_profile", "linear_profile"]
 
 XYZ_FROM_SRGB: Final = np.array(
     [
@@ -39,12 +42,23 @@ _ADAPTATION: Final = np.array(  # from D65 to D50, by Bradford's method
     ]
 )
 _LINEAR: Final = b"curv" + bytes(8)
+_HDR: Final = {16: "PQ", 18: "HLG"}
+_PRIMARIES: Final = {  # x and y of red, green and blue, of white D65
+    1: (0.64, 0.33, 0.30, 0.60, 0.15, 0.06),  # sRGB
+    9: (0.708, 0.292, 0.170, 0.797, 0.131, 0.046),  # BT.2020
+    12: (0.680, 0.320, 0.265, 0.690, 0.150, 0.060),  # Display P3
+}
 _SRGB_CURVE: Final = struct.pack(
     ">4s4xH2x5i",
     b"para",
     3,
     *(round(x * 65536) for x in (2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045)),
 )
+_CURVES: Final = {
+    4: struct.pack(">4s4xH2xi", b"para", 0, round(2.2 * 65536)),
+    5: struct.pack(">4s4xH2xi", b"para", 0, round(2.8 * 65536)),
+    8: _LINEAR,
+}
 
 
 def linear_profile(to_srgb: ArrayLike | None = None, *, grey: bool = False) -> bytes:
@@ -62,6 +76,38 @@ def linear_profile(to_srgb: ArrayLike | None = None, *, grey: bool = False) -> b
         return _profile("Linear grey", {b"kTRC": _LINEAR}, grey=True)
     name = "Linear sRGB" if to_srgb is None else "Linear light of the camera"
     return _rgb_profile(name, np.eye(3) if to_srgb is None else np.asarray(to_srgb), _LINEAR)
+
+
+def cicp_profile(primaries: int, transfer: int) -> bytes:
+    """Make the profile of coding-independent code points [3]_; empty where they mean sRGB.
+
+    The curves of television count as sRGB's, as photos that state them are made.
+
+    Parameters
+    ----------
+    primaries, transfer : int
+        Colour primaries and transfer characteristics.
+
+    Raises
+    ------
+    PhotoError
+        If the curve is one of HDR, PQ or HLG.
+
+    """
+    if transfer in _HDR:
+        raise PhotoError(
+            f"an HDR picture ({_HDR[transfer]})", hint="convert it to 16 bits without HDR first"
+        )
+    curve = _CURVES.get(transfer, _SRGB_CURVE)
+    x, y = np.array(_PRIMARIES.get(primaries, _PRIMARIES[1])).reshape(3, 2).T
+    if primaries not in _PRIMARIES or primaries == 1:
+        if curve is _SRGB_CURVE:
+            return b""
+        primaries = 1
+    columns = np.array([x / y, np.ones(3), (1 - x - y) / y])
+    columns *= np.linalg.solve(columns, XYZ_FROM_SRGB.sum(1))  # their sum is white, D65
+    name = f"Primaries {primaries}, transfer {transfer}"
+    return _rgb_profile(name, np.linalg.solve(XYZ_FROM_SRGB, columns), curve)
 
 
 def _rgb_profile(name: str, to_srgb: NDArray[np.float64], curve: bytes) -> bytes:

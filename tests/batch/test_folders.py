@@ -32,7 +32,7 @@ def test_folders_in_folders_are_searched_if_asked():
 
 
 def test_results_hidden_files_and_folders_are_no_photos():
-    for name in ("in/z.deshaken.jpg", "in/.x.jpg"):
+    for name in ("in/z.deshaken.jpg", "in/z.deshaken.compare.png", "in/.x.jpg"):
         Path(name).touch()
     Path("in/folder.jpg").mkdir()
     assert found("in", recursive=True) == ["in/y.tif", "in/z.jpg", "in/d/q.jpg"]

@@ -66,7 +66,7 @@ def test_an_unchanged_photo_is_written_back_to_the_bit(
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
-@pytest.mark.parametrize("suffix", [".jpg", ".png", ".tif", ".webp"])
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".tif", ".webp", ".avif"])
 def test_orientation_is_applied_once(
     save: Callable[..., Path],
     make_codes: Callable[..., np.ndarray],
@@ -76,23 +76,25 @@ def test_orientation_is_applied_once(
 ) -> None:
     codes = np.kron(make_codes(3, 5, 3), np.ones((16, 16, 1), np.uint8)).astype(np.uint8)
     options: dict[str, Any] = {"lossless": True} if suffix == ".webp" else {}
+    if suffix == ".avif":
+        options = {"quality": 100, "subsampling": "4:4:4"}
     if suffix == ".jpg":
         options = {"quality": 95, "subsampling": 0}
     exif = make_exif(orientation=orientation)
     source = save(f"a{suffix}", codes, exif=b"Exif\0\0" + exif, **options)
     photo = read_photo(source)
     with Image.open(source) as stored:
-        assert stored.getexif()[274] == orientation
+        assert stored.getexif().get(274, 1) == orientation
         upright = np.asarray(ImageOps.exif_transpose(stored))
     assert np.array_equal(SRGB.to_linear(upright / 255).astype(np.float32), photo.pixels)
     out = source.with_name(f"out{suffix}")
     write_photo(out, photo)
     with Image.open(out) as result:
-        assert result.getexif()[274] == 1
+        assert result.getexif().get(274, 1) == 1
         assert result.size == upright.shape[1::-1]
         assert np.abs(np.asarray(result).astype(int) - upright).mean() < 1
         assert result.getexif().get_ifd(0x8769)[0x927C] == b"maker\0note\1\2\3"
-        if suffix != ".tif":
+        if suffix not in {".tif", ".avif"}:  # Pillow writes the block of an AVIF anew
             written = result.info["exif"].removeprefix(b"Exif\0\0")
             assert len(written) == len(exif)
             assert sum(a != b for a, b in zip(written, exif, strict=True)) <= 1
@@ -152,8 +154,8 @@ def test_results_are_clipped_when_they_are_encoded(
         photo.with_pixels(np.zeros((2, 3)))
 
 
-@pytest.mark.parametrize("source", [".jpg", ".png", ".tif", ".webp"])
-@pytest.mark.parametrize("target", [".jpg", ".png", ".tif", ".webp"])
+@pytest.mark.parametrize("source", [".jpg", ".png", ".tif", ".webp", ".avif"])
+@pytest.mark.parametrize("target", [".jpg", ".png", ".tif", ".webp", ".avif"])
 def test_every_format_becomes_every_other_with_its_metadata(
     save: Callable[..., Path],
     make_exif: Callable[..., bytes],
@@ -253,7 +255,7 @@ def test_odd_shapes_are_read_and_written(
     save: Callable[..., Path], tmp_path: Path, shape: tuple[int, int]
 ) -> None:
     codes = np.full((*shape, 3), 77, np.uint8)
-    for suffix in (".jpg", ".png", ".tif", ".webp"):
+    for suffix in (".jpg", ".png", ".tif", ".webp", ".avif"):
         photo = read_photo(save(f"a{suffix}", codes))
         assert photo.shape == shape
         write_photo(tmp_path / f"out{suffix}", photo)

@@ -6,9 +6,16 @@ import numpy as np
 import pytest
 from PIL import Image, ImageCms
 
+from deshake.errors import PhotoError
 from deshake.io.icc import profile_transfer
-from deshake.io.profiles import GREY_PROFILE, SRGB_PROFILE, XYZ_FROM_SRGB, linear_profile
-from deshake.io.transfer import LINEAR, SRGB
+from deshake.io.profiles import (
+    GREY_PROFILE,
+    SRGB_PROFILE,
+    XYZ_FROM_SRGB,
+    cicp_profile,
+    linear_profile,
+)
+from deshake.io.transfer import LINEAR, SRGB, Power
 
 CAMERA = np.array([[2.05, -1.27, 0.22], [-0.22, 1.78, -0.56], [-0.01, -0.59, 1.6]])
 
@@ -64,3 +71,21 @@ def test_a_profile_is_the_same_every_day():
     assert header[24:36] == bytes(12)  # no time of day
     assert header[36:40] == b"acsp"
     assert linear_profile(grey=True)[16:20] == b"GRAY"
+
+
+def test_profiles_by_code_points():
+    assert cicp_profile(1, 13) == cicp_profile(2, 2) == cicp_profile(1, 1) == b""
+    assert profile_transfer(cicp_profile(12, 13)) is SRGB
+    assert profile_transfer(cicp_profile(1, 8)) is LINEAR
+    assert profile_transfer(cicp_profile(9, 4)) == Power(pytest.approx(2.2, abs=1e-5))
+    # Apple's Display P3 states these columns
+    profile = ImageCms.ImageCmsProfile(io.BytesIO(cicp_profile(12, 13))).profile
+    red, green, blue = (
+        c[0] for c in (profile.red_colorant, profile.green_colorant, profile.blue_colorant)
+    )
+    assert np.allclose(red, (0.51512, 0.24120, -0.00105), atol=3e-4)
+    assert np.allclose(green, (0.29198, 0.69225, 0.04189), atol=3e-4)
+    assert np.allclose(blue, (0.15710, 0.06657, 0.78407), atol=3e-4)
+    for transfer in (16, 18):
+        with pytest.raises(PhotoError, match="HDR"):
+            cicp_profile(9, transfer)
