@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from deshake.cli.finishing import finish_options
 from deshake.cli.messages import describe, print_error
 from deshake.cli.options import (
     FILE,
@@ -49,6 +50,7 @@ _log = logging.getLogger(__name__)
 @noisy_option
 @estimate_options
 @restoration_options
+@finish_options(folder=True)
 @linear_option
 @provenance_option
 @json_option
@@ -71,6 +73,10 @@ def command(
     method: str | None,
     quality: str,
     iterations: int | None,
+    strength: float,
+    mask: Path | None,
+    preview: bool,
+    compare: bool,
     linear: bool,
     no_provenance: bool,
     as_json: bool,
@@ -90,6 +96,7 @@ def command(
     """
     from deshake.io.kernel_file import read_camera
     from deshake.pipelines.batch import PlanError, plan, run
+    from deshake.pipelines.finishing import Finish
     from deshake.pipelines.stages import EstimateOptions
 
     if overwrite and skip_existing:
@@ -103,6 +110,8 @@ def command(
             output,
             keep_kernels,
             noisy=noisy,
+            mask=mask,
+            compare=compare,
             overwrite=overwrite,
             skip_existing=skip_existing,
         )
@@ -120,6 +129,7 @@ def command(
                     job,
                     options,
                     restoration=chosen,
+                    finish=Finish(strength, job.mask, preview, compare),
                     linear=linear,
                     provenance=not no_provenance,
                     threads=context.threads,
@@ -154,8 +164,10 @@ def _files(job: Job) -> dict[str, str]:
     files = {
         "input": job.source,
         "noisy": job.noisy,
+        "mask": job.mask,
         "output": job.output,
         "kernel": job.kernel,
+        "sheet": job.sheet,
     }
     return {name: str(path) for name, path in files.items() if path is not None}
 

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import click
 
-__all__ = ["Grid", "Number", "Region"]
+__all__ = ["Grid", "Number", "Region", "Share"]
 
 T = TypeVar("T")
 
@@ -43,6 +43,27 @@ class Number(_Typed[float]):
             limit = "" if math.isinf(self.most) else f", at most {self.most:g}"
             self.fail(f"{value!r} is not a number above 0{limit}", param, ctx)
         return number
+
+
+class Share(_Typed[float]):
+    """A number from 0 to 1."""
+
+    name = "SHARE"
+
+    def convert(
+        self,
+        value: object,
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> float:
+        """Read the number."""
+        try:
+            share = float(str(value))
+        except ValueError:
+            share = math.nan
+        if not 0 <= share <= 1:
+            self.fail(f"{value!r} is not a number from 0 to 1", param, ctx)
+        return share
 
 
 class Region(_Typed[tuple[int, int, int, int]]):

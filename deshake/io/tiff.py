@@ -73,8 +73,9 @@ def decode_tiff(data: bytes) -> Decoded:
             pixels, colours = _look_up(pixels, page), 3
         first = exif.read_first(data)
         values = {} if first is None else first.values
+        note_at = maker_note_at(data)
         metadata = Metadata(
-            exif=exif.new_block(exif.read_tree(data), note_at=maker_note_at(data)),
+            exif=exif.new_block(exif.read_tree(data), note_at=note_at),
             xmp=values.get(exif.XMP, (0, 0, b""))[2],
             icc=values.get(exif.ICC, (0, 0, b""))[2],
             iptc=values.get(exif.IPTC, (0, 0, b""))[2],
@@ -90,7 +91,9 @@ def decode_tiff(data: bytes) -> Decoded:
     has_alpha = pixels.shape[2] > colours
     codes = pixels[..., 0] if colours == 1 else pixels[..., :3]
     alpha = np.ascontiguousarray(pixels[..., -1]) if has_alpha else None
-    return Decoded(np.ascontiguousarray(codes), alpha, encoding, metadata)
+    moved = maker_note_at(metadata.exif) != note_at
+    notes = ("its maker note has moved, and offsets in it may no longer hold",) if moved else ()
+    return Decoded(np.ascontiguousarray(codes), alpha, encoding, metadata, notes=notes)
 
 
 def encode_tiff(picture: Decoded) -> bytes:
@@ -140,8 +143,8 @@ def _with_metadata(written: bytes, metadata: Metadata) -> bytes:
     tree.main = first.values | tree.main
     for tag, kind, value in (
         (exif.XMP, 1, metadata.xmp),
-        (exif.IPTC, 7, metadata.iptc),
-        (exif.IMAGE_RESOURCES, 7, metadata.resources),
+        (exif.IPTC, 1, metadata.iptc),
+        (exif.IMAGE_RESOURCES, 1, metadata.resources),
         (exif.ICC, 7, metadata.icc),
     ):
         if value:
@@ -150,7 +153,7 @@ def _with_metadata(written: bytes, metadata: Metadata) -> bytes:
 
 
 def _only_page(file: TiffFile) -> TiffPage:
-    """Return the picture of a file that has one."""
+    """Return the picture of a file that has one; a thumbnail may lack its size, as in EXIF."""
     pages = []
     for index in range(_MAX_PAGES):
         try:
@@ -165,7 +168,14 @@ def _only_page(file: TiffFile) -> TiffPage:
             "a camera's RAW file, which cannot be read here",
             hint="convert it to a 16-bit TIFF first",
         )
-    others = [p for p in pages[1:] if isinstance(p, TiffPage) and not p.subfiletype & _REDUCED]
+    others = [
+        p
+        for p in pages[1:]
+        if isinstance(p, TiffPage)
+        and not p.subfiletype & _REDUCED
+        and p.imagewidth
+        and p.imagelength
+    ]
     if others:
         raise PhotoError(
             f"holds {1 + len(others)} pictures", hint="split it into files of one picture each"

@@ -11,7 +11,10 @@ from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions
 from deshake.errors import DeshakeError, OutputError, PhotoError
 from deshake.io.encoding import READ_ONLY, SUFFIXES
 from deshake.io.files import STREAM, check_output, output_name
+from deshake.pipelines.blending import find_mask
+from deshake.pipelines.comparison import SUFFIX, comparison_name
 from deshake.pipelines.file_stages import fix_file, kernel_name
+from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.pair_deblurring import PairRestorationOptions
 from deshake.pipelines.pair_fixing import FixedPair, fix_pair_file
 
@@ -48,10 +51,14 @@ class Job:
         Why the outputs cannot go there.
     skipped : bool
         Whether the result is there already, and is to be left as it is.
-    overwrite, overwrite_kernel : bool
-        Whether an existing result, or an existing kernel, may be replaced.
+    overwrite, overwrite_others : bool
+        Whether an existing result, or other existing outputs, may be replaced.
     noisy : Path or None
         A sharp but noisy photo of the same scene.
+    mask : Path or None
+        A picture that tells where the photo is kept.
+    sheet : Path or None
+        Where a sheet goes that compares before and after.
 
     """
 
@@ -61,15 +68,18 @@ class Job:
     problem: DeshakeError | None = None
     skipped: bool = False
     overwrite: bool = False
-    overwrite_kernel: bool = False
+    overwrite_others: bool = False
     noisy: Path | None = None
+    mask: Path | None = None
+    sheet: Path | None = None
 
 
 def find_photos(inputs: Sequence[Path]) -> list[Path]:
     """List the photos among `inputs` and, by name, those in the folders among them.
 
     In a folder, a photo is a file whose name ends as photos' do; what lies in folders of it, is
-    hidden, or is a result of deshake itself (``<stem>.deshaken.<ext>``) is passed over.
+    hidden, or is a result of deshake itself (``<stem>.deshaken.<ext>``, ``<stem>.compare.png``) is
+    passed over.
 
     Raises
     ------
@@ -103,6 +113,8 @@ def plan(
     keep_kernels: Path | None = None,
     *,
     noisy: Path | None = None,
+    mask: Path | None = None,
+    compare: bool = False,
     overwrite: bool = False,
     skip_existing: bool = False,
 ) -> list[Job]:
@@ -120,6 +132,11 @@ def plan(
         Folder for the kernels, called ``<stem>.kernel.npz``; made likewise.
     noisy : Path, optional
         A sharp but noisy photo of the same scene, for one photo only.
+    mask : Path, optional
+        A picture that tells where a photo is kept, for one photo only, or a folder of such, of
+        the photos' stems (`find_mask`).
+    compare : bool
+        Whether sheets that compare before and after go beside the results.
     overwrite : bool
         Whether existing outputs may be replaced.
     skip_existing : bool
@@ -133,8 +150,8 @@ def plan(
     Raises
     ------
     PlanError
-        If two outputs would be the same file, several photos have one file to go to or one noisy
-        photo, or the noisy photo is the photo itself.
+        If two outputs would be the same file, several photos have one file to go to, one noisy
+        photo or one mask, or the noisy photo is the photo itself.
     PhotoError
         For the reasons of `find_photos`.
     OutputError
@@ -145,13 +162,13 @@ def plan(
     if output is not None and str(output) == STREAM:
         raise PlanError("photos are not written to standard output", hint="name a file with -o")
     several = len(inputs) > 1 or inputs[0].is_dir()
-    if several and output is not None and output.exists() and not output.is_dir():
-        raise PlanError(f"{output} is a file; for several photos, -o names a folder")
-    if noisy is not None:
-        if several:
-            raise PlanError("one noisy photo goes with one blurred photo", hint="fix them in turn")
-        if noisy == photos[0] or (_identity(noisy) or 0) == _identity(photos[0]):
-            raise PlanError(f"{noisy} is the photo itself", hint="name the noisy one with --noisy")
+    masks = mask if mask is not None and mask.is_dir() else None
+    if several:
+        _check_single(output, noisy, mask if masks is None else None)
+    elif noisy is not None and (
+        noisy == photos[0] or (_identity(noisy) or 0) == _identity(photos[0])
+    ):
+        raise PlanError(f"{noisy} is the photo itself", hint="name the noisy one with --noisy")
     into = output is not None and (several or output.is_dir())
     jobs = []
     for source in photos:
@@ -160,14 +177,19 @@ def plan(
         else:
             result = output / output_name(source) if into else output
         kernel = None if keep_kernels is None else keep_kernels / kernel_name(source)
+        sheet = result.with_name(comparison_name(result)) if compare else None
+        kept, problem = (mask, None) if masks is None else _mask(masks, source)
         jobs.append(
             Job(
                 source,
                 result,
                 kernel,
+                problem,
                 overwrite=overwrite,
-                overwrite_kernel=overwrite or skip_existing,
+                overwrite_others=overwrite or skip_existing,
                 noisy=noisy,
+                mask=kept,
+                sheet=sheet,
             )
         )
     _check_collisions(jobs)
@@ -175,7 +197,7 @@ def plan(
         _make_folder(output)
     if keep_kernels is not None:
         _make_folder(keep_kernels)
-    inputs = photos if noisy is None else [*photos, noisy]
+    inputs = [*photos, *filter(None, [noisy]), *(job.mask for job in jobs if job.mask)]
     identities = {identity: source for source in inputs if (identity := _identity(source))}
     return [_checked(job, identities, skip_existing=skip_existing) for job in jobs]
 
@@ -185,6 +207,7 @@ def run(
     options: EstimateOptions,
     *,
     restoration: RestorationOptions | PairRestorationOptions = BY_DEFAULT,
+    finish: Finish = AS_IT_IS,
     linear: bool = False,
     provenance: bool = True,
     threads: int | None = None,
@@ -200,6 +223,8 @@ def run(
         What the estimate goes by.
     restoration : RestorationOptions or PairRestorationOptions
         How the photo is deblurred: alone, or with the job's noisy photo.
+    finish : Finish
+        What is wanted beside it, with the job's mask.
     linear, provenance : bool
         As in `fix_file`.
     threads : int, optional
@@ -221,10 +246,11 @@ def run(
         _log.info("%s: skipped, %s exists already", job.source, job.output)
         return None
     common: dict[str, Any] = {
+        "finish": finish,
         "linear": linear,
         "provenance": provenance,
         "overwrite": job.overwrite,
-        "overwrite_kernel": job.overwrite_kernel,
+        "overwrite_others": job.overwrite_others,
         "threads": threads,
         "progress": progress,
     }
@@ -242,16 +268,34 @@ def _is_photo(path: Path) -> bool:
     return (
         path.suffix.lower() in SUFFIXES | READ_ONLY
         and not path.name.startswith(".")
-        and not path.stem.endswith(_RESULT)
+        and not path.stem.endswith((_RESULT, SUFFIX))
         and path.is_file()
     )
+
+
+def _check_single(output: Path | None, noisy: Path | None, mask: Path | None) -> None:
+    """Refuse what is for one photo only."""
+    if output is not None and output.exists() and not output.is_dir():
+        raise PlanError(f"{output} is a file; for several photos, -o names a folder")
+    if noisy is not None:
+        raise PlanError("one noisy photo goes with one blurred photo", hint="fix them in turn")
+    if mask is not None:
+        raise PlanError("one mask goes with one photo; for several, --mask names a folder")
+
+
+def _mask(folder: Path, source: Path) -> tuple[Path | None, DeshakeError | None]:
+    """Return the mask of a photo, or what is wrong with it."""
+    try:
+        return find_mask(folder, source), None
+    except PhotoError as error:
+        return None, error
 
 
 def _check_collisions(jobs: Sequence[Job]) -> None:
     """Refuse two outputs of one name."""
     taken: dict[str, Job] = {}
     for job in jobs:
-        for path in filter(None, (job.output, job.kernel)):
+        for path in filter(None, (job.output, job.kernel, job.sheet)):
             # A symbolic link is replaced, not followed: its folder counts, and its own name.
             key = os.path.normcase(path.parent.resolve() / path.name)
             other = taken.setdefault(key, job)
@@ -281,12 +325,14 @@ def _make_folder(path: Path) -> None:
 def _checked(job: Job, identities: dict[tuple[int, int], Path], *, skip_existing: bool) -> Job:
     """Return a job with what is wrong with its outputs."""
     try:
-        for path in filter(None, (job.output, job.kernel)):
+        for path in filter(None, (job.output, job.kernel, job.sheet)):
             other = identities.get(_identity(path) or (0, 0), job.source)
-            check_output(path, job.source, other, overwrite=job.overwrite_kernel)
+            check_output(path, job.source, other, overwrite=job.overwrite_others)
     except DeshakeError as error:
         return replace(job, problem=error)
-    return replace(job, skipped=skip_existing and os.path.lexists(job.output))
+    return replace(
+        job, skipped=job.problem is None and skip_existing and os.path.lexists(job.output)
+    )
 
 
 def _identity(path: Path) -> tuple[int, int] | None:

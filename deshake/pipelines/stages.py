@@ -75,6 +75,8 @@ class EstimateOptions:
         Whether the blur is taken to be the same all over the frame.
     estimator : {"auto", "edges", "variational"}
         How the kernel is estimated.
+    preview : bool
+        Whether the photo was reduced first (`preview_photo`); told in the kernel's provenance.
 
     """
 
@@ -87,10 +89,11 @@ class EstimateOptions:
     region: tuple[int, int, int, int] | None = None
     uniform: bool = False
     estimator: Estimator = "auto"
+    preview: bool = False
 
     def provenance(self) -> dict[str, Any]:
         """Return what shapes the kernel, for its file; the camera is told apart."""
-        names = ("transfer", "blur_size", "max_angle", "region", "uniform", "estimator")
+        names = ("transfer", "blur_size", "max_angle", "region", "uniform", "estimator", "preview")
         return {name: getattr(self, name) for name in names}
 
 

@@ -96,8 +96,8 @@ def test_one_bad_photo_does_not_stop_the_rest(deshake, shaken, tmp_path):
     assert outcome.code == 1
     lines = [json.loads(line) for line in outcome.out.splitlines()]
     assert [line["status"] for line in lines] == ["failed", "done", "failed"]
-    assert "not a JPEG" in lines[0]["error"]
-    assert f"error: {bad}: not a JPEG" in outcome.err
+    assert "not a photo" in lines[0]["error"]
+    assert f"error: {bad}: not a photo" in outcome.err
     assert f"error: {empty}: the file is empty" in outcome.err
     assert "warning: 2 of 3 photos failed" in outcome.err
     assert (tmp_path / "good.deshaken.jpg").exists()

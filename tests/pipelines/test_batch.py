@@ -112,7 +112,7 @@ def test_existing_results_are_skipped():
     Path("k/b.kernel.npz").touch()
     one, two = plan(paths("a.jpg", "b.PNG"), keep_kernels=Path("k"), skip_existing=True)
     assert (one.skipped, two.skipped) == (True, False)
-    assert (two.problem, two.overwrite, two.overwrite_kernel) == (None, False, True)
+    assert (two.problem, two.overwrite, two.overwrite_others) == (None, False, True)
     assert run(one, EstimateOptions()) is None
 
 
