@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from deshake.batch.footprint import estimate_memory, photo_memory, restoration_memory
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions
-from deshake.io.files import sha256
+from deshake.io.files import STREAM, sha256
 from deshake.io.kernel_file import read_kernel
 from deshake.pipelines.calibration import calibrate_file
 from deshake.pipelines.file_stages import deblur_file, estimate_file, fix_file
@@ -173,7 +173,11 @@ class Deblur:
             "threads": threads,
             "progress": progress,
         }
-        content = read_kernel(kernel)
+        figures: dict[str, Any] = {}
+        if str(kernel) != STREAM:  # which can be read but once
+            content = read_kernel(kernel)
+            figures["extent_px"] = round(content.kernel.extent_px(), 2)
+            figures["confidence"] = round(content.confidence, 4)
         if isinstance(self.restoration, PairRestorationOptions):
             deblur_pair_file(
                 job.source,
@@ -186,10 +190,7 @@ class Deblur:
             )
         else:
             deblur_file(job.source, kernel, job.output, restoration=self.restoration, **common)
-        return {
-            "extent_px": round(content.kernel.extent_px(), 2),
-            "confidence": round(content.confidence, 4),
-        }
+        return figures
 
     def memory(self, size: PictureSize) -> int:
         """Predict the memory that it takes."""
@@ -205,7 +206,8 @@ class Deblur:
             noisy=job.needs.get("noisy"),
             finish=finish,
         )
-        told = read_kernel(job.needs["kernel"]).provenance
+        kernel = job.needs["kernel"]
+        told = {} if str(kernel) == STREAM else read_kernel(kernel).provenance
         names = ("options", "input_sha256", "noisy_sha256", "camera")
         return known | {"kernel": {name: told[name] for name in names if name in told}}
 
