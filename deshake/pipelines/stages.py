@@ -16,6 +16,7 @@ import numpy as np
 from deshake import __version__
 from deshake.deconvolution.dark_halos import without_dark_halos
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions, restore
+from deshake.deconvolution.noise import noise_model
 from deshake.errors import DeshakeError
 from deshake.estimation.blind import blur_bound
 from deshake.estimation.methods import estimate_kernel
@@ -51,6 +52,7 @@ __all__ = [
 
 _log = logging.getLogger(__name__)
 
+_MID_GREY: Final = 0.18
 _LUMINANCE: Final = (0.2126, 0.7152, 0.0722)  # of linear sRGB, ITU-R BT.709
 
 
@@ -101,7 +103,10 @@ class EstimateOptions:
     def provenance(self) -> dict[str, Any]:
         """Return what shapes the kernel, for its file; the camera is told apart."""
         names = ("transfer", "blur_size", "max_angle", "region", "uniform", "estimator", "preview")
-        return {name: getattr(self, name) for name in names}
+        told = {name: getattr(self, name) for name in names}
+        if self.lens or self.lens_model is not None:
+            told["lens"] = self.lens_model or True
+        return told
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +123,8 @@ class Estimate:
         In plain words.
     latent : (2, h, w) array of float32
         Gradients of the sharp photo, or region, as in `BlindEstimate`.
+    noise : float
+        Standard deviation of the photo's noise at a mid grey (18 % of white), in linear light.
 
     """
 
@@ -125,6 +132,7 @@ class Estimate:
     camera: CameraFile
     notes: list[str]
     latent: NDArray[np.float32]
+    noise: float
 
     def report(self) -> dict[str, Any]:
         """Return the figures of the estimate as JSON data."""
@@ -133,6 +141,7 @@ class Estimate:
             "rotations": len(kernel.weights),
             "extent_px": round(kernel.extent_px(), 2),
             "confidence": round(self.content.confidence, 4),
+            "noise": round(self.noise, 5),
             "notes": self.notes,
             "focal_px": round(self.camera.camera.focal_px, 2),
             "camera_source": self.camera.source,
@@ -177,9 +186,10 @@ def estimate(
     camera, notes = camera_for(photo, options)
     check_region(photo, options.region)
     straight, seen = straightened(photo, camera.camera)
+    grey = luminance(straight.pixels)
     try:
         found = estimate_kernel(
-            luminance(straight.pixels),
+            grey,
             seen,
             estimator=options.estimator,
             clipped=straight.clipped,
@@ -197,7 +207,10 @@ def estimate(
         _log.warning("%s: %s", photo.source, note)
     provenance = _provenance(photo, options, camera, found) | {"notes": notes}
     kernel = bent_kernel(found.kernel, camera.camera, seen)
-    return Estimate(KernelFile(kernel, found.confidence, provenance), camera, notes, found.latent)
+    content = KernelFile(kernel, found.confidence, provenance)
+    slope, floor = noise_model(grey)
+    noise = math.sqrt(slope * _MID_GREY + floor)
+    return Estimate(content, camera, notes, found.latent, noise)
 
 
 def deblur(
