@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from deshake.cli.finishing import finish_options
 from deshake.cli.options import (
     FILE,
     general_options,
@@ -41,6 +42,7 @@ __all__ = ["command"]
     help="Registration file written by register, for --noisy.  [default: register the photos]",
 )
 @restoration_options
+@finish_options()
 @transfer_option
 @linear_option
 @provenance_option
@@ -57,6 +59,10 @@ def command(
     noisy: Path | None,
     registration: Path | None,
     transfer: TransferName | None,
+    strength: float,
+    mask: Path | None,
+    preview: bool,
+    compare: bool,
     linear: bool,
     no_provenance: bool,
     overwrite: bool,
@@ -71,9 +77,12 @@ def command(
     """
     if noisy is None and registration is not None:
         raise click.UsageError("--registration needs --noisy.")
+    from deshake.pipelines.finishing import Finish
+
     chosen: Any = restoration(noisy, **choices)
     common: dict[str, Any] = {
         "transfer": transfer,
+        "finish": Finish(strength, mask, preview, compare),
         "linear": linear,
         "provenance": not no_provenance,
         "overwrite": overwrite,

@@ -92,6 +92,6 @@ def lost(encoding: Encoding, form: Format) -> list[str]:
     ):
         return [f"its texts, beside EXIF, XMP and IPTC, are left out of a {form}"]
     if encoding.format == "HEIF" and form == "JPEG":
-        bits = f", of {encoding.bits or 8} bits" if encoding.depth == 16 else ""
-        return [f"HEIC{bits}, is written as a JPEG of quality 95 (-o NAME.tif loses nothing)"]
+        bits = f" of {encoding.bits} bits" if encoding.bits else ""
+        return [f"a HEIC{bits}, written as a JPEG of quality 95 (-o NAME.tif loses nothing)"]
     return []

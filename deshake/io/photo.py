@@ -16,6 +16,7 @@ from deshake.io.carrying import carried
 from deshake.io.conversion import converted, encoded, output_format
 from deshake.io.encoding import SUFFIXES, WRITTEN_AS, Decoded, Encoding, turned
 from deshake.io.files import check_output, read_bytes, write_bytes
+from deshake.io.heif import decode_heif
 from deshake.io.icc import profile_transfer
 from deshake.io.jpeg import decode_jpeg, encode_jpeg
 from deshake.io.jpeg2000 import decode_jpeg2000, encode_jpeg2000
@@ -54,6 +55,7 @@ _DECODERS: dict[Format, Callable[[bytes], Decoded]] = {
     "WEBP": decode_webp,
     "AVIF": decode_avif,
     "JPEG2000": decode_jpeg2000,
+    "HEIF": decode_heif,
     "RAW": decode_raw,
 }
 _ENCODERS: dict[Format, Callable[[Decoded], bytes]] = {

@@ -198,7 +198,7 @@ def _provenance(
     found: PairEstimate,
 ) -> dict[str, Any]:
     """Tell what shaped the kernel, the camera aside."""
-    names = ("transfer", "blur_size", "max_angle", "uniform")
+    names = ("transfer", "blur_size", "max_angle", "uniform", "preview")
     return {
         "deshake": __version__,
         "command": "estimate-pair",

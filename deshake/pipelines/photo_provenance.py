@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 from deshake import __version__
 from deshake.io.files import sha256
 from deshake.io.provenance import NAMESPACE, with_provenance
+from deshake.pipelines.finishing import AS_IT_IS, Finish
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -38,6 +39,7 @@ def photo_provenance(
     *,
     transfer: TransferName | None = None,
     noisy: Photo | None = None,
+    finish: Finish = AS_IT_IS,
 ) -> dict[str, Any]:
     """Tell how a photo was deblurred, as JSON data.
 
@@ -53,12 +55,14 @@ def photo_provenance(
         The transfer curve, if one was given.
     noisy : Photo, optional
         The noisy photo of the same scene.
+    finish : Finish
+        What was wanted beside the deblurring.
 
     """
     found: dict[str, Any] = {
         "deshake": __version__,
         "command": "deblur",
-        "options": {"transfer": transfer} | asdict(restoration),
+        "options": {"transfer": transfer} | asdict(restoration) | finish.provenance(),
         "input_sha256": sha256(photo.source),
         "kernel": _short(content.provenance),
     }

@@ -82,7 +82,7 @@ def test_the_kernel_goes_if_the_photo_cannot_be_written(photo, tmp_path, monkeyp
 
     monkeypatch.setattr(file_stages, "write_photo", fail)
     with pytest.raises(KeyboardInterrupt):
-        fix_file(photo, tmp_path / "o.png", kernel, OPTIONS, overwrite_kernel=existed)
+        fix_file(photo, tmp_path / "o.png", kernel, OPTIONS, overwrite_others=existed)
     assert kernel.exists() == existed
 
 
@@ -121,7 +121,7 @@ def test_kernel_and_photo_do_not_share_a_file(photo, tmp_path):
     with pytest.raises(OutputError):
         fix_file(
             photo, tmp_path / "out.png", tmp_path / "out.png", OPTIONS,
-            overwrite=True, overwrite_kernel=True,
+            overwrite=True, overwrite_others=True,
         )  # fmt: skip
 
 
