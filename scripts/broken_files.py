@@ -1,8 +1,8 @@
 """Run deshake on files that are broken on purpose, and say where it does not stand it.
 
-Every photo goes through calibrate and fix, every .npz file through deblur or fix. What is a fault: a
-crash, more than 10 seconds, more than 1 GB of memory, any exit code but 0 and 1, an error that is
-not one line, or no error at exit code 1.
+Every photo goes through calibrate and fix, every .npz file through the command that takes it. What
+is a fault: a crash, more than 10 seconds, more than 1 GB of memory, any exit code but 0 and 1, an
+error that is not one line, or no error at exit code 1.
 
     python scripts/broken_files.py --count 300 --seed 1
 """
@@ -10,6 +10,7 @@ not one line, or no error at exit code 1.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import resource
@@ -133,27 +134,27 @@ def run(todo: Sequence[Case]) -> Iterator[Outcome]:
                 yield Outcome(left.pop(0), None, "", 0.0, 0.0)
 
 
-def _child() -> subprocess.Popen[str]:
+def _child() -> subprocess.Popen[bytes]:
     """Start a child of one thread that may map so much and no more."""
     one = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-    return subprocess.Popen(
+    return subprocess.Popen(  # noqa: S603 - this very script
         [sys.executable, __file__, "--child"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         env=os.environ | one,
-        text=True,
+        bufsize=0,  # so that nothing is left to be written to a child that died
     )
 
 
-def _ask(child: subprocess.Popen[str], case: Case) -> Outcome | None:
+def _ask(child: subprocess.Popen[bytes], case: Case) -> Outcome | None:
     """Let a child run a case; None if it crashes, or takes far too long."""
     if child.stdin is None or child.stdout is None:
         return None
-    child.stdin.write(json.dumps(case.words) + "\n")
-    child.stdin.flush()
+    with contextlib.suppress(BrokenPipeError):
+        child.stdin.write(json.dumps(case.words).encode() + b"\n")
     with selectors.DefaultSelector() as selector:
         selector.register(child.stdout, selectors.EVENT_READ)
-        answer = child.stdout.readline() if selector.select(3 * _SECONDS) else ""
+        answer = child.stdout.readline() if selector.select(3 * _SECONDS) else b""
     return Outcome(case, **json.loads(answer)) if answer else None
 
 
@@ -209,9 +210,7 @@ def main(args: Sequence[str] | None = None) -> int:
         outcomes = list(run(todo))
     faulty = [outcome for outcome in outcomes if outcome.faults()]
     for outcome in faulty:
-        print(
-            f"{outcome.case.name}: {' '.join(outcome.case.words[:1])}: {'; '.join(outcome.faults())}"
-        )
+        print(f"{outcome.case.name}: {outcome.case.words[0]}: {'; '.join(outcome.faults())}")
         print(f"    {outcome.err.strip()[:400]}")
     refused = sum(outcome.code == 1 for outcome in outcomes)
     print(

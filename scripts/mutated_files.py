@@ -73,10 +73,10 @@ def seeds(folder: Path) -> dict[str, bytes]:
     found["tiled.tif"] = stream.getvalue()
     camera = Camera.from_focal(60, HEIGHT, WIDTH)
     turn = RotationKernel.from_path([(-0.02, -0.02, 0), (0.02, 0.02, 0)], camera)
-    write_kernel(folder / "kernel.npz", KernelFile(turn, 0.9, {"command": "none"}))
-    write_camera(folder / "camera.npz", CameraFile(camera, "made"))
+    write_kernel(folder / "kernel.npz", KernelFile(turn, 0.9, {"command": "none"}), overwrite=True)
+    write_camera(folder / "camera.npz", CameraFile(camera, "made"), overwrite=True)
     known = RegistrationFile(np.zeros(3), 1.0, camera, 1.0, {})
-    write_registration(folder / "registration.npz", known)
+    write_registration(folder / "registration.npz", known, overwrite=True)
     for name in ("kernel.npz", "camera.npz", "registration.npz"):
         found[name] = (folder / name).read_bytes()
     return found
