@@ -89,8 +89,9 @@ class Encoding:
     ----------
     format : {"JPEG", "PNG", "TIFF", "WEBP", "AVIF", "JPEG2000", "HEIF", "RAW"}
         The file format.
-    depth : {8, 16}
-        Bits a sample.
+    depth : {8, 16, 32}
+        Bits a sample; 32 are those of floating-point numbers, in linear light if no profile says
+        otherwise.
     bits : int
         Bits a sample that the file really has, where they are fewer than a depth of 16; 0: as many.
     grey : bool
@@ -141,7 +142,7 @@ class Decoded:
 
     Parameters
     ----------
-    codes : (H, W) or (H, W, 3) array of uint8 or uint16
+    codes : (H, W) or (H, W, 3) array of uint8, uint16 or float32
         The pixels.
     alpha : (H, W) array of the same type, or None
         The opacity.

@@ -25,6 +25,7 @@ from deshake.io.encoding import Decoded, Encoding, check_size, decoding
 from deshake.io.image_resources import with_iptc
 from deshake.io.metadata import Metadata
 from deshake.io.opencv import imdecode
+from deshake.io.profiles import cicp_profile
 from deshake.io.raw_profiles import RAW_PROFILE, profile_text, raw_profile
 from deshake.io.transfer import SRGB, Power
 
@@ -204,8 +205,11 @@ def _metadata(chunks: list[Chunk]) -> tuple[Metadata, Transfer, bytes]:
             raw = raw_profile(content, _inflate(text[1:]) if name == b"zTXt" else text) | raw
         elif name in _CARRIED:
             carried += _pack(name, content)
+    if len(found.get(b"cICP", b"")) == 4:  # comes before all others
+        numbers = cicp_profile(*found[b"cICP"][:2])
+        blocks["icc"] = numbers or blocks.get("icc", b"")
     transfer: Transfer = SRGB
-    if b"gAMA" in found and b"sRGB" not in found:
+    if b"gAMA" in found and b"sRGB" not in found and b"cICP" not in found:
         (gamma,) = struct.unpack(">I", found[b"gAMA"])
         if 25000 <= gamma <= 300000 and abs(gamma - _SRGB_GAMMA) > 100:
             transfer = Power(100000 / gamma)
