@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import tifffile
 from crafted_photos import KINDS, written
+from heic_writer import heic
 from PIL import Image
 from skimage import data
 
@@ -66,8 +67,8 @@ def seeds(folder: Path) -> dict[str, bytes]:
         "a.avif": _saved(plain, "AVIF", quality=90),
         "a.jp2": _saved(plain, "JPEG2000"),
         "a.dng": _dng(),
+        "a.heic": heic(plain),
     }
-    found["a.heic"] = found["a.avif"].replace(b"ftypavif", b"ftypheic", 1)
     stream = io.BytesIO()
     tifffile.imwrite(stream, deep, tile=(16, 16), compression="zlib", predictor=True, metadata=None)
     found["tiled.tif"] = stream.getvalue()
