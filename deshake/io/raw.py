@@ -29,6 +29,7 @@ from deshake.io.encoding import Decoded, Encoding, check_size, decoding
 from deshake.io.exif_editing import maker_note_at
 from deshake.io.jpeg import decode_jpeg
 from deshake.io.metadata import Metadata
+from deshake.io.native_output import silenced
 from deshake.io.profiles import GREY_PROFILE, SRGB_PROFILE, XYZ_FROM_SRGB
 
 if TYPE_CHECKING:
@@ -66,8 +67,8 @@ def decode_raw(data: bytes) -> Decoded:
     import rawpy  # noqa: PLC0415 - needed for RAW files alone
 
     try:
-        with decoding("RAW file"), rawpy.imread(io.BytesIO(data)) as raw:
-            check_size(raw.sizes.raw_height, raw.sizes.raw_width)
+        with decoding("RAW file"), silenced(), rawpy.imread(io.BytesIO(data)) as raw:
+            check_size(raw.sizes.raw_height, raw.sizes.raw_width, len(data))
             return _decode(raw, data)
     except rawpy.LibRawError as error:
         reason = error.args[0] if error.args else error

@@ -102,8 +102,10 @@ class EstimateOptions:
 
     def provenance(self) -> dict[str, Any]:
         """Return what shapes the kernel, for its file; the camera is told apart."""
-        names = ("transfer", "blur_size", "max_angle", "region", "uniform", "estimator", "preview")
+        names = ("transfer", "blur_size", "max_angle", "region", "uniform", "estimator")
         told = {name: getattr(self, name) for name in names}
+        if self.preview:
+            told["preview"] = True
         if self.lens or self.lens_model is not None:
             told["lens"] = self.lens_model or True
         return told
