@@ -95,8 +95,9 @@ class EstimateOptions:
 
     def provenance(self) -> dict[str, Any]:
         """Return what shapes the kernel, for its file; the camera is told apart."""
-        names = ("transfer", "blur_size", "max_angle", "region", "uniform", "estimator", "preview")
-        return {name: getattr(self, name) for name in names}
+        names = ("transfer", "blur_size", "max_angle", "region", "uniform", "estimator")
+        told = {name: getattr(self, name) for name in names}
+        return told | {"preview": True} if self.preview else told
 
 
 @dataclass(frozen=True, eq=False)
