@@ -125,7 +125,7 @@ def check_pixels(path: Path, source: Path, form: str, depth: int, channels: int)
     if source.suffix == ".jpg":
         with Image.open(source) as picture:
             wanted = np.atleast_3d(np.asarray(picture))
-    if source.suffix in {".webp", ".avif"}:  # which keep no opacity that is full
+    if channels == 4 and source.suffix in {".webp", ".avif"}:  # full opacity is not kept
         wanted, channels = wanted[..., :3], 3
     wanted = np.rot90(wanted, -1)
     if form == "TIFF":
