@@ -18,8 +18,14 @@ F = TypeVar("F", bound="Callable[..., Any]")
 
 
 def finish_options(command: F) -> F:
-    """Add --strength, --mask, --preview and --compare."""
+    """Add --strength, --mask, --preview, --compare and --keep-geometry."""
     for option in (
+        click.option(
+            "--keep-geometry",
+            is_flag=True,
+            help="Bend the result again as the photo was, where a lens is undone.  [default: leave "
+            "it straight]",
+        ),
         click.option(
             "--compare",
             is_flag=True,
