@@ -29,6 +29,7 @@ from deshake.io.encoding import Decoded, Encoding, check_size, decoding
 from deshake.io.exif_editing import maker_note_at
 from deshake.io.jpeg import decode_jpeg
 from deshake.io.metadata import Metadata
+from deshake.io.native_messages import native_messages
 from deshake.io.profiles import GREY_PROFILE, SRGB_PROFILE, XYZ_FROM_SRGB
 
 if TYPE_CHECKING:
@@ -46,6 +47,7 @@ _LEAST_CROP: Final = 0.55  # of a side; less is no crop of the whole frame, as L
 _LEAST_MATRIX: Final = 0.125  # of the first element, by which LibRaw takes the file's matrix
 _PHOTO_TAGS: Final = 0x8000  # main tags below it are the photo's, most above it the sensor's
 _EXIF_TAGS: Final = (33434, 33437, 34850, 34855, *range(36864, 37389))  # also found in the main
+_COMPLAINTS: Final = (b"Unexpected end of file", b"data corrupted at")  # LibRaw goes on after them
 _COPYRIGHT: Final = 33432
 
 
@@ -66,9 +68,13 @@ def decode_raw(data: bytes) -> Decoded:
     import rawpy  # noqa: PLC0415 - needed for RAW files alone
 
     try:
-        with decoding("RAW file"), rawpy.imread(io.BytesIO(data)) as raw:
+        with (
+            native_messages(*_COMPLAINTS) as complaints,
+            decoding("RAW file"),
+            rawpy.imread(io.BytesIO(data)) as raw,
+        ):
             check_size(raw.sizes.raw_height, raw.sizes.raw_width)
-            return _decode(raw, data)
+            decoded = _decode(raw, data)
     except rawpy.LibRawError as error:
         reason = error.args[0] if error.args else error
         reason = reason.decode("ascii", "replace") if isinstance(reason, bytes) else str(reason)
@@ -76,6 +82,9 @@ def decode_raw(data: bytes) -> Decoded:
             f"the RAW file cannot be read ({reason})",
             hint="convert it to a DNG or a 16-bit TIFF first",
         ) from error
+    if complaints:
+        raise PhotoError("the RAW file is damaged or cut short")
+    return decoded
 
 
 def _decode(raw: RawPy, data: bytes) -> Decoded:
