@@ -225,3 +225,9 @@ def test_a_file_that_is_cut_short_is_refused_without_a_word_of_libraws(
     with pytest.raises(PhotoError, match=r"damaged|cannot be read"):
         read(tmp_path / "a.dng", data[: int(keep * len(data))])
     assert capfd.readouterr() == ("", "")
+
+
+def test_pixels_beyond_the_end_of_a_dng(tmp_path: Path, make_dng: Callable[..., bytes]) -> None:
+    data = make_dng(smooth(), extra={324: ("I", [60]), 325: ("I", [10**7])})
+    with pytest.raises(PhotoError, match="cut short"):
+        read(tmp_path / "a.dng", data)
