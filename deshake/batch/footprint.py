@@ -22,11 +22,11 @@ _PROCESS: Final = 180e6
 """Libraries, and what is too small to count."""
 _PHOTO: Final = {1: 25, 3: 45}
 """Bytes a pixel for reading and writing a photo, by its colours."""
-_ESTIMATE: Final = 350e6
+_ESTIMATE: Final = 200e6
 """For an estimate, whose working size is its own."""
 _RESTORATION: Final = {1: 80, 3: 130}
 """Bytes a pixel for deblurring, by its colours."""
-_PAIR: Final = {1: 130, 3: 220}
+_PAIR: Final = {1: 150, 3: 260}
 """The same with a noisy photo."""
 
 

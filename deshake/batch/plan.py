@@ -100,10 +100,10 @@ class Job:
         """All files that it may write."""
         return [*filter(None, [self.output]), *self.others.values()]
 
-    def files(self) -> dict[str, str]:
+    def files(self) -> dict[str, str | None]:
         """Return the names of all files as JSON data."""
         files = {"input": self.source, **self.needs, "output": self.output, **self.others}
-        return {name: str(path) for name, path in files.items() if path is not None}
+        return {name: None if path is None else str(path) for name, path in files.items()}
 
 
 def plan(

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
+from deshake.batch.resume import doubt
 from deshake.errors import DeshakeError, describe
 
 if TYPE_CHECKING:
@@ -87,10 +88,10 @@ def run_job(
     with _warnings(job) as warnings:
         if job.problem is not None:
             return failure(job, job.problem)
-        if job.skipped:
-            _OURS.info("%s: skipped, %s exists already", job.source, job.output)
-            return Result(job, "skipped", time.perf_counter() - start, {}, tuple(warnings))
         try:
+            if job.skipped:
+                _tell_skipped(job, work)
+                return Result(job, "skipped", time.perf_counter() - start, {}, tuple(warnings))
             figures = work(job, threads=threads, progress=progress)
         except Exception as error:  # noqa: BLE001  one bad photo never stops the rest
             return failure(job, error, time.perf_counter() - start, warnings)
@@ -110,6 +111,15 @@ def failure(
     trace = None if expected else "".join(traceback.format_exception(error))
     told = tuple(warnings or ())
     return Result(job, "failed", seconds, {}, told, message, hint, trace)
+
+
+def _tell_skipped(job: Job, work: Work) -> None:
+    """Say that the result is there already, and warn if it is not what the work would make."""
+    found = doubt(job, work)
+    if found is None:
+        _OURS.info("%s: skipped, %s exists already", job.source, job.output)
+    else:
+        _OURS.warning("%s: skipped, %s (--overwrite makes it anew)", job.source, found)
 
 
 @contextmanager

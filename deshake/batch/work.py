@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from deshake.batch.footprint import estimate_memory, photo_memory, restoration_memory
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions
+from deshake.io.files import STREAM, sha256
 from deshake.io.kernel_file import read_kernel
 from deshake.pipelines.calibration import calibrate_file
 from deshake.pipelines.file_stages import deblur_file, estimate_file, fix_file
 from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.pair_deblurring import PairRestorationOptions, deblur_pair_file
 from deshake.pipelines.pair_fixing import fix_pair_file
+from deshake.pipelines.photo_provenance import photo_origin
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -50,6 +52,17 @@ class Work(Protocol):
 
     def memory(self, size: PictureSize) -> int:
         """Predict the bytes that a process takes for it, itself included."""
+        ...
+
+    def origin(self, job: Job) -> dict[str, Any]:
+        """Return what its result will tell of where it comes from, as far as that is known before.
+
+        Raises
+        ------
+        DeshakeError, OSError
+            If it cannot be done anyway.
+
+        """
         ...
 
 
@@ -108,6 +121,20 @@ class Fix:
         """Predict the memory that it takes."""
         return max(estimate_memory(size), restoration_memory(size, self.restoration))
 
+    def origin(self, job: Job) -> dict[str, Any]:
+        """Return the inputs and the options of both stages."""
+        noisy, finish = job.needs.get("noisy"), replace(self.finish, mask=job.needs.get("mask"))
+        known = photo_origin(
+            job.source,
+            self.restoration,
+            transfer=self.options.transfer,
+            noisy=noisy,
+            finish=finish,
+        )
+        if noisy is None and not finish.preview:  # else the estimate's options are not quite these
+            known["kernel"] = _kernel_origin(self.options)
+        return known
+
 
 @dataclass(frozen=True)
 class Deblur:
@@ -146,7 +173,11 @@ class Deblur:
             "threads": threads,
             "progress": progress,
         }
-        content = read_kernel(kernel)
+        figures: dict[str, Any] = {}
+        if str(kernel) != STREAM:  # which can be read but once
+            content = read_kernel(kernel)
+            figures["extent_px"] = round(content.kernel.extent_px(), 2)
+            figures["confidence"] = round(content.confidence, 4)
         if isinstance(self.restoration, PairRestorationOptions):
             deblur_pair_file(
                 job.source,
@@ -159,14 +190,26 @@ class Deblur:
             )
         else:
             deblur_file(job.source, kernel, job.output, restoration=self.restoration, **common)
-        return {
-            "extent_px": round(content.kernel.extent_px(), 2),
-            "confidence": round(content.confidence, 4),
-        }
+        return figures
 
     def memory(self, size: PictureSize) -> int:
         """Predict the memory that it takes."""
         return restoration_memory(size, self.restoration)
+
+    def origin(self, job: Job) -> dict[str, Any]:
+        """Return the inputs and the options, and those of the kernel."""
+        finish = replace(self.finish, mask=job.needs.get("mask"))
+        known = photo_origin(
+            job.source,
+            self.restoration,
+            transfer=self.transfer,
+            noisy=job.needs.get("noisy"),
+            finish=finish,
+        )
+        kernel = job.needs["kernel"]
+        told = {} if str(kernel) == STREAM else read_kernel(kernel).provenance
+        names = ("options", "input_sha256", "noisy_sha256", "camera")
+        return known | {"kernel": {name: told[name] for name in names if name in told}}
 
 
 @dataclass(frozen=True)
@@ -200,6 +243,10 @@ class EstimateBlind:
         """Predict the memory that it takes."""
         return estimate_memory(size)
 
+    def origin(self, job: Job) -> dict[str, Any]:
+        """Return the input and the options."""
+        return _kernel_origin(self.options) | {"input_sha256": sha256(job.source)}
+
 
 @dataclass(frozen=True)
 class Calibrate:
@@ -209,11 +256,15 @@ class Calibrate:
     ----------
     focal_px, focal_35mm : float, optional
         Focal length in pixels of the photo, or in millimetres on 35 mm film; by default from EXIF.
+    lens, lens_model
+        As in `calibrate`.
 
     """
 
     focal_px: float | None = None
     focal_35mm: float | None = None
+    lens: bool = False
+    lens_model: str | None = None
 
     def __call__(
         self,
@@ -228,6 +279,8 @@ class Calibrate:
             job.output,
             focal_px=self.focal_px,
             focal_35mm=self.focal_35mm,
+            lens=self.lens,
+            lens_model=self.lens_model,
             overwrite=job.overwrite,
         )
         for line in found.considered:
@@ -240,9 +293,27 @@ class Calibrate:
         """Predict the memory that it takes."""
         return photo_memory(size)
 
+    def origin(self, job: Job) -> dict[str, Any]:  # noqa: ARG002
+        """Return nothing: camera files tell no more than what they hold."""
+        return {}
+
 
 def _output(job: Job) -> Path:
     """Return where the result goes, which these stages always know."""
     if job.output is None:
         raise ValueError("this stage has a result")
     return job.output
+
+
+def _kernel_origin(options: EstimateOptions) -> dict[str, Any]:
+    """Return what a blind kernel will tell of its options; its camera, if one was named."""
+    known: dict[str, Any] = {"options": options.provenance()}
+    if options.camera is not None:
+        known["camera"] = options.camera.source
+    elif options.lens or options.lens_model is not None:
+        pass  # the lens's name is told, too, which the photo decides
+    elif options.focal_px is not None:
+        known["camera"] = f"--focal-px {options.focal_px:g}"
+    elif options.focal_35mm is not None:
+        known["camera"] = f"--focal-35mm {options.focal_35mm:g}"
+    return known

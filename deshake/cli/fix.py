@@ -23,7 +23,7 @@ from deshake.cli.options import (
     output_option,
     provenance_option,
 )
-from deshake.cli.restoration import noisy_option, restoration, restoration_options
+from deshake.cli.restoration import check_pair, noisy_option, restoration, restoration_options
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -73,6 +73,7 @@ def command(
     preview: bool,
     compare: bool,
     linear: bool,
+    keep_geometry: bool,
     no_provenance: bool,
     batch: Batch,
     **choices: Any,  # noqa: ANN401 - the fields of EstimateOptions
@@ -97,7 +98,8 @@ def command(
 
     chosen = restoration(noisy, method=method, quality=quality, iterations=iterations)
     if noisy is not None:
-        _check_pair(photos, noisy, **choices)
+        _check_estimate(**choices)
+        check_pair(photos, noisy)
     refuse_stdout(output)
     extras = {} if keep_kernels is None else {"kernel": Extra(keep_kernels, kernel_name)}
     needs: dict[str, Any] = {} if noisy is None else {"noisy": lambda _: noisy}
@@ -110,21 +112,15 @@ def command(
     work = Fix(
         EstimateOptions(camera=known, **choices),
         chosen,
-        Finish(strength, preview=preview, compare=compare),
+        Finish(strength, None, preview, compare, keep_geometry),
         linear=linear,
         provenance=not no_provenance,
     )
     return run_batch(context, jobs, work, batch)
 
 
-def _check_pair(
-    photos: tuple[Path, ...], noisy: Path, *, region: object, estimator: str, **_: object
-) -> None:
-    """Refuse what does not go with a noisy photo."""
+def _check_estimate(*, region: object, estimator: str, **_: object) -> None:
+    """Refuse what only a blind estimate goes by."""
     for name, given in {"region": region is not None, "estimator": estimator != "auto"}.items():
         if given:
             raise click.UsageError(f"--{name} does not go with --noisy.")
-    if len(photos) > 1 or photos[0].is_dir():
-        raise click.UsageError("one noisy photo goes with one blurred photo: fix them in turn")
-    if noisy == photos[0] or (noisy.exists() and photos[0].exists() and noisy.samefile(photos[0])):
-        raise click.UsageError(f"{noisy} is the photo itself: name the noisy one with --noisy")

@@ -29,7 +29,7 @@ from deshake.io.encoding import Decoded, Encoding, check_size, decoding
 from deshake.io.exif_editing import maker_note_at
 from deshake.io.jpeg import decode_jpeg
 from deshake.io.metadata import Metadata
-from deshake.io.native_messages import native_messages
+from deshake.io.native_output import silenced
 from deshake.io.profiles import GREY_PROFILE, SRGB_PROFILE, XYZ_FROM_SRGB
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ _EXIF_TAGS: Final = (33434, 33437, 34850, 34855, *range(36864, 37389))  # also f
 _DNG_VERSION: Final = 50706
 _SUB_IFDS: Final = 330
 _PIXELS: Final = ((273, 279), (324, 325))  # where strips, and tiles, lie, and their lengths
-_COMPLAINTS: Final = (b"Unexpected end of file", b"data corrupted at")  # LibRaw goes on after them
+_COMPLAINTS: Final = ("Unexpected end of file", "data corrupted at")  # LibRaw goes on after them
 _COPYRIGHT: Final = 33432
 
 
@@ -73,11 +73,11 @@ def decode_raw(data: bytes) -> Decoded:
     _check_length(data)
     try:
         with (
-            native_messages(*_COMPLAINTS) as complaints,
+            silenced() as printed,
             decoding("RAW file"),
             rawpy.imread(io.BytesIO(data)) as raw,
         ):
-            check_size(raw.sizes.raw_height, raw.sizes.raw_width)
+            check_size(raw.sizes.raw_height, raw.sizes.raw_width, len(data))
             decoded = _decode(raw, data)
     except rawpy.LibRawError as error:
         reason = error.args[0] if error.args else error
@@ -86,7 +86,7 @@ def decode_raw(data: bytes) -> Decoded:
             f"the RAW file cannot be read ({reason})",
             hint="convert it to a DNG or a 16-bit TIFF first",
         ) from error
-    if complaints:
+    if any(complaint in line for line in printed for complaint in _COMPLAINTS):
         raise PhotoError("the RAW file is damaged or cut short")
     return decoded
 

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     Progress = Callable[[float, str], None]
 
 __all__ = [
+    "camera_name",
     "deblur_file",
     "estimate_file",
     "fix_file",
@@ -57,6 +58,11 @@ _ESTIMATE_PIXELS = 8e6
 def kernel_name(source: Path) -> str:
     """Return the default name of a photo's kernel: ``<stem>.kernel.npz``."""
     return f"{source.stem}.kernel.npz"
+
+
+def camera_name(source: Path) -> str:
+    """Return the default name of a photo's camera: ``<stem>.camera.npz``."""
+    return f"{source.stem}.camera.npz"
 
 
 def estimate_file(
@@ -135,7 +141,15 @@ def deblur_file(
     photo = read_photo(source, transfer=transfer)
     photo, mask = finish.prepare(prepared(photo, path, linear=linear))
     kernel = fitting_kernel(content, photo, kernel_file)
-    result = deblur(photo, kernel, restoration, threads=threads, progress=progress)
+    result = deblur(
+        photo,
+        kernel,
+        restoration,
+        keep_geometry=finish.keep_geometry,
+        threads=threads,
+        progress=progress,
+    )
+    photo, mask = finish.before(photo, mask, kernel.camera)
     result = finish.blend(photo, result, mask)
     if provenance:
         told = photo_provenance(photo, content, restoration, transfer=transfer, finish=finish)
@@ -190,7 +204,15 @@ def fix_file(
         found = estimate(photo, options, threads=threads, progress=first)
     del whole
     kernel = found.content.kernel
-    result = deblur(photo, kernel, restoration, threads=threads, progress=second)
+    result = deblur(
+        photo,
+        kernel,
+        restoration,
+        keep_geometry=finish.keep_geometry,
+        threads=threads,
+        progress=second,
+    )
+    photo, mask = finish.before(photo, mask, kernel.camera)
     result = finish.blend(photo, result, mask)
     if provenance:
         told = photo_provenance(

@@ -44,6 +44,9 @@ class Trial:
 
     def memory(self, size):
         return self.need * max(size.pixels, 1)
+
+    def origin(self, job):
+        return {}
 """
 
 

@@ -56,6 +56,52 @@ def test_a_dry_run_tells_and_does_nothing(deshake, folder, tmp_path, contents):
     assert contents(tmp_path) == before
 
 
+def test_stages_take_folders_and_give_the_bytes_of_fix(deshake, folder, tmp_path):
+    cameras, kernels, sharp, fixed = (tmp_path / name for name in ("c", "k", "s", "f"))
+    (folder / "p10.jpg").unlink()
+    many = (folder, "-r", "-j", 2, "--threads", 1)
+    outcome = deshake("calibrate", *many, "--focal-35mm", 40, "-o", cameras)
+    assert outcome.code == 0
+    assert [line.count("40.0 mm-equivalent") for line in outcome.out.splitlines()] == [1, 1]
+    assert (cameras / "sub" / "q.camera.npz").exists()
+    assert deshake("estimate-blind", *many, "-o", kernels, *FAST).code == 0
+    assert deshake("deblur", *many, "--kernel", kernels, "-o", sharp).code == 0
+    assert deshake("fix", *many, "-o", fixed, *FAST).code == 0
+    for name in ("p2.deshaken.jpg", "sub/q.deshaken.jpg"):
+        assert (sharp / name).read_bytes() == (fixed / name).read_bytes()
+    (kernels / "sub" / "q.kernel.npz").unlink()
+    outcome = deshake("deblur", *many, "--kernel", kernels, "-o", sharp, "--overwrite", "--json")
+    assert outcome.code == 1
+    lines = {line["input"]: line for line in map(json.loads, outcome.out.splitlines())}
+    assert lines[str(folder / "p2.jpg")]["kernel"] == str(kernels / "p2.kernel.npz")
+    assert "no such file" in lines[str(folder / "sub" / "q.jpg")]["error"]
+
+
+def test_a_folder_is_not_deblurred_without_kernels(deshake, folder, pan, tmp_path):
+    for words in ((folder,), (folder, pan), (folder / "p2.jpg",)):
+        outcome = deshake("deblur", *words)
+        assert outcome.code == 2
+        assert "name one photo and its kernel, or the kernels with --kernel" in outcome.err
+    photo, noisy = folder / "p2.jpg", folder / "sub" / "q.jpg"
+    assert deshake("deblur", photo, noisy, "--kernel", pan, "--noisy", noisy).code == 2
+    assert deshake("fix", folder, "--mask", noisy).code == 2
+    out = tmp_path / "out"
+    assert deshake("deblur", photo, noisy, "--kernel", pan, "-o", out, "-q").code == 0
+    assert len(list(out.iterdir())) == 2
+
+
+def test_results_of_other_options_are_said_and_kept(deshake, folder, pan, tmp_path):
+    (folder / "p10.jpg").unlink()
+    args = ("deblur", folder, "-r", "--kernel", pan, "-o", tmp_path / "out", "-j", 2)
+    assert deshake(*args, "--method", "rl", "--iterations", 2).code == 0
+    outcome = deshake(*args, "--method", "rl", "--iterations", 3, "--skip-existing")
+    assert outcome.code == 0
+    assert outcome.err.count("made with other options (iterations 2, now 3)") == 2
+    assert "2 photos: 0 done, 2 skipped, 0 failed; 2 with warnings" in outcome.err
+    args = (*args, "--method", "rl", "--iterations", 2, "--skip-existing")
+    assert "warning" not in deshake(*args).err
+
+
 def test_too_little_memory_is_told_for_the_photo(deshake, folder):
     outcome = deshake("fix", folder / "p2.jpg", "--memory", "20M", *FAST)
     assert outcome.code == 1

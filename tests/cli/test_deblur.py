@@ -200,7 +200,7 @@ def test_the_kernel_comes_from_standard_input_too(deshake, shaken, kernel, tmp_p
 
 def test_photos_do_not_go_to_standard_output(deshake, shaken, kernel):
     outcome = deshake("deblur", shaken("a.jpg"), kernel, "-o", "-")
-    assert outcome.code == 1
+    assert outcome.code == 2
     assert "standard output" in outcome.err
 
 
