@@ -256,11 +256,15 @@ class Calibrate:
     ----------
     focal_px, focal_35mm : float, optional
         Focal length in pixels of the photo, or in millimetres on 35 mm film; by default from EXIF.
+    lens, lens_model
+        As in `calibrate`.
 
     """
 
     focal_px: float | None = None
     focal_35mm: float | None = None
+    lens: bool = False
+    lens_model: str | None = None
 
     def __call__(
         self,
@@ -275,6 +279,8 @@ class Calibrate:
             job.output,
             focal_px=self.focal_px,
             focal_35mm=self.focal_35mm,
+            lens=self.lens,
+            lens_model=self.lens_model,
             overwrite=job.overwrite,
         )
         for line in found.considered:
@@ -304,6 +310,8 @@ def _kernel_origin(options: EstimateOptions) -> dict[str, Any]:
     known: dict[str, Any] = {"options": options.provenance()}
     if options.camera is not None:
         known["camera"] = options.camera.source
+    elif options.lens or options.lens_model is not None:
+        pass  # the lens's name is told, too, which the photo decides
     elif options.focal_px is not None:
         known["camera"] = f"--focal-px {options.focal_px:g}"
     elif options.focal_35mm is not None:

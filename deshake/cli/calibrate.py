@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING
 import click
 
 from deshake.cli.batch import batch_options, photos_argument, planned, run_batch
-from deshake.cli.options import focal_options, general_options, one_to_stdout, output_option
+from deshake.cli.options import (
+    focal_options,
+    general_options,
+    lens_options,
+    one_to_stdout,
+    output_option,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -27,6 +33,7 @@ __all__ = ["command"]
     note="; for several photos or a folder of them, a folder",
 )
 @focal_options
+@lens_options
 @batch_options
 @general_options
 @click.pass_obj
@@ -38,6 +45,8 @@ def command(
     output: Path | None,
     focal_px: float | None,
     focal_35mm: float | None,
+    lens: bool | None,
+    lens_model: str | None,
     batch: Batch,
 ) -> int:
     """Find photos' focal lengths in pixels.
@@ -55,7 +64,7 @@ def command(
     to_stdout = one_to_stdout(as_json=batch.as_json, output=output)
     jobs = planned(photos, output, batch, name=camera_name, beside=not batch.as_json)
     silent = to_stdout or context.verbosity < 0
-    work = Calibrate(focal_px, focal_35mm)
+    work = Calibrate(focal_px, focal_35mm, bool(lens), lens_model)
     return run_batch(context, jobs, work, batch, None if silent else _line)
 
 

@@ -18,10 +18,16 @@ F = TypeVar("F", bound="Callable[..., Any]")
 
 
 def finish_options(*, folder: bool = False) -> Callable[[F], F]:
-    """Add --strength, --mask, --preview and --compare; `folder`: --mask also takes a folder."""
+    """Add --strength, --mask, --preview, --compare, --keep-geometry; `folder`: of masks, too."""
     kept = "A grey picture of the photo's size: white where the photo is to stay as it is"
     several = "; for several photos, a folder of such pictures, of the photos' names"
     options = (
+        click.option(
+            "--keep-geometry",
+            is_flag=True,
+            help="Bend the result again as the photo was, where a lens is undone.  [default: leave "
+            "it straight]",
+        ),
         click.option(
             "--compare",
             is_flag=True,

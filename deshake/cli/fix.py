@@ -73,6 +73,7 @@ def command(
     preview: bool,
     compare: bool,
     linear: bool,
+    keep_geometry: bool,
     no_provenance: bool,
     batch: Batch,
     **choices: Any,  # noqa: ANN401 - the fields of EstimateOptions
@@ -111,7 +112,7 @@ def command(
     work = Fix(
         EstimateOptions(camera=known, **choices),
         chosen,
-        Finish(strength, preview=preview, compare=compare),
+        Finish(strength, None, preview, compare, keep_geometry),
         linear=linear,
         provenance=not no_provenance,
     )

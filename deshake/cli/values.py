@@ -80,9 +80,8 @@ class Region(_Typed[tuple[int, int, int, int]]):
         """Read the four whole numbers; fail unless the rectangle holds a pixel."""
         if isinstance(value, tuple):
             return value  # converted before
-        found = re.fullmatch(
-            r"(\d{1,9}),(\d{1,9}),(\d{1,9}),(\d{1,9})", str(value).replace(" ", "")
-        )
+        text = ",".join(map(str, value)) if isinstance(value, list) else str(value)
+        found = re.fullmatch(r"(\d{1,9}),(\d{1,9}),(\d{1,9}),(\d{1,9})", text.replace(" ", ""))
         if not found:
             self.fail(f"{value!r} is not four whole numbers X,Y,W,H", param, ctx)
         x, y, width, height = (int(part) for part in found.groups())

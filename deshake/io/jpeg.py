@@ -47,7 +47,7 @@ def decode_jpeg(data: bytes) -> Decoded:
     """
     with decoding("JPEG"):
         picture = JpegImageFile(io.BytesIO(data))
-        check_size(picture.height, picture.width)
+        check_size(picture.height, picture.width, len(data))
         if picture.mode not in {"L", "RGB"}:
             raise PhotoError(
                 f"a {picture.mode} JPEG: only grey and RGB photos can be deblurred",

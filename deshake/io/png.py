@@ -64,7 +64,7 @@ def decode_png(data: bytes) -> Decoded:
     with decoding("PNG"):
         chunks = list(_chunks(data))
         width, height, bits, kind = struct.unpack_from(">IIBB", chunks[0][1])
-        check_size(height, width)
+        check_size(height, width, len(data))
         if any(name == b"acTL" for name, _ in chunks):
             raise PhotoError("an animated PNG", hint="take one still picture out of it")
         bare = SIGNATURE + b"".join(_pack(*chunk) for chunk in chunks if chunk[0] in _PIXEL_CHUNKS)

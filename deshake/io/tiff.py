@@ -22,6 +22,7 @@ from deshake.io import exif
 from deshake.io.encoding import Decoded, Encoding, check_size, decoding
 from deshake.io.exif_editing import maker_note_at, pointers
 from deshake.io.metadata import Metadata
+from deshake.io.native_output import silenced
 from deshake.io.opencv import imdecode
 from deshake.io.transfer import LINEAR, SRGB
 
@@ -67,7 +68,7 @@ def decode_tiff(data: bytes) -> Decoded:
     """
     with decoding("TIFF"), TiffFile(io.BytesIO(data)) as file:
         page = _only_page(file)
-        check_size(page.imagelength, page.imagewidth)
+        check_size(page.imagelength, page.imagewidth, len(data))
         colours = _check_kind(page)
         pixels = _decode_page(page, data)
         if page.photometric == PHOTOMETRIC.MINISWHITE:
@@ -261,10 +262,11 @@ def _finite(pixels: Codes) -> Codes:
 
 
 def _decode_by_pillow(data: bytes) -> Codes:
-    picture = TiffImageFile(io.BytesIO(data))
-    if picture.mode not in {"L", "LA", "P", "RGB", "RGBA"}:
-        raise _unusual()
-    return np.asarray(picture)
+    with silenced():
+        picture = TiffImageFile(io.BytesIO(data))
+        if picture.mode not in {"L", "LA", "P", "RGB", "RGBA"}:
+            raise _unusual()
+        return np.asarray(picture)
 
 
 def _unusual() -> PhotoError:

@@ -16,6 +16,7 @@ from deshake.deconvolution.fusion import fuse
 from deshake.deconvolution.residual import residual_richardson_lucy
 from deshake.errors import DeshakeError, EstimationError, OutputError
 from deshake.estimation.registration import register, registered
+from deshake.geometry.camera import Camera
 from deshake.io.files import STREAM, check_output, default_output
 from deshake.io.kernel_file import read_kernel
 from deshake.io.photo import read_pair, write_photo
@@ -26,6 +27,7 @@ from deshake.pipelines.camera_tones import blurred_planes, needs_curves, with_to
 from deshake.pipelines.file_stages import part, prepared, sheet_kept
 from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.fitting import check_registration, fitting_kernel
+from deshake.pipelines.lens import bent, straight_kernel, straight_pair
 from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
 from deshake.pipelines.preview import preview_photo
 from deshake.pipelines.register import known_registration
@@ -97,12 +99,14 @@ def deblur_pair(
     options: PairRestorationOptions,
     *,
     registration: Registration | None = None,
+    keep_geometry: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Photo:
     """Deblur a photo with a kernel for its size and a noisy photo of the same scene.
 
-    Format, depth, opacity and metadata stay as they are.
+    Format, depth, opacity and metadata stay as they are. Photos through a lens that bends are
+    straightened first.
 
     Parameters
     ----------
@@ -115,6 +119,8 @@ def deblur_pair(
     registration : Registration, optional
         How the noisy photo lies to the blurred one; by default it is found, with the kernel's
         camera or, if that is the uniform model's, the photo's.
+    keep_geometry : bool
+        Whether the result is bent again as the blurred photo was.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
@@ -127,25 +133,29 @@ def deblur_pair(
 
     """
     start = 0.0
+    lens = kernel.camera if registration is None else registration.camera
+    straight, other, seen = straight_pair(blurred, noisy, lens, whole=keep_geometry)
+    kernel = straight_kernel(kernel, lens, seen)
     try:
         if registration is None:
             start = _REGISTERED
-            camera = kernel.camera
-            if camera.is_uniform:
+            if kernel.camera.is_uniform:
                 camera = camera_for(blurred, EstimateOptions())[0].camera
+                zoom = seen.focal_px / lens.focal_px
+                seen = Camera.from_focal(zoom * camera.focal_px, *straight.shape)
             registration = register(
-                blurred.pixels,
-                unclipped_mean(noisy.pixels),
-                camera,
+                straight.pixels,
+                unclipped_mean(other.pixels),
+                seen,
                 threads=threads,
                 progress=part(progress, 0, start),
             )
         restored = _restored(
-            blurred,
-            noisy,
+            straight,
+            other,
             kernel,
             options,
-            registration=registration,
+            registration=registration if lens.is_pinhole else replace(registration, camera=seen),
             threads=threads,
             progress=part(progress, start, 1),
         )
@@ -153,7 +163,8 @@ def deblur_pair(
         error.file = error.file or str(blurred.source)
         raise
     _log.info("%s: deblurred in %d iterations", blurred.source, restored.iterations)
-    return blurred.with_pixels(restored.pixels)
+    result = straight.with_pixels(restored.pixels)
+    return bent(result, blurred, lens) if keep_geometry else result
 
 
 def deblur_pair_file(
@@ -209,9 +220,11 @@ def deblur_pair_file(
         kernel,
         options,
         registration=known,
+        keep_geometry=finish.keep_geometry,
         threads=threads,
         progress=progress,
     )
+    photo, mask = finish.before(photo, mask, kernel.camera)
     result = finish.blend(photo, result, mask)
     if provenance:
         told = photo_provenance(
