@@ -45,7 +45,7 @@ _RUNS = {
                 "{a.png}",
                 "{kernel.npz}",
                 "--noisy",
-                "{a.png}",
+                "{noisy.png}",
                 "--registration",
                 "{file}",
             ),
@@ -103,6 +103,7 @@ def cases(folder: Path, count: int, seed: int, *, with_bombs: Iterable[str] = ()
     sound = seeds(folder)
     for name, content in sound.items():
         (folder / name).write_bytes(content)
+    (folder / "noisy.png").write_bytes(sound["a.png"])
     random = np.random.default_rng(seed)
     explosive = bombs(sound)
     files = [(name, "bomb") for name in with_bombs]
@@ -112,7 +113,7 @@ def cases(folder: Path, count: int, seed: int, *, with_bombs: Iterable[str] = ()
         path = folder / f"{number:03}-{way}-{name}"
         path.write_bytes(content)
         kind = "kernel" if name == "bomb-array.npz" else Path(name).stem
-        places = {file: str(folder / file) for file in sound}
+        places = {file: str(folder / file) for file in (*sound, "noisy.png")}
         places |= {"file": str(path), "npz": str(folder / "out.npz")}
         suffix = ".tif" if path.suffix in {".dng", ".heic"} else path.suffix
         places["out"] = str(folder / ("out.png" if path.suffix == ".npz" else f"out{suffix}"))
