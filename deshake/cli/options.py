@@ -31,10 +31,13 @@ __all__ = [
     "general_options",
     "json_option",
     "kernel_argument",
+    "lens_options",
+    "linear_option",
     "one_to_stdout",
     "output_option",
     "overwrite_option",
     "photo_argument",
+    "provenance_option",
     "region_option",
     "transfer_option",
     "uniform_option",
@@ -174,6 +177,25 @@ def focal_options(command: F) -> F:
     return px(film(command))
 
 
+def lens_options(command: F) -> F:
+    """Add --lens and --lens-model."""
+    found = click.option(
+        "--lens",
+        is_flag=True,
+        default=None,
+        callback=_only_one_of("camera"),
+        help="Undo the distortion of the lens, by its profile in lensfun's database "
+        "(deshake[lens]).",
+    )
+    named = click.option(
+        "--lens-model",
+        metavar="NAME",
+        callback=_only_one_of("camera"),
+        help="The same, with the lens that has this name there.  [default: by the photo's EXIF]",
+    )
+    return found(named(command))
+
+
 def blur_options(command: F) -> F:
     """Add --max-angle and --blur-size, of which one may be given."""
     angle = click.option(
@@ -197,17 +219,29 @@ kernel_argument = click.argument("kernel", type=FILE)
 overwrite_option = click.option(
     "--overwrite", is_flag=True, help="Replace the output if it exists."
 )
+provenance_option = click.option(
+    "--no-provenance",
+    is_flag=True,
+    help="Add nothing to the photo's metadata about how it was deblurred.",
+)
 transfer_option = click.option(
     "--transfer",
     type=click.Choice(["linear", "srgb", "gamma22"]),
     help="How the file's values stand for light.  [default: by its colour profile, else srgb]",
 )
+linear_option = click.option(
+    "--linear",
+    is_flag=True,
+    help="Write the result of a RAW file in linear light and the sensor's colours.  "
+    "[default: in sRGB]",
+)
 camera_option = click.option(
     "--camera",
     type=FILE,
     metavar="FILE.npz",
-    callback=_only_one_of(*_FOCAL_SOURCES),
-    help="Camera file written by calibrate.  [default: calibrate from the photo]",
+    callback=_only_one_of(*_FOCAL_SOURCES, "lens", "lens_model"),
+    help="Camera file written by calibrate, whose lens is undone if it bends.  [default: "
+    "calibrate from the photo]",
 )
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print the result to stdout, one JSON object a line."
@@ -241,6 +275,7 @@ def estimate_options(command: F) -> F:
         uniform_option,
         region_option,
         blur_options,
+        lens_options,
         focal_options,
         camera_option,
     ):

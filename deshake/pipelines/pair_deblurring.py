@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Literal, get_args
 
@@ -17,16 +17,22 @@ from deshake.deconvolution.fusion import fuse
 from deshake.deconvolution.residual import residual_richardson_lucy
 from deshake.errors import DeshakeError, EstimationError, OutputError
 from deshake.estimation.registration import register, registered
+from deshake.geometry.camera import Camera
 from deshake.io.files import STREAM, check_output, default_output
 from deshake.io.kernel_file import read_kernel
-from deshake.io.photo import read_photo, write_photo
+from deshake.io.photo import read_pair, write_photo
 from deshake.operators.planes import channels_first, fitted
 from deshake.operators.shake_blur import ShakeBlur
+from deshake.pipelines.calibration import camera_for
 from deshake.pipelines.camera_tones import blurred_planes, needs_curves, with_tones_of
-from deshake.pipelines.file_stages import check_encoding, part
+from deshake.pipelines.file_stages import part, prepared, sheet_kept
+from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.fitting import check_registration, fitting_kernel
+from deshake.pipelines.lens import bent, straight_kernel, straight_pair
+from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
+from deshake.pipelines.preview import preview_photo
 from deshake.pipelines.register import known_registration
-from deshake.pipelines.stages import EstimateOptions, camera_for, luminance
+from deshake.pipelines.stages import EstimateOptions, luminance
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -94,12 +100,14 @@ def deblur_pair(
     options: PairRestorationOptions,
     *,
     registration: Registration | None = None,
+    keep_geometry: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Photo:
     """Deblur a photo with a kernel for its size and a noisy photo of the same scene.
 
-    Format, depth, opacity and metadata stay as they are.
+    Format, depth, opacity and metadata stay as they are. Photos through a lens that bends are
+    straightened first.
 
     Parameters
     ----------
@@ -112,6 +120,8 @@ def deblur_pair(
     registration : Registration, optional
         How the noisy photo lies to the blurred one; by default it is found, with the kernel's
         camera or, if that is the uniform model's, the photo's.
+    keep_geometry : bool
+        Whether the result is bent again as the blurred photo was.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
@@ -124,25 +134,29 @@ def deblur_pair(
 
     """
     start = 0.0
+    lens = kernel.camera if registration is None else registration.camera
+    straight, other, seen = straight_pair(blurred, noisy, lens, whole=keep_geometry)
+    kernel = straight_kernel(kernel, lens, seen)
     try:
         if registration is None:
             start = _REGISTERED
-            camera = kernel.camera
-            if camera.is_uniform:
+            if kernel.camera.is_uniform:
                 camera = camera_for(blurred, EstimateOptions())[0].camera
+                zoom = seen.focal_px / lens.focal_px
+                seen = Camera.from_focal(zoom * camera.focal_px, *straight.shape)
             registration = register(
-                blurred.pixels,
-                unclipped_mean(noisy.pixels),
-                camera,
+                straight.pixels,
+                unclipped_mean(other.pixels),
+                seen,
                 threads=threads,
                 progress=part(progress, 0, start),
             )
         restored = _restored(
-            blurred,
-            noisy,
+            straight,
+            other,
             kernel,
             options,
-            registration=registration,
+            registration=registration if lens.is_pinhole else replace(registration, camera=seen),
             threads=threads,
             progress=part(progress, start, 1),
         )
@@ -150,7 +164,8 @@ def deblur_pair(
         error.file = error.file or str(blurred.source)
         raise
     _log.info("%s: deblurred in %d iterations", blurred.source, restored.iterations)
-    return blurred.with_pixels(restored.pixels)
+    result = straight.with_pixels(restored.pixels)
+    return bent(result, blurred, lens) if keep_geometry else result
 
 
 def deblur_pair_file(
@@ -162,13 +177,18 @@ def deblur_pair_file(
     *,
     registration: Path | None = None,
     transfer: TransferName | None = None,
+    finish: Finish = AS_IT_IS,
+    linear: bool = False,
+    provenance: bool = True,
     overwrite: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Path:
     """Deblur a photo with a noisy one and the kernel of a file; write the result, return where.
 
-    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``.
+    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. With
+    `provenance` it tells in its metadata how it came about. The sheet of `finish` is kept only
+    together with it.
 
     Raises
     ------
@@ -183,23 +203,37 @@ def deblur_pair_file(
     path = default_output(source, output, overwrite=overwrite)
     inputs = [item for item in (noisy_file, kernel_file, registration) if item is not None]
     check_output(path, *inputs, overwrite=overwrite)
+    finish.check(path, source, *inputs, overwrite=overwrite)
     content = read_kernel(kernel_file)
     known = None if registration is None else known_registration(registration)
-    photo, noisy = (read_photo(item, transfer=transfer) for item in (source, noisy_file))
-    check_encoding(photo, path)
-    kernel = fitting_kernel(content, photo, kernel_file)
+    photo, noisy = read_pair(source, noisy_file, transfer=transfer)
+    photo = prepared(photo, path, linear=linear)
     if known is not None:
         check_registration(known.camera, photo, registration)
-    photo = deblur_pair(
+    photo, mask = finish.prepare(photo)
+    if finish.preview:
+        noisy = preview_photo(noisy)
+        known = None if known is None else replace(known, camera=known.camera.scaled(*photo.shape))
+    kernel = fitting_kernel(content, photo, kernel_file)
+    result = deblur_pair(
         photo,
         noisy,
         kernel,
         options,
         registration=known,
+        keep_geometry=finish.keep_geometry,
         threads=threads,
         progress=progress,
     )
-    write_photo(path, photo, overwrite=overwrite)
+    photo, mask = finish.before(photo, mask, kernel.camera)
+    result = finish.blend(photo, result, mask)
+    if provenance:
+        told = photo_provenance(
+            photo, content, options, transfer=transfer, noisy=noisy, finish=finish
+        )
+        result = with_photo_provenance(result, told)
+    with sheet_kept(finish.sheet(path), photo, result, kernel, overwrite=overwrite):
+        write_photo(path, result, overwrite=overwrite)
     return path
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 from deshake import __version__
@@ -18,9 +18,10 @@ from deshake.errors import DeshakeError, EstimationError
 from deshake.estimation.registration import registered
 from deshake.io.files import check_output, sha256
 from deshake.io.kernel_file import CameraFile, KernelFile, write_kernel
-from deshake.io.photo import read_photo
+from deshake.io.photo import read_pair
 from deshake.pipelines.file_stages import part
 from deshake.pipelines.fitting import check_registration
+from deshake.pipelines.lens import bent_kernel, straight_pair
 from deshake.pipelines.register import find_registration, known_registration
 from deshake.pipelines.registered_pair import RegisteredPair
 
@@ -130,16 +131,18 @@ def estimate_pair(
         camera = CameraFile(registration.camera, "the registration")
         check_registration(registration.camera, blurred)
     later = part(progress, start, 1) or (lambda _share, _text: None)
+    straight, other, pinhole = straight_pair(blurred, noisy, registration.camera)
+    lies = replace(registration, camera=pinhole)
     try:
-        seen = registered(unclipped_mean(noisy.pixels), registration)
-        pair = RegisteredPair(blurred, noisy, registration, *seen)
+        seen = registered(unclipped_mean(other.pixels), lies)
+        pair = RegisteredPair(straight, other, lies, *seen)
         found = pair.kernel(options, threads, later)
         curved = False
         if found.confidence < _SURE:
             with contextlib.suppress(EstimationError):  # then it stays at the one factor
-                other = pair.on_curves().kernel(options, threads, later)
-                curved = other.confidence > found.confidence
-                found = other if curved else found
+                second = pair.on_curves().kernel(options, threads, later)
+                curved = second.confidence > found.confidence
+                found = second if curved else found
     except DeshakeError as error:
         error.file = error.file or str(blurred.source)
         raise
@@ -152,7 +155,8 @@ def estimate_pair(
         _log.warning("%s: %s", blurred.source, note)
     provenance = _provenance((blurred, noisy), options, registration, found)
     provenance |= {"camera": camera.source, "tone_curves": curved, "notes": notes}
-    content = KernelFile(found.kernel, found.confidence, provenance, camera.distortion)
+    kernel = bent_kernel(found.kernel, registration.camera, pinhole)
+    content = KernelFile(kernel, found.confidence, provenance)
     return PairKernel(content, camera, registration, scale, notes)
 
 
@@ -181,8 +185,7 @@ def estimate_pair_file(
     check_output(output, *inputs, overwrite=overwrite)
     known = None if registration is None else known_registration(registration)
     found = estimate_pair(
-        read_photo(blurred, transfer=options.transfer),
-        read_photo(noisy, transfer=options.transfer),
+        *read_pair(blurred, noisy, transfer=options.transfer),
         options,
         registration=known,
         threads=threads,
@@ -199,11 +202,12 @@ def _provenance(
     found: PairEstimate,
 ) -> dict[str, Any]:
     """Tell what shaped the kernel, the camera aside."""
-    names = ("transfer", "blur_size", "max_angle", "uniform")
+    told = options.provenance()
+    goes_by = {name: value for name, value in told.items() if name not in {"region", "estimator"}}
     return {
         "deshake": __version__,
         "command": "estimate-pair",
-        "options": {name: getattr(options, name) for name in names},
+        "options": goes_by,
         "input_sha256": sha256(pair[0].source),
         "noisy_sha256": sha256(pair[1].source),
         "registration": {

@@ -1,4 +1,4 @@
-"""The stages from a shaken photo to a sharper one: calibrate, estimate, deblur.
+"""The stages from a shaken photo to a sharper one: estimate and deblur; `calibration` is the first.
 
 The commands that bear these names and `fix` call the same functions, which is why `fix` gives the
 same bytes as its stages run one by one.
@@ -16,14 +16,15 @@ import numpy as np
 from deshake import __version__
 from deshake.deconvolution.dark_halos import without_dark_halos
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions, restore
-from deshake.errors import CalibrationError, DeshakeError
+from deshake.deconvolution.noise import noise_model
+from deshake.errors import DeshakeError
 from deshake.estimation.blind import blur_bound
 from deshake.estimation.methods import estimate_kernel
-from deshake.geometry.camera import Camera
 from deshake.io.files import sha256
-from deshake.io.kernel_file import CameraFile, KernelFile
-from deshake.io.sensors import assumed_focal_length, focal_length
-from deshake.pipelines.fitting import check_region, fitting_camera
+from deshake.io.kernel_file import KernelFile
+from deshake.pipelines.calibration import camera_for
+from deshake.pipelines.fitting import check_region
+from deshake.pipelines.lens import bent, bent_kernel, straight_kernel, straight_region, straightened
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -32,7 +33,9 @@ if TYPE_CHECKING:
 
     from deshake.estimation.blind import BlindEstimate
     from deshake.estimation.methods import Estimator
+    from deshake.geometry.camera import Camera
     from deshake.geometry.kernel import RotationKernel
+    from deshake.io.kernel_file import CameraFile
     from deshake.io.photo import Photo
     from deshake.io.transfer import TransferName
 
@@ -41,8 +44,6 @@ if TYPE_CHECKING:
 __all__ = [
     "Estimate",
     "EstimateOptions",
-    "calibrate",
-    "camera_for",
     "deblur",
     "estimate",
     "largest_blur",
@@ -51,6 +52,7 @@ __all__ = [
 
 _log = logging.getLogger(__name__)
 
+_MID_GREY: Final = 0.18
 _LUMINANCE: Final = (0.2126, 0.7152, 0.0722)  # of linear sRGB, ITU-R BT.709
 
 
@@ -63,7 +65,11 @@ class EstimateOptions:
     focal_px, focal_35mm : float, optional
         Focal length in pixels of the photo, or in millimetres on 35 mm film; by default from EXIF.
     camera : CameraFile, optional
-        The camera, instead of both.
+        The camera, instead of both; with its lens, if it has one.
+    lens : bool
+        Whether the distortion of the lens is looked up in lensfun's database.
+    lens_model : str, optional
+        The lens's name in it; by default by EXIF.
     transfer : {"srgb", "linear", "gamma22"}, optional
         The file's transfer curve.
     blur_size : float, optional
@@ -76,23 +82,33 @@ class EstimateOptions:
         Whether the blur is taken to be the same all over the frame.
     estimator : {"auto", "edges", "variational"}
         How the kernel is estimated.
+    preview : bool
+        Whether the photo was reduced first (`preview_photo`); told in the kernel's provenance.
 
     """
 
     focal_px: float | None = None
     focal_35mm: float | None = None
     camera: CameraFile | None = None
+    lens: bool | None = None
+    lens_model: str | None = None
     transfer: TransferName | None = None
     blur_size: float | None = None
     max_angle: float | None = None
     region: tuple[int, int, int, int] | None = None
     uniform: bool = False
     estimator: Estimator = "auto"
+    preview: bool = False
 
     def provenance(self) -> dict[str, Any]:
         """Return what shapes the kernel, for its file; the camera is told apart."""
         names = ("transfer", "blur_size", "max_angle", "region", "uniform", "estimator")
-        return {name: getattr(self, name) for name in names}
+        told = {name: getattr(self, name) for name in names}
+        if self.preview:
+            told["preview"] = True
+        if self.lens or self.lens_model is not None:
+            told["lens"] = self.lens_model or True
+        return told
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +125,8 @@ class Estimate:
         In plain words.
     latent : (2, h, w) array of float32
         Gradients of the sharp photo, or region, as in `BlindEstimate`.
+    noise : float
+        Standard deviation of the photo's noise at a mid grey (18 % of white), in linear light.
 
     """
 
@@ -116,6 +134,7 @@ class Estimate:
     camera: CameraFile
     notes: list[str]
     latent: NDArray[np.float32]
+    noise: float
 
     def report(self) -> dict[str, Any]:
         """Return the figures of the estimate as JSON data."""
@@ -124,6 +143,7 @@ class Estimate:
             "rotations": len(kernel.weights),
             "extent_px": round(kernel.extent_px(), 2),
             "confidence": round(self.content.confidence, 4),
+            "noise": round(self.noise, 5),
             "notes": self.notes,
             "focal_px": round(self.camera.camera.focal_px, 2),
             "camera_source": self.camera.source,
@@ -140,25 +160,6 @@ def luminance(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
     return grey
 
 
-def calibrate(
-    photo: Photo, *, focal_px: float | None = None, focal_35mm: float | None = None
-) -> CameraFile:
-    """Find the camera of an upright photo: its focal length, the principal point in the middle.
-
-    Raises
-    ------
-    CalibrationError
-        If neither the options nor the metadata tell the focal length.
-
-    """
-    try:
-        found = focal_length(photo.metadata, *photo.shape, focal_px=focal_px, focal_35mm=focal_35mm)
-    except CalibrationError as error:
-        error.file = str(photo.source)
-        raise
-    return CameraFile(Camera.from_focal(found.pixels, *photo.shape), found.source)
-
-
 def estimate(
     photo: Photo,
     options: EstimateOptions,
@@ -169,7 +170,8 @@ def estimate(
     """Estimate the blur kernel of a photo, from its luminance.
 
     A focal length that nothing tells is assumed to be 50 mm-equivalent, with a note that says so:
-    one too long costs little, one too short bends the rotations.
+    one too long costs little, one too short bends the rotations. A photo through a lens that bends
+    is straightened first; the kernel's camera is the photo's.
 
     Raises
     ------
@@ -185,14 +187,16 @@ def estimate(
     """
     camera, notes = camera_for(photo, options)
     check_region(photo, options.region)
+    straight, seen = straightened(photo, camera.camera)
+    grey = luminance(straight.pixels)
     try:
         found = estimate_kernel(
-            luminance(photo.pixels),
-            camera.camera,
+            grey,
+            seen,
             estimator=options.estimator,
-            clipped=photo.clipped,
-            blur_px=largest_blur(camera.camera, options),
-            region=options.region,
+            clipped=straight.clipped,
+            blur_px=largest_blur(seen, options),
+            region=straight_region(options.region, camera.camera, seen),
             uniform=options.uniform,
             threads=threads,
             progress=progress,
@@ -204,8 +208,11 @@ def estimate(
     for note in notes:
         _log.warning("%s: %s", photo.source, note)
     provenance = _provenance(photo, options, camera, found) | {"notes": notes}
-    content = KernelFile(found.kernel, found.confidence, provenance, camera.distortion)
-    return Estimate(content, camera, notes, found.latent)
+    kernel = bent_kernel(found.kernel, camera.camera, seen)
+    content = KernelFile(kernel, found.confidence, provenance)
+    slope, floor = noise_model(grey)
+    noise = math.sqrt(slope * _MID_GREY + floor)
+    return Estimate(content, camera, notes, found.latent, noise)
 
 
 def deblur(
@@ -213,13 +220,15 @@ def deblur(
     kernel: RotationKernel,
     options: RestorationOptions = BY_DEFAULT,
     *,
+    keep_geometry: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Photo:
     """Deblur a photo with a kernel for its size.
 
     Format, depth, opacity and metadata stay as they are. The kernel of a camera that stood still
-    leaves the photo as it is. Dark halos are kept from falling to black.
+    leaves the photo as it is. Dark halos are kept from falling to black. A photo through a lens
+    that bends is straightened first, and its EXIF tells the new frame.
 
     Parameters
     ----------
@@ -229,16 +238,40 @@ def deblur(
         Its blur.
     options : RestorationOptions
         How.
+    keep_geometry : bool
+        Whether the result is bent again as the photo was.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
         Told the fraction done and what is being done.
 
+    Raises
+    ------
+    CalibrationError
+        If the lens's distortion is too strong to be undone.
+
     """
-    if not kernel.theta[kernel.weights > 0].any():
-        if progress is not None:
-            progress(1.0, "nothing to undo")
+    still = not kernel.theta[kernel.weights > 0].any()
+    if still and progress is not None:
+        progress(1.0, "nothing to undo")
+    if still and (keep_geometry or kernel.camera.is_pinhole):
         return photo
+    straight, seen = straightened(photo, kernel.camera, whole=keep_geometry)
+    if not still:
+        straight = _deblurred(
+            straight, straight_kernel(kernel, kernel.camera, seen), options, threads, progress
+        )
+    return bent(straight, photo, kernel.camera) if keep_geometry else straight
+
+
+def _deblurred(
+    photo: Photo,
+    kernel: RotationKernel,
+    options: RestorationOptions,
+    threads: int | None,
+    progress: Progress | None,
+) -> Photo:
+    """Deblur a photo of a pinhole."""
     try:
         restored = restore(
             photo.pixels,
@@ -253,20 +286,6 @@ def deblur(
         raise
     _log.info("%s: deblurred in %d iterations", photo.source, restored.iterations)
     return photo.with_pixels(without_dark_halos(restored.pixels, photo.pixels, kernel))
-
-
-def camera_for(photo: Photo, options: EstimateOptions) -> tuple[CameraFile, list[str]]:
-    """Return the camera to go by, and a note if it is only assumed."""
-    if options.camera is not None:
-        return fitting_camera(options.camera, photo), []
-    try:
-        return calibrate(photo, focal_px=options.focal_px, focal_35mm=options.focal_35mm), []
-    except CalibrationError as error:
-        if options.focal_px is not None or options.focal_35mm is not None:
-            raise
-        found = assumed_focal_length(*photo.shape)
-        note = f"{error.message}; a 50 mm-equivalent is assumed (--focal-35mm MM says otherwise)"
-        return CameraFile(Camera.from_focal(found.pixels, *photo.shape), found.source), [note]
 
 
 def largest_blur(camera: Camera, options: EstimateOptions) -> float | None:

@@ -35,12 +35,17 @@ def test_writes_the_camera_of_the_upright_photo(deshake, photo, tmp_path):
 
 def test_json_is_one_line_and_writes_nothing_unasked(deshake, photo, tmp_path):
     outcome = deshake("calibrate", photo, "--json")
-    assert json.loads(outcome.out) == {
+    report = json.loads(outcome.out)
+    assert report.pop("seconds") >= 0
+    assert report == {
+        "status": "done",
         "input": str(photo),
         "output": None,
         "focal_px": 404.469,
         "focal_35mm": 35,
         "source": "EXIF FocalLengthIn35mmFilm = 35 mm",
+        "confidence": 0.81,
+        "warnings": [],
         "width": 300,
         "height": 400,
     }
@@ -97,3 +102,90 @@ def test_standard_output_takes_one_thing(deshake, photo):
     assert done.stdout.startswith(b"PK")
     assert done.stderr == b""
     assert deshake("calibrate", photo, "-o", "-", "--json").code == 2
+
+
+def test_verbose_tells_all_that_was_looked_at(deshake, photo):
+    outcome = deshake("calibrate", photo, "-v", "--json")
+    assert outcome.code == 0
+    assert f"{photo}: its EXIF does not say how large it was taken" in outcome.err
+    assert "EXIF FocalLengthIn35mmFilm = 35 mm: 404.5 pixels, 35.0 mm" in outcome.err
+    assert deshake("calibrate", photo, "--json").err == ""
+
+
+def test_a_crop_is_told(deshake, tmp_path):
+    exif = Image.Exif()
+    exif.get_ifd(0x8769).update({0xA405: 35, 0xA002: 400, 0xA003: 300})
+    path = tmp_path / "crop.jpg"
+    Image.new("RGB", (300, 300), "teal").save(path, exif=exif)
+    outcome = deshake("calibrate", path, "--json")
+    found = json.loads(outcome.out)
+    assert found["focal_px"] == pytest.approx(404.469)
+    assert found["confidence"] == pytest.approx(0.63)
+    assert outcome.err == f"warning: {path}: {found['warnings'][0]}\n"
+    assert "taken to be a crop" in outcome.err
+
+
+def test_an_anamorphic_lens_asks(deshake, tmp_path):
+    exif = Image.Exif()
+    exif.get_ifd(0x8769).update({0xA405: 35, 0xA434: "Anamorphic 50mm 1.33x"})
+    path = tmp_path / "wide.jpg"
+    Image.new("RGB", (300, 200), "teal").save(path, exif=exif)
+    outcome = deshake("calibrate", path)
+    assert outcome.code == 1
+    assert outcome.err.startswith(f"error: {path}: its lens is Anamorphic 50mm 1.33x")
+    assert "\nhint: stretch it" in outcome.err
+
+
+@pytest.fixture
+def board_files(boards, tmp_path):
+    folder = tmp_path / "boards"
+    folder.mkdir()
+    for number, picture in enumerate(boards[0][:4]):
+        Image.fromarray(picture).save(folder / f"{number}.png")
+    return folder
+
+
+def test_a_chessboard_tells_the_camera(deshake, boards, board_files, tmp_path):
+    out = tmp_path / "camera.npz"
+    by = ("--chessboard", "--board", "7x5")
+    outcome = deshake("calibrate", *by, board_files, "-o", out)
+    assert outcome.code == 0
+    assert outcome.err.startswith("warning: no photo shows the board near the corners")
+    assert outcome.out.startswith(f"{out}: ")
+    assert "chessboard of 7x5 corners, 4 photos, error 0." in outcome.out
+    camera = read_camera(out).camera
+    assert camera.focal_px == pytest.approx(boards[2].focal_px, rel=0.02)
+    assert not camera.is_pinhole
+    found = json.loads(deshake("calibrate", *by, *sorted(board_files.iterdir()), "--json").out)
+    assert found["focal_px"] == pytest.approx(camera.focal_px, abs=1e-3)
+    assert found["output"] is None
+    # and it is a camera for photos of its size
+    fitting = board_files / "0.png"
+    more = ("--camera", out, "--blur-size", 3, "--uniform", "--region", "20,20,80,60")
+    kernel = tmp_path / "k.npz"
+    args = ("-o", kernel, "--estimator", "edges", *more)
+    assert deshake("estimate-blind", fitting, *args).code == 0
+
+
+def test_boards_that_are_not_seen_are_named(deshake, board_files, tmp_path):
+    out = tmp_path / "camera.npz"
+    outcome = deshake("calibrate", "--chessboard", board_files, "-o", out)
+    assert outcome.code == 1
+    assert outcome.err.startswith("error: no board of 9x6 inner corners is seen in ")
+    assert str(board_files / "3.png") in outcome.err
+    assert "hint: the whole board" in outcome.err
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        ("--board", "7x5"),
+        ("--chessboard",),
+        ("--chessboard", "-o", "c.npz", "--focal-px", 100),
+        ("--chessboard", "-o", "c.npz", "--lens"),
+        ("--chessboard", "-o", "c.npz", "--board", "2x5"),
+    ],
+)
+def test_wrong_use_of_chessboards(deshake, photo, wrong):
+    assert deshake("calibrate", photo, *wrong).code == 2
