@@ -45,7 +45,7 @@ _RUNS = {
                 "{a.png}",
                 "{kernel.npz}",
                 "--noisy",
-                "{a.png}",
+                "{noisy.png}",
                 "--registration",
                 "{file}",
             ),
