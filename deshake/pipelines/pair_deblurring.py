@@ -263,8 +263,9 @@ def _restored(
     f_reg *= np.float32(scale)
     pair: Image | NoisyPhoto = f_reg
     Af *= np.float32(scale)
+    linear = blurred.is_sensors and noisy.is_sensors
     with contextlib.suppress(EstimationError):  # then one factor has to do
-        if needs_curves(light, Af, usable):
+        if not linear and needs_curves(light, Af, usable):
             pair = with_tones_of(light, stored, registration, blur, usable, threads=threads)
             _log.info("%s: the photos have tone curves of their own", blurred.source)
     del Af, stored, f_reg
