@@ -58,7 +58,7 @@ def command(
     middle of the upright photo. The confidence that --json prints is a judgement of how likely the
     figure is right to within 5 %. If one photo fails, the others go on.
     """
-    from deshake.batch.work import Calibrate
+    from deshake.batch.estimate_work import Calibrate
     from deshake.pipelines.file_stages import camera_name
 
     to_stdout = one_to_stdout(as_json=batch.as_json, output=output)
