@@ -58,7 +58,7 @@ __all__ = ["command"]
     help="Registration file written by register, for --noisy.  [default: register the photos]",
 )
 @restoration_options
-@finish_options(folder=True)
+@finish_options
 @transfer_option
 @linear_option
 @provenance_option

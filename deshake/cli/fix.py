@@ -50,7 +50,7 @@ __all__ = ["command"]
 @noisy_option
 @estimate_options
 @restoration_options
-@finish_options(folder=True)
+@finish_options
 @linear_option
 @provenance_option
 @batch_options
