@@ -5,7 +5,7 @@
     python scripts/benchmark_folders.py memory      24-megapixel photos, within --memory 8G
     python scripts/benchmark_folders.py rate --photos 4 --megapixels 0.3 -- --estimator edges
 
-What follows ``--`` goes to ``deshake fix``. The kills are one in three SIGINT, SIGTERM and SIGKILL,
+What follows ``--`` goes to ``deshake fix``. The kills are in turn by SIGINT, SIGTERM and SIGKILL,
 after times drawn from a seed; in the end there must be the results of a run that nobody disturbed,
 to the byte, and nothing else. The rate is measured on as many processors as --processors says.
 Memory is that of all processes together, shared pages counted once, sampled ten times a second.
@@ -95,8 +95,19 @@ def write_photos(folder: Path, count: int, broken: int) -> None:
 
 def contents(folder: Path) -> dict[str, bytes]:
     """Read all files below a folder."""
-    files = (path for path in folder.rglob("*") if path.is_file())
-    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+    found = {}
+    for path in folder.rglob("*"):
+        with suppress(FileNotFoundError):  # a part file that has taken its name meanwhile
+            if path.is_file():
+                found[str(path.relative_to(folder))] = path.read_bytes()
+    return found
+
+
+def await_more(folder: Path, process: subprocess.Popen[bytes]) -> None:
+    """Wait until a run has begun to write, or has ended."""
+    before = len(contents(folder))
+    while process.poll() is None and len(contents(folder)) <= before:
+        time.sleep(0.01)
 
 
 def kills(folder: Path, photos: int, broken: int, times: int, words: Sequence[str]) -> bool:
@@ -115,10 +126,12 @@ def kills(folder: Path, photos: int, broken: int, times: int, words: Sequence[st
         process = subprocess.Popen(  # noqa: S603 - our own words
             command(*common, "-o", killed, "--skip-existing", "-q"), stderr=subprocess.DEVNULL
         )
-        time.sleep(rng.uniform(0.02, 0.3) * whole.seconds)
+        if number % 4 != 3:  # else perhaps before it is under way
+            await_more(killed, process)
+        time.sleep(rng.uniform(0, 1.5 / (times + 1)) * whole.seconds)
         process.send_signal(SIGNALS[number % 3])
         code = process.wait()
-        left = contents(killed) if killed.exists() else {}
+        left = contents(killed)
         parts = [name for name in left if name.endswith(".part")]
         results = len(left) - len(parts)
         print(f"{SIGNALS[number % 3].name}: exit {code}, {results} results, {len(parts)} parts")
