@@ -128,7 +128,7 @@ def kills(folder: Path, photos: int, broken: int, times: int, words: Sequence[st
         )
         if number % 4 != 3:  # else perhaps before it is under way
             await_more(killed, process)
-        time.sleep(rng.uniform(0, 1.5 / (times + 1)) * whole.seconds)
+        time.sleep(rng.uniform(0, 0.5 / (times + 1)) * whole.seconds)
         process.send_signal(SIGNALS[number % 3])
         code = process.wait()
         left = contents(killed)
