@@ -263,8 +263,9 @@ def _restored(
     scale = _scale(light, Af, usable, blur)
     Af *= np.float32(scale)
     pair: NoisyPhoto | None = None
+    linear = blurred.is_sensors and noisy.is_sensors
     with contextlib.suppress(EstimationError):  # then one factor has to do
-        if needs_curves(light, Af, usable):
+        if not linear and needs_curves(light, Af, usable):
             pair = with_tones_of(
                 light, unclipped_mean(f_N), registration, blur, usable, threads=threads
             )
