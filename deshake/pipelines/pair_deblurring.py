@@ -24,12 +24,13 @@ from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import ShakeBlur
 from deshake.pipelines.calibration import camera_for
 from deshake.pipelines.camera_tones import blurred_planes, needs_curves, with_tones_of
-from deshake.pipelines.file_stages import part, prepared, sheet_kept
+from deshake.pipelines.file_stages import prepared, sheet_kept
 from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.fitting import check_registration, fitting_kernel
 from deshake.pipelines.lens import bent, straight_kernel, straight_pair
 from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
 from deshake.pipelines.preview import preview_photo
+from deshake.pipelines.progress import part
 from deshake.pipelines.register import known_registration
 from deshake.pipelines.stages import EstimateOptions, luminance
 
