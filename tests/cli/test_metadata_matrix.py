@@ -23,6 +23,7 @@ from deshake import __version__
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.io.kernel_file import KernelFile, write_kernel
+from deshake.io.provenance import read_provenance
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -111,6 +112,7 @@ def check_metadata(path: Path, form: str, kinds: set[str], err: str, readers: ob
     assert {found["software"] for found in read if "software" in found} == {
         f"deshake {__version__}"
     }
+    assert read_provenance(path)["deshake"] == __version__
     data = path.read_bytes()
     assert b"the old thumb" not in data
     if "maker note" in kinds:  # its offset still leads where it led
