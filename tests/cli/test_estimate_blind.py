@@ -48,7 +48,6 @@ def test_writes_a_kernel_with_its_provenance(deshake, shaken, tmp_path):
         "region": None,
         "uniform": False,
         "estimator": "auto",
-        "preview": False,
     }
     assert provenance["input_sha256"] == hashlib.sha256(photo.read_bytes()).hexdigest()
     assert provenance["camera"] == "--focal-35mm 40"

@@ -146,7 +146,10 @@ def test_the_focal_length_that_explains_the_photo_best_is_kept(shaken, monkeypat
         threads=1,
         progress=lambda share, _: told.append(share),
     )
-    each = [estimate(photo, replace(options, focal_35mm=film), threads=1) for film in FOCAL_LENGTHS]
+    each = [
+        estimate(photo, replace(options, focal_35mm=film), threads=1)
+        for film in stages.FOCAL_LENGTHS
+    ]
     best = max(each, key=lambda found: found.content.confidence)
     np.testing.assert_array_equal(auto.content.kernel.weights, best.content.kernel.weights)
     assert auto.content.kernel.camera.focal_px == best.content.kernel.camera.focal_px
