@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
@@ -20,7 +21,7 @@ from deshake.geometry.camera import Camera
 from deshake.io.files import STREAM, check_output, default_output
 from deshake.io.kernel_file import read_kernel
 from deshake.io.photo import read_pair, write_photo
-from deshake.operators.planes import channels_first
+from deshake.operators.planes import channels_first, fitted
 from deshake.operators.shake_blur import ShakeBlur
 from deshake.pipelines.calibration import camera_for
 from deshake.pipelines.camera_tones import (
@@ -257,26 +258,31 @@ def _restored(
     if f_N.ndim != g.ndim:
         f_N = luminance(f_N) if g.ndim == 2 else np.repeat(f_N[..., None], g.shape[2], 2)
     stored = unclipped_mean(f_N)
+    stored *= np.float32(registration.scale)
     f_reg, valid = registered(stored, registration)
-    f_reg *= np.float32(registration.scale)
     clipped = registered(noisy.clipped.astype(np.float32), registration)[0] > 0
     usable = (valid > 0) & ~(clipped | blurred.clipped)
     light = unclipped_mean(g)
     blur = ShakeBlur(kernel, threads=threads)
     Af = blurred_planes(channels_first(f_reg), blur)
     scale = fitted_factor(light, Af, usable, blur)
-    f_reg *= np.float32(scale)
-    pair: Image | NoisyPhoto = f_reg
     Af *= np.float32(scale)
+    pair: NoisyPhoto | None = None
+    linear = blurred.is_sensors and noisy.is_sensors
     with contextlib.suppress(EstimationError):  # then one factor has to do
-        if needs_curves(light, Af, usable):
-            pair = with_tones_of(light, stored, registration, blur, usable, threads=threads)
+        if not linear and needs_curves(light, Af, usable):
+            pair = with_tones_of(
+                light, unclipped_mean(f_N), registration, blur, usable, threads=threads
+            )
             _log.info("%s: the photos have tone curves of their own", blurred.source)
-    del Af, stored, f_reg
+    del Af, f_reg
+    if pair is None:
+        resample = partial(registered, registration=registration, margin=blur.margin)
+        stored *= np.float32(scale)
+        clipped = resample(noisy.clipped.astype(np.float32))[0] > 0
+        pair, valid = noisy_photo(light, stored, resample, threads=threads)
     if options.method == "residual":
-        if not isinstance(pair, NoisyPhoto):
-            pair = noisy_photo(light, pair, valid, threads=threads)
-        guide = pair.denoised
+        guide = fitted(pair.denoised, g.shape[:2])
         del pair
         return residual_richardson_lucy(
             light,

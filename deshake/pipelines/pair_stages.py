@@ -138,7 +138,7 @@ def estimate_pair(
         pair = RegisteredPair(straight, other, lies, *seen)
         found = pair.kernel(options, threads, later)
         curved = False
-        if found.confidence < _SURE:
+        if found.confidence < _SURE and not (straight.is_sensors and other.is_sensors):
             with contextlib.suppress(EstimationError):  # then it stays at the one factor
                 second = pair.on_curves().kernel(options, threads, later)
                 curved = second.confidence > found.confidence

@@ -95,11 +95,13 @@ def check_metadata(path: Path, form: str, kinds: set[str], err: str, readers: ob
         "IPTC": TITLE,
         "profile": ICC,
     }
+    with_exiftool = len(readers) > len(metadata_readers.READERS)
+    if form == "JPEG 2000" and not with_exiftool:
+        pytest.skip("exiftool alone reads the metadata of a JPEG 2000, and is not installed")
     read = [found for reader in readers if (found := reader(path))]
     for kind in KINDS:
         told = [found[kind] for found in read if kind in found]
         if kind in kinds and INTO[kind][form] == "kept":
-            with_exiftool = len(readers) > len(metadata_readers.READERS)
             assert len(told) >= (2 if form != "JPEG 2000" else 1) - (not with_exiftool), kind
             for item in told:
                 assert item == pytest.approx(expected[kind]), kind
