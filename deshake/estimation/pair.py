@@ -22,6 +22,7 @@ from deshake.estimation.pair_pixels import (
     PairPictures,
     derivatives,
     drawn_pixels,
+    noise_excess,
     usable_pixels,
 )
 from deshake.estimation.pair_rows import PairRows
@@ -257,7 +258,8 @@ class _Scales:
         if self.scale == 0:
             self.scale = _brightness(seen.g[usable], seen.f[usable])
         a = np.float32(self.scale)
-        f, noise = derivatives(seen.f) * a, [derivatives(e) * a for e in seen.noise]
+        louder = a * np.float32(noise_excess(seen) ** 0.5)
+        f, noise = derivatives(seen.f) * a, [derivatives(e) * louder for e in seen.noise]
         rows = PairRows(camera, theta, f, edges, drawn.fitted, noise=noise, threads=self.threads)
         w = least_on_simplex(rows, start, ridge=_RIDGE)
         used = w > 0
@@ -270,7 +272,7 @@ class _Scales:
             seen.f[None] * a,
             seen.g[None],
             drawn.fitted,
-            noise=[e[None] * a for e in seen.noise],
+            noise=[e[None] * louder for e in seen.noise],
             threads=self.threads,
         )
         self.scale *= min(max(light.scale(w), 1 / _MOST_CHANGE), _MOST_CHANGE)

@@ -23,6 +23,7 @@ from deshake.estimation.photometric import ToneCurve, tone_curves
 from deshake.estimation.registration import registered
 from deshake.io.transfer import Srgb
 from deshake.operators.planes import channels_first
+from deshake.pipelines.local_tones import local_tones
 
 if TYPE_CHECKING:
     from deshake.estimation.registration import Registration
@@ -124,10 +125,10 @@ def with_tones_of(
         for planes in (stored, denoised)
     )
     del stored, denoised
-    tones = [_shown(plane) for plane in channels_first(g)]
-    pairs = zip(smooth, tones, strict=True)
+    shown = [_shown(plane) for plane in channels_first(g)]
+    pairs = zip(smooth, shown, strict=True)
     curves = [tone_curves(f_D, tone, mask)[0] for f_D, tone in pairs]
-    for c, (curve, tone) in enumerate(zip(curves, tones, strict=True)):
+    for c, (curve, tone) in enumerate(zip(curves, shown, strict=True)):
         Af = blurred_planes(_light(curve(smooth[c]))[None], blur)[0]
         before = curve.inverse(_shown(Af))
         curves[c] = tone_curves(before, tone, mask, smooth_px=_SMOOTH_PX)[0]
@@ -139,10 +140,11 @@ def with_tones_of(
         smooth[c] = _light(curve(smooth[c]))
         noisy[c] = smooth[c] + noise
     variance *= _SPREAD**2 / np.float32(len(curves))
-    left = _coarse_misfit(g, smooth, blur, mask)
-    if left is not None:
-        noisy += left
-        np.maximum(smooth + left, 0, out=smooth)
+    tones = local_tones(g, blurred_planes(smooth, blur), mask, blur.margin)
+    noisy -= smooth
+    noisy *= tones.gain
+    smooth = tones(smooth)
+    noisy += smooth
     slope, floor = fitted_noise(smooth.mean(0)[mask], variance[mask])
     least = _EVEN * float(variance[mask].mean(dtype=np.float64))
     return NoisyPhoto(noisy, smooth, slope, max(floor, least))

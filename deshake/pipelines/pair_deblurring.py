@@ -24,6 +24,7 @@ from deshake.operators.shake_blur import ShakeBlur
 from deshake.pipelines.camera_tones import blurred_planes, needs_curves, with_tones_of
 from deshake.pipelines.file_stages import check_encoding, part
 from deshake.pipelines.fitting import check_registration, fitting_kernel
+from deshake.pipelines.local_tones import local_trust
 from deshake.pipelines.register import known_registration
 from deshake.pipelines.stages import EstimateOptions, camera_for, luminance
 
@@ -232,6 +233,8 @@ def _restored(
     with contextlib.suppress(EstimationError):  # then one factor has to do
         if needs_curves(light, Af, usable):
             pair = with_tones_of(light, stored, registration, blur, usable, threads=threads)
+            Af = blurred_planes(pair.denoised, blur)
+            valid *= local_trust(light, Af, usable, blur.margin)
             _log.info("%s: the photos have tone curves of their own", blurred.source)
     del Af, stored, f_reg
     if options.method == "residual":
