@@ -57,9 +57,9 @@ _FINE_SIDE = 400  # px, of the longer side up to which every scale is worked on
 _LEAST_LIGHT = 1e-7  # of the noisy photo
 _MOST_CHANGE = 2.0  # of the photometric factor at one scale
 _STILL_PX = 2.0  # an extent below it at the finest scale is no shake
-_DOUBTFUL = 0.5  # confidence below which the user is told
-_EVEN_MISFIT = 0.03  # share of the edges left unexplained at which a kernel is half believed
-_MISFIT_RANGE = 0.5  # of its logarithm
+_EVEN_MISFIT = 0.22  # share of the edges left unexplained at which a kernel is half believed
+_MISFIT_RANGE = 0.25  # of its logarithm
+_NOTHING = 1e-12  # mean square of edges
 
 
 @dataclass(frozen=True)
@@ -85,11 +85,13 @@ class PairEstimate:
     scale : float
         The photometric factor a.
     confidence : float
-        0..1, by the share of the blurred photo's edges that the pair does not explain, at pixels
-        that the kernel was not fitted to: 0.5 where it is 3 %.
+        0..1, by what is unexplained: 0.5 where that is 22 %.
+    unexplained : float
+        Share of the blurred photo's edges that the pair does not explain, at pixels that the kernel
+        was not fitted to. Noise does not count.
     explained : float
         Share of the edges that the kernel explains beyond what the best single rotation does, of
-        all that this one leaves; noise included, it may be below 0.
+        all that this one leaves.
     notes : list of str
         What the user should know, in plain words.
     scales : list of PairScale
@@ -100,6 +102,7 @@ class PairEstimate:
     kernel: RotationKernel
     scale: float
     confidence: float
+    unexplained: float
     explained: float
     notes: list[str]
     scales: list[PairScale]
@@ -114,6 +117,7 @@ def estimate_pair_kernel(
     uniform: bool = False,
     blur_size: float | None = None,
     noise: Iterable[Image] | None = None,
+    blurred_noise: Image | None = None,
     progress: Callable[[float, str], None] | None = None,
     threads: int | None = None,
 ) -> PairEstimate:
@@ -136,6 +140,8 @@ def estimate_pair_kernel(
     noise : iterable of (h, w) or (h, w, C) arrays, optional
         Pictures of noise alone, in units of `f_reg` and resampled as it was. Two do. By default
         `f_reg` is taken to be free of noise, as if it had been denoised.
+    blurred_noise : (h, w) or (h, w, C) array of float32, optional
+        A picture of noise like that of `g`, which no kernel explains; by default there is none.
     progress : callable, optional
         Called with the share done, 0..1, and a text.
     threads : int, optional
@@ -166,7 +172,7 @@ def estimate_pair_kernel(
         bound = blur_size
     _check(height, width, bound)
     whole = Camera.uniform(height, width) if uniform else camera
-    pictures = PairPictures.of(g, f_reg, valid, noise or ())
+    pictures = PairPictures.of(g, f_reg, valid, noise or (), blurred_noise)
     bound *= max(pictures.g.shape) / max(height, width)
     scales = _Scales(pictures, whole, bound, uniform=uniform, threads=threads)
     return scales.run(progress or (lambda _share, _text: None))
@@ -196,6 +202,7 @@ class _Scales:
         self.scale = 0.0
         self.bounds = np.zeros(3)
         self.misfits = (0.0, 0.0, 0.0)
+        self.noise = 0.0
         self.reports: list[PairScale] = []
 
     def run(self, progress: Callable[[float, str], None]) -> PairEstimate:
@@ -215,8 +222,8 @@ class _Scales:
             self._solve(level, start.indices, start.weights)
         progress(1.0, "kernel estimated")
         kernel = without_strays(self.kernel.above(_FINAL_CUT))
-        energy, left, single = self.misfits
-        share = max(left / energy, 1e-6)
+        energy, left, single = (max(part - self.noise, _NOTHING) for part in self.misfits)
+        share = left / energy
         confidence = 1 / (1 + exp(log(share / _EVEN_MISFIT) / _MISFIT_RANGE))
         notes = []
         if most_of(kernel).extent_px() < _STILL_PX:
@@ -224,15 +231,12 @@ class _Scales:
         beyond = np.any(np.abs(kernel.theta) > self.bounds, 1)
         if kernel.weights[beyond].sum() > _TOUCHING:
             notes.append("the kernel touches its bounds: try a larger --blur-size")
-        if confidence < _DOUBTFUL:
-            notes.append(
-                f"the kernel is doubtful (confidence {confidence:.2f}): the two photos agree badly"
-            )
         return PairEstimate(
             kernel.for_camera(self.whole),
             self.scale,
             confidence,
-            1 - left / max(single, 1e-12 * energy),
+            share,
+            1 - left / single,
             notes,
             self.reports,
         )
@@ -266,6 +270,8 @@ class _Scales:
         theta, w = theta[used], w[used]
         judge = PairRows(camera, theta, f, edges, drawn.held_out, noise=noise, threads=self.threads)
         self.misfits = judge.misfits(w)
+        x, y = drawn.held_out.T
+        self.noise = float(np.square(derivatives(seen.own)[:, y, x]).sum() / len(judge))
         light = PairRows(
             camera,
             theta,

@@ -22,7 +22,14 @@ if TYPE_CHECKING:
 
     from deshake.geometry.camera import Camera
 
-__all__ = ["DrawnPixels", "PairPictures", "derivatives", "drawn_pixels", "noise_excess", "usable_pixels"]
+__all__ = [
+    "DrawnPixels",
+    "PairPictures",
+    "derivatives",
+    "drawn_pixels",
+    "noise_excess",
+    "usable_pixels",
+]
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -53,6 +60,8 @@ class PairPictures:
         The blurred photo and the registered noisy one.
     noise : list of (h, w) arrays of float32
         Noise like that of f.
+    own : (h, w) array of float32
+        Noise like that of g.
     known, clipped : (h, w) arrays of float32
         Shares of each pixel where f is known, and where g clipped.
 
@@ -61,12 +70,18 @@ class PairPictures:
     g: Image
     f: Image
     noise: list[Image]
+    own: Image
     known: Image
     clipped: Image
 
     @classmethod
     def of(
-        cls, g: Image, f_reg: Image, valid: NDArray[np.generic], noise: Iterable[Image]
+        cls,
+        g: Image,
+        f_reg: Image,
+        valid: NDArray[np.generic],
+        noise: Iterable[Image],
+        own: Image | None = None,
     ) -> PairPictures:
         """Reduce a pair to its finest scale; of many pictures of noise one is held at a time."""
         factor = min(_LONGEST_SIDE / max(g.shape[:2]), 1.0)
@@ -76,6 +91,7 @@ class PairPictures:
             _grey(g, shape),
             _grey(f_reg, shape),
             [_grey(e, shape) for e in noise],
+            np.zeros(shape, np.float32) if own is None else _grey(own, shape),
             _reduced((valid != 0).astype(np.float32), shape),
             _reduced((brightest >= _CLIPPED).astype(np.float32), shape),
         )
@@ -86,6 +102,7 @@ class PairPictures:
             _reduced(self.g, shape),
             _reduced(self.f, shape),
             [_reduced(e, shape) for e in self.noise],
+            _reduced(self.own, shape),
             _reduced(self.known, shape),
             _reduced(self.clipped, shape),
         )

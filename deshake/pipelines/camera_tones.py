@@ -4,12 +4,12 @@ In linear light one factor relates two exposures. The JPEGs of cameras have cont
 balances and denoising of their own. Whether they do is told by how much better than a factor a
 curve for each channel takes the noisy photo, blurred, to the blurred one. If so, the noisy photo
 is denoised in display values, and its curves are found, once more after it has been blurred by the
-kernel. Where its colours are wrong even so, as after compression in the dark, what is coarser than
-the blur is taken from the blurred photo.
+kernel. What they leave is taken off place by place (`local_tones`).
 """
 
 from __future__ import annotations
 
+from math import ceil
 from typing import TYPE_CHECKING, Final
 
 import cv2
@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake.deconvolution.denoising import NoisyPhoto, denoised_tones
-from deshake.deconvolution.noise import smoothed
 from deshake.deconvolution.pair_noise import fitted_noise
 from deshake.estimation.photometric import ToneCurve, tone_curves
 from deshake.estimation.registration import registered
@@ -35,11 +34,13 @@ Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 _SMOOTH_PX: Final = 1.5  # of photos that are blurred alike
-_BETTER: Final = 0.25  # share of the mean square that curves leave; noisy linear pairs are above
+_BROAD_PX: Final = 3.0  # over which light is averaged to see if tones differ
+_SMOOTHED_PX: Final = 0.5  # of what is smooth
+_BETTER: Final = (
+    0.5  # share of the mean square that curves leave: cameras' 0.05 to 0.32, others' 0.7
+)
 _SPREAD: Final = np.float32(1.5)  # of noise that is left near edges, over that of flat areas
 _EVEN: Final = 0.03  # least variance anywhere, in means: none is known to be free of noise
-_LEAST_PX: Final = 8  # reach of what is called coarse
-_WRONG: Final = 0.2  # of the contrast of coarse colours; simulated cameras err by 0.06 to 0.14
 _STEP: Final = np.float32(1 / 512)  # for slopes
 _DISPLAY: Final = Srgb()
 
@@ -68,14 +69,17 @@ def needs_curves(g: Image, Af: Image, mask: Mask) -> bool:
         As `tone_curves` does.
 
     """
+    side = 2 * ceil(_BROAD_PX) + 1
+    inside = cv2.erode(mask.astype(np.uint8), np.ones((side, side), np.uint8), borderValue=0) > 0
     factor = curved = 0.0
     for plane, other in zip(channels_first(g), Af, strict=True):
-        x, y = _shown(other), _shown(plane)
-        [curve] = tone_curves(x, y, mask, smooth_px=_SMOOTH_PX)
+        # in light, where noise has no bias, before it is as displayed
         x, y = (
-            np.asarray(cv2.GaussianBlur(tone, (0, 0), _SMOOTH_PX)[mask], np.float32)
-            for tone in (x, y)
+            _shown(np.asarray(cv2.GaussianBlur(light, (0, 0), _BROAD_PX), np.float32))
+            for light in (other, plane)
         )
+        [curve] = tone_curves(x, y, inside, smooth_px=_SMOOTHED_PX)
+        x, y = x[inside], y[inside]
         factor += float(np.square(x - y).sum(dtype=np.float64))
         curved += float(np.square(curve(x) - y).sum(dtype=np.float64))
     return curved < _BETTER * factor
@@ -148,37 +152,6 @@ def with_tones_of(
     slope, floor = fitted_noise(smooth.mean(0)[mask], variance[mask])
     least = _EVEN * float(variance[mask].mean(dtype=np.float64))
     return NoisyPhoto(noisy, smooth, slope, max(floor, least))
-
-
-def _coarse_misfit(g: Image, f_D: Image, blur: ShakeBlur, mask: Mask) -> Image | None:
-    """Return what is coarse of g - A f_D, (C, h, w), if colours differ by much, else None."""
-    reach = max(blur.margin, _LEAST_PX)
-    weight = mask.astype(np.float32)
-    known = smoothed(weight, reach) + np.float32(1e-3)
-    planes = channels_first(g)
-    Af = blurred_planes(f_D, blur)
-    seen, wrong = (
-        np.stack([smoothed(part * weight, reach) / known for part in parts])
-        for parts in (
-            [_shown(plane) for plane in planes],
-            [_shown(one) - _shown(other) for one, other in zip(planes, Af, strict=True)],
-        )
-    )
-    contrast, error = (float(_colours(part)[:, mask].std()) for part in (seen, wrong))
-    if error <= _WRONG * contrast or len(planes) == 1:
-        return None
-    del seen, wrong
-    left = [
-        smoothed((one - other) * weight, reach) / known
-        for one, other in zip(planes, Af, strict=True)
-    ]
-    return np.stack(left)
-
-
-def _colours(tones: Image) -> Image:
-    """Take the mean over the channels, and that over the frame, off."""
-    apart = tones - tones.mean(0)
-    return np.asarray(apart - apart.mean((1, 2), keepdims=True), np.float32)
 
 
 def _slope(curve: ToneCurve, tone: Image) -> Image:

@@ -27,7 +27,7 @@ Image = NDArray[np.float32]
 _LEAST_PX: Final = 8  # reach of the parts
 _CONTRAST: Final = np.float32(0.1)  # of the light, below which a part tells no gain of its own
 _GAINS: Final = (0.4, 2.5)
-_DETAIL_PX: Final = 2  # of what is compared: finer is noise
+_AROUND_PX: Final = 4  # over which detail is compared
 _FAINT: Final = np.float32(3.0)  # median misfits below which detail tells nothing
 _HALF: Final = np.float32(0.5)  # share of detail unexplained at which the noisy photo counts little
 _DARKEST: Final = np.float32(0.002)
@@ -93,13 +93,11 @@ def local_trust(g: Image, Af: Image, mask: Mask, reach: int) -> Image:
     """
     reach = max(reach, _LEAST_PX)
     weight = mask.astype(np.float32)
-    shown = lost = None
+    shown, lost = np.zeros_like(weight), np.zeros_like(weight)
     for y, x in zip(channels_first(g), Af, strict=True):
         one, other = _detail(y, reach), _detail(x, reach)
-        apart = smoothed(np.square(one - other) * weight, _DETAIL_PX * 2)
-        there = smoothed(np.square(one) * weight, _DETAIL_PX * 2)
-        shown = there if shown is None else shown + there
-        lost = apart if lost is None else lost + apart
+        lost += smoothed(np.square(one - other) * weight, _AROUND_PX)
+        shown += smoothed(np.square(one) * weight, _AROUND_PX)
     usual = np.median(lost[mask]) if mask.any() else np.float32(0)
     share = lost / (shown + _FAINT * usual + np.float32(1e-9))
     trust: Image = np.exp(-np.square(np.square(share / _HALF)))

@@ -99,7 +99,8 @@ def deblur_pair(
 ) -> Photo:
     """Deblur a photo with a kernel for its size and a noisy photo of the same scene.
 
-    Format, depth, opacity and metadata stay as they are.
+    Format, depth, opacity and metadata stay as they are. The kernel of a camera that stood still
+    leaves the photo as it is.
 
     Parameters
     ----------
@@ -123,6 +124,10 @@ def deblur_pair(
         If the photos do not show the same scene.
 
     """
+    if not kernel.theta[kernel.weights > 0].any():
+        if progress is not None:
+            progress(1.0, "nothing to undo")
+        return blurred
     start = 0.0
     try:
         if registration is None:

@@ -2,7 +2,8 @@
 
 The noisy photo is registered to the blurred one, unless that was done before. Where the kernel then
 explains the blurred photo badly, the two photos' tones are matched (`registered_pair`), and the
-kernel is kept that explains it better.
+kernel is kept that explains it better. One that explains too little is not given out: there the
+kernel is that of a camera that stood still, with which the photo stays as it is.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from deshake import __version__
 from deshake.deconvolution.clipped_noise import unclipped_mean
 from deshake.errors import DeshakeError, EstimationError
 from deshake.estimation.registration import registered
+from deshake.geometry.kernel import RotationKernel
 from deshake.io.files import check_output, sha256
 from deshake.io.kernel_file import CameraFile, KernelFile, write_kernel
 from deshake.io.photo import read_photo
@@ -40,7 +42,8 @@ __all__ = ["PairKernel", "estimate_pair", "estimate_pair_file"]
 _log = logging.getLogger(__name__)
 
 _REGISTERED: Final = 0.3  # of the time
-_SURE: Final = 0.9  # confidence below which tone curves are tried
+_ALL_BUT: Final = 0.01  # of the edges, left unexplained, above which tone curves are tried
+_TRUSTED: Final = 0.5  # confidence below which the photo is left as it is
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +71,11 @@ class PairKernel:
     scale: float
     notes: list[str]
 
+    @property
+    def trusted(self) -> bool:
+        """Whether the photo is deblurred with it; else the kernel is that of a still camera."""
+        return self.content.confidence >= _TRUSTED
+
     def report(self) -> dict[str, Any]:
         """Return the figures of the estimate as JSON data."""
         kernel = self.content.kernel
@@ -75,6 +83,7 @@ class PairKernel:
             "rotations": len(kernel.weights),
             "extent_px": round(kernel.extent_px(), 2),
             "confidence": round(self.content.confidence, 4),
+            "trusted": self.trusted,
             "scale": round(self.scale, 5),
             "registration_confidence": round(self.registration.confidence, 4),
             "notes": self.notes,
@@ -129,16 +138,18 @@ def estimate_pair(
     else:
         camera = CameraFile(registration.camera, "the registration")
         check_registration(registration.camera, blurred)
-    later = part(progress, start, 1) or (lambda _share, _text: None)
+    half = (start + 1) / 2
     try:
         seen = registered(unclipped_mean(noisy.pixels), registration)
         pair = RegisteredPair(blurred, noisy, registration, *seen)
-        found = pair.kernel(options, threads, later)
+        found = pair.kernel(options, threads, part(progress, start, half) or _silent)
         curved = False
-        if found.confidence < _SURE:
+        if found.unexplained > _ALL_BUT:
             with contextlib.suppress(EstimationError):  # then it stays at the one factor
-                other = pair.on_curves().kernel(options, threads, later)
-                curved = other.confidence > found.confidence
+                other = pair.on_curves().kernel(
+                    options, threads, part(progress, half, 1) or _silent
+                )
+                curved = other.unexplained < found.unexplained
                 found = other if curved else found
     except DeshakeError as error:
         error.file = error.file or str(blurred.source)
@@ -148,11 +159,20 @@ def estimate_pair(
         scale *= registration.scale
         notes.append("the photos have tone curves of their own, which were matched")
     notes += found.notes
+    kernel = found.kernel
+    if found.confidence < _TRUSTED:
+        notes.append(
+            f"the two photos agree too badly to trust a kernel ({found.confidence:.2f}): the photo is "
+            "left as it is; without the noisy photo it can be deblurred blindly"
+        )
+        kernel = RotationKernel.delta(kernel.camera)
+    if progress is not None:
+        progress(1.0, "kernel estimated")
     for note in notes:
         _log.warning("%s: %s", blurred.source, note)
     provenance = _provenance((blurred, noisy), options, registration, found)
     provenance |= {"camera": camera.source, "tone_curves": curved, "notes": notes}
-    content = KernelFile(found.kernel, found.confidence, provenance, camera.distortion)
+    content = KernelFile(kernel, found.confidence, provenance, camera.distortion)
     return PairKernel(content, camera, registration, scale, notes)
 
 
@@ -192,6 +212,10 @@ def estimate_pair_file(
     return found
 
 
+def _silent(_share: float, _text: str) -> None:
+    """Tell nobody."""
+
+
 def _provenance(
     pair: tuple[Photo, Photo],
     options: EstimateOptions,
@@ -213,5 +237,6 @@ def _provenance(
         },
         "scale": found.scale,
         "explained": found.explained,
+        "unexplained": found.unexplained,
         "scales": [asdict(scale) for scale in found.scales],
     }

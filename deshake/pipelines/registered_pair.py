@@ -83,6 +83,7 @@ class RegisteredPair:
             uniform=options.uniform,
             blur_size=largest_blur(camera, options),
             noise=self.noise(),
+            blurred_noise=self._blurred_noise(shares),
             threads=threads,
             progress=progress,
         )
@@ -133,16 +134,29 @@ class RegisteredPair:
                 variance += np.float32(share**2) * _variance(plane, *model)
             np.sqrt(variance, out=variance)
             for twin in range(_TWINS):
-                yield _drawn(variance, np.random.default_rng(twin), self.registration)
+                noise = _drawn(variance, np.random.default_rng(twin))
+                yield registered(noise, self.registration)[0]
             return
         for twin in range(_TWINS):
             rng = np.random.default_rng(twin)
             mixed = np.zeros(self.valid.shape, np.float32)
             for c, (plane, model) in enumerate(zip(planes, self._models, strict=True)):
-                noise = _drawn(np.sqrt(_variance(plane, *model)), rng, self.registration)
+                drawn = _drawn(np.sqrt(_variance(plane, *model)), rng)
+                noise = registered(drawn, self.registration)[0]
                 noise *= channels_first(self.slopes)[c]
                 mixed += np.float32(shares[c]) * noise
             yield mixed
+
+    def _blurred_noise(self, shares: NDArray[np.float64]) -> Image:
+        """Draw noise like that of the blurred photo's mixed channels."""
+        planes = channels_first(self.blurred.pixels)
+        if len(shares) != len(planes):
+            shares = np.full(len(planes), 1 / len(planes))
+        variance = np.zeros(planes.shape[1:], np.float32)
+        for plane, share in zip(planes, shares, strict=True):
+            model = noise_model(np.ascontiguousarray(plane))
+            variance += np.float32(share**2) * _variance(plane, *model)
+        return _drawn(np.sqrt(variance), np.random.default_rng(_TWINS))
 
     @cached_property
     def _stored(self) -> Image:
@@ -172,10 +186,10 @@ def _variance(light: Image, slope: float, floor: float) -> Image:
     return np.asarray(np.maximum(light, 0) * np.float32(slope) + np.float32(floor), np.float32)
 
 
-def _drawn(sigma: Image, rng: np.random.Generator, registration: Registration) -> Image:
-    """Draw noise of some standard deviation, and register it."""
+def _drawn(sigma: Image, rng: np.random.Generator) -> Image:
+    """Draw noise of some standard deviation."""
     noise = np.empty_like(sigma)
     for top in range(0, len(noise), _BAND):
         band = sigma[top : top + _BAND]
         noise[top : top + _BAND] = rng.standard_normal(band.shape, np.float32) * band
-    return registered(noise, registration)[0]
+    return noise
