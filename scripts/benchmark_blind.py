@@ -132,12 +132,12 @@ def read(photo: str, folder: Path) -> Codes:
     return np.asarray(picture)
 
 
-def shake(case: Case, folder: Path, seed: int) -> Shaken:
-    """Shake a photo."""
+def shake(case: Case, folder: Path, seed: int, focal: float = FOCAL) -> Shaken:
+    """Shake a photo, taken at a focal length in widths."""
     rng = np.random.default_rng([seed, PHOTOS.index(case.photo), case.window])
     sharp = decode(read(case.photo, folder), Srgb())
     high, wide = sharp.shape[:2]
-    whole = Camera.from_focal(FOCAL * wide, high, wide)
+    whole = Camera.from_focal(focal * wide, high, wide)
     path = hand_path(find_logs(folder), rng)
     extent = RotationKernel.from_path(path, whole).extent_px()
     path = (path - path.mean(0)) * rng.uniform(*EXTENTS) / extent

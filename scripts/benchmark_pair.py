@@ -44,7 +44,6 @@ from numpy.typing import NDArray
 from pair_scores import Row, Score, header, line, summary
 from shaken_pairs import NOISES, PAIRS, Pair, PairCase, shaken_pair
 from shaken_photos import display, psnr, ssim
-from sheets import detailed_part
 
 from deshake.deconvolution.denoising import noisy_photo
 from deshake.errors import DeshakeError
@@ -56,6 +55,7 @@ from deshake.pipelines.pair_deblurring import PairRestorationOptions, deblur_pai
 from deshake.pipelines.pair_stages import estimate_pair
 from deshake.pipelines.register import find_registration
 from deshake.pipelines.registered_pair import RegisteredPair
+from deshake.pipelines.sheets import detailed_part
 from deshake.pipelines.stages import EstimateOptions, deblur, estimate
 
 if TYPE_CHECKING:

@@ -21,15 +21,16 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sheets import CHARACTER, GAP, Line, at_least, detailed_part, resized, sheet, shown
+from arguments import at_least
 
+from deshake.batch.folders import find_photos
 from deshake.errors import DeshakeError, OutputError
 from deshake.io.files import check_output
 from deshake.io.kernel_file import write_kernel
 from deshake.io.photo import read_photo, write_photo
-from deshake.pipelines.batch import find_photos
+from deshake.pipelines.comparison import before_and_after
 from deshake.pipelines.file_stages import kernel_name
-from deshake.pipelines.render import render_kernel
+from deshake.pipelines.sheets import CHARACTER, GAP, Line, sheet
 from deshake.pipelines.stages import EstimateOptions, deblur, estimate
 
 if TYPE_CHECKING:
@@ -74,19 +75,15 @@ def fixed(source: Path, width: int, folder: Path | None) -> Line:
     except DeshakeError as error:
         text = f"{source.name}   failed: {error.message}"
         return Line(textwrap.wrap(text, columns), [], failed=True)
-    before, after = shown(photo), shown(result)
-    # the part is chosen in the photo as it was: ringing must not draw the eye to itself
-    small = resized(before, width)
-    part = detailed_part(before, width, max(small.shape[0], width // 2))
-    cells = [small, resized(after, width), render_kernel(found.content.kernel, size=width)]
-    return Line(caption(photo, found, seconds, columns), [*cells, before[part], after[part]])
+    cells = before_and_after(photo, result, found.content.kernel, width)
+    return Line(caption(photo, found, seconds, columns), cells)
 
 
 def checked(photos: Sequence[Path], output: Path, folder: Path | None) -> list[Path]:
     """Check what can be checked before the work, and list the photos."""
     if output.suffix.lower() not in {".png", ".jpg", ".jpeg"}:
         raise OutputError("the sheet's name must end in .png or .jpg", file=output)
-    found = find_photos(photos)
+    found = [found.path for found in find_photos(photos)]
     for source in found:
         check_output(output, source, overwrite=True)
     if folder is not None:

@@ -24,12 +24,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
+from arguments import at_least
 from hand_shakes import find_logs
 from numpy.typing import NDArray
 from PIL import Image
 from shaken_pairs import PAIRS, shaken_pair
 from shaken_photos import display, psnr, ssim
-from sheets import CHARACTER, GAP, Line, Picture, at_least, detailed_part, resized, sheet, shown
 
 from deshake.errors import DeshakeError, OutputError
 from deshake.estimation.registration import registered
@@ -42,12 +42,22 @@ from deshake.pipelines.pair_deblurring import PairRestorationOptions, deblur_pai
 from deshake.pipelines.pair_stages import estimate_pair
 from deshake.pipelines.register import find_registration
 from deshake.pipelines.render import render_filters, render_kernel
+from deshake.pipelines.sheets import (
+    CHARACTER,
+    GAP,
+    Line,
+    detailed_part,
+    resized,
+    sheet,
+    shown,
+)
 from deshake.pipelines.stages import EstimateOptions, luminance
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from deshake.geometry.kernel import RotationKernel
+    from deshake.pipelines.canvas import Picture
     from deshake.pipelines.pair_stages import PairKernel
     from deshake.pipelines.register import Found
 

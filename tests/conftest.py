@@ -1,17 +1,120 @@
-"""What every room's tests share: the command line as a function."""
+"""What every room's tests share: the command line as a function, and a camera's RAW file."""
 
 from __future__ import annotations
 
 import os
+import struct
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 from deshake.cli.main import main
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+
+XYZ_FROM_SRGB = np.array(
+    [
+        [0.4124564, 0.3575761, 0.1804375],
+        [0.2126729, 0.7151522, 0.0721750],
+        [0.0193339, 0.1191920, 0.9503041],
+    ]
+)
+SENSOR_FROM_XYZ = np.array(
+    [[0.6446, -0.0366, -0.0864], [-0.4436, 1.2204, 0.2513], [-0.0952, 0.2496, 0.6348]]
+)
+
+
+def _directory(entries: dict[int, tuple[str, Sequence[float]]], at: int) -> bytes:
+    """Write a TIFF directory that lies at an offset, and its values behind it."""
+    kinds = {"B": 1, "c": 2, "H": 3, "I": 4, "r": 5, "i": 10}
+    head, behind = struct.pack("<H", len(entries)), b""
+    for tag, (kind, values) in sorted(entries.items()):
+        if kind == "c":
+            raw, count = bytes(values) + b"\0", len(values) + 1
+        elif kind in "ri":
+            parts = [part for x in values for part in (round(x * 10**6), 10**6)]
+            raw, count = struct.pack(f"<{len(parts)}i", *parts), len(values)
+        else:
+            raw, count = struct.pack(f"<{len(values)}{kind}", *values), len(values)
+        head += struct.pack("<HHI", tag, kinds[kind], count)
+        if len(raw) > 4:
+            head += struct.pack("<I", at + 2 + 12 * len(entries) + 4 + len(behind))
+            behind += raw + bytes(len(raw) % 2)
+        else:
+            head += raw.ljust(4, b"\0")
+    return head + bytes(4) + behind
+
+
+def _dng(
+    picture: NDArray[np.floating],
+    *,
+    neutral: Sequence[float] = (0.5, 1.0, 0.6),
+    black: int = 512,
+    white: int = 15000,
+    orientation: int = 1,
+    margin: int = 0,
+    crop: tuple[int, int, int, int] | None = None,
+    extra: dict[int, tuple[str, Sequence[float]]] | None = None,
+    exif: dict[int, tuple[str, Sequence[float]]] | None = None,
+) -> bytes:
+    """Write the DNG of a sensor with a Bayer pattern (RGGB) that saw a picture.
+
+    The picture (H, W, 3) is in linear sRGB; a grey one (H, W) is what a sensor without filters saw.
+    Crop is left, top, width, height; the margin is of masked photosites, outside the picture.
+    """
+    height, width = picture.shape[:2]
+    if picture.ndim == 3:
+        response = SENSOR_FROM_XYZ @ XYZ_FROM_SRGB
+        sensor = picture @ (response / response.sum(1, keepdims=True)).T * np.asarray(neutral)
+        y, x = np.mgrid[:height, :width]
+        seen = np.take_along_axis(sensor, (y % 2 + x % 2)[..., None], -1)[..., 0]
+    else:
+        seen = picture
+    codes = np.clip(np.rint(black + seen * (white - black)), 0, white).astype("<u2")
+    codes = np.pad(codes, margin, constant_values=black)
+    main: dict[int, tuple[str, Sequence[float]]] = {
+        254: ("I", [0]),
+        256: ("I", [codes.shape[1]]),
+        257: ("I", [codes.shape[0]]),
+        258: ("H", [16]),
+        259: ("H", [1]),
+        262: ("H", [32803 if picture.ndim == 3 else 34892]),
+        271: ("c", b"Sensor Works"),
+        272: ("c", b"One"),
+        274: ("H", [orientation]),
+        277: ("H", [1]),
+        278: ("I", [codes.shape[0]]),
+        279: ("I", [codes.nbytes]),
+        50706: ("B", [1, 4, 0, 0]),
+        50708: ("c", b"Sensor Works One"),
+        50714: ("H", [black]),
+        50717: ("I", [white]),
+        50829: ("I", [margin, margin, margin + height, margin + width]),
+    }
+    if picture.ndim == 3:
+        main |= {
+            33421: ("H", [2, 2]),
+            33422: ("B", [0, 1, 1, 2]),
+            50721: ("i", SENSOR_FROM_XYZ.ravel().tolist()),
+            50728: ("r", neutral),
+            50778: ("H", [21]),
+        }
+    if crop is not None:
+        main |= {50719: ("I", crop[:2]), 50720: ("I", crop[2:])}
+    main |= extra or {}
+    main[273] = ("I", [0])
+    if exif:
+        main[34665] = ("I", [8 + len(_directory(main | {34665: ("I", [0])}, 8))])
+    size = len(_directory(main, 8))
+    below = _directory(exif, 8 + size) if exif else b""
+    main[273] = ("I", [8 + size + len(below)])
+    return b"II*\0" + struct.pack("<I", 8) + _directory(main, 8) + below + codes.tobytes()
 
 
 @dataclass(frozen=True)
@@ -39,3 +142,8 @@ def deshake(
         return Outcome(code, out, err)
 
     return run
+
+
+@pytest.fixture
+def make_dng() -> Callable[..., bytes]:
+    return _dng

@@ -1,4 +1,4 @@
-"""The kinds of values that options take: measures, rectangles, rows and columns."""
+"""The kinds of values that options take: measures, sizes, rectangles, rows and columns."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import click
 
-__all__ = ["Grid", "Number", "Region"]
+__all__ = ["Grid", "Number", "Region", "Share", "Size"]
 
 T = TypeVar("T")
 
@@ -45,6 +45,27 @@ class Number(_Typed[float]):
         return number
 
 
+class Share(_Typed[float]):
+    """A number from 0 to 1."""
+
+    name = "SHARE"
+
+    def convert(
+        self,
+        value: object,
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> float:
+        """Read the number."""
+        try:
+            share = float(str(value))
+        except ValueError:
+            share = math.nan
+        if not 0 <= share <= 1:
+            self.fail(f"{value!r} is not a number from 0 to 1", param, ctx)
+        return share
+
+
 class Region(_Typed[tuple[int, int, int, int]]):
     """A rectangle of the photo, X,Y,W,H: upper left pixel, width and height."""
 
@@ -59,9 +80,8 @@ class Region(_Typed[tuple[int, int, int, int]]):
         """Read the four whole numbers; fail unless the rectangle holds a pixel."""
         if isinstance(value, tuple):
             return value  # converted before
-        found = re.fullmatch(
-            r"(\d{1,9}),(\d{1,9}),(\d{1,9}),(\d{1,9})", str(value).replace(" ", "")
-        )
+        text = ",".join(map(str, value)) if isinstance(value, list) else str(value)
+        found = re.fullmatch(r"(\d{1,9}),(\d{1,9}),(\d{1,9}),(\d{1,9})", text.replace(" ", ""))
         if not found:
             self.fail(f"{value!r} is not four whole numbers X,Y,W,H", param, ctx)
         x, y, width, height = (int(part) for part in found.groups())
@@ -88,3 +108,28 @@ class Grid(_Typed[tuple[int, int]]):
         if not found:
             self.fail(f"{value!r} is not ROWSxCOLS with 1 to 99 of each, such as 5x7", param, ctx)
         return int(found[1]), int(found[2])
+
+
+class Size(_Typed[int]):
+    """Bytes of memory, as in 800M, 4G or 2.5GiB; at least a megabyte."""
+
+    name = "SIZE"
+
+    def convert(
+        self,
+        value: object,
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> int:
+        """Read the number and its unit; fail with what it should have been."""
+        if isinstance(value, int):
+            return value  # converted before
+        found = re.fullmatch(r"(\d{1,9}(?:\.\d{1,9})?) ?([MGT])(I?B)?", str(value).upper())
+        if not found:
+            self.fail(f"{value!r} is not a size such as 800M, 4G or 2.5GiB", param, ctx)
+        number, unit, more = found.groups()
+        thousand = 1024 if more == "IB" else 1000
+        count = float(number) * thousand ** (2 + "MGT".index(unit))
+        if count < 1e6:
+            self.fail(f"{value!r} is less than a megabyte", param, ctx)
+        return int(count)

@@ -1,4 +1,4 @@
-"""The pinhole camera: focal length and principal point in pixels (Sec. 2.2).
+"""The camera: focal length and principal point in pixels (Sec. 2.2), and its lens's distortion.
 
 Pixel centres lie at integer coordinates, so a frame of W by H pixels covers
 ``[-0.5, W - 0.5] x [-0.5, H - 0.5]`` and its middle is ``((W - 1) / 2, (H - 1) / 2)``.
@@ -6,8 +6,8 @@ Pixel centres lie at integer coordinates, so a frame of W by H pixels covers
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -23,10 +23,21 @@ Through so long a lens a rotation about X or Y is a translation of the whole fra
 one part in a million of its length: uniform blur is this special case of the rotational model.
 """
 
+DISTORTION_LENGTHS: Final = (0, 4, 5, 8, 12)
+"""Coefficients that OpenCV's models have, those that tilt the sensor aside."""
+
+# How coefficients grow with the focal length that they are told for: k1, k2, p1, p2, k3 to k6 and
+# s1 to s4 belong to these powers of the distance from the axis, less one.
+_POWERS: Final = np.array([2, 4, 1, 1, 6, 2, 4, 6, 1, 3, 1, 3])
+
+
+def _no_distortion() -> NDArray[np.float64]:
+    return np.zeros(0)
+
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A pinhole camera and the size of its pictures.
+    """A camera and the size of its pictures.
 
     Parameters
     ----------
@@ -34,17 +45,22 @@ class Camera:
         K, in pixels: ``[[f, 0, x0], [0, f, y0], [0, 0, 1]]``.
     height, width : int
         Size of the pictures in pixels.
+    distortion : (k,) array of float64
+        Lens distortion in OpenCV's order (k1, k2, p1, p2, k3, ...); empty: a pinhole. What blurs
+        and deblurs takes cameras for pinholes: `geometry.distortion` comes first.
 
     Raises
     ------
     ValueError
-        If the matrix is not a finite, invertible camera matrix or the size is not positive.
+        If the matrix is not a finite, invertible camera matrix, the size is not positive, or the
+        distortion not 0, 4, 5, 8 or 12 finite numbers.
 
     """
 
     matrix: NDArray[np.float64]
     height: int
     width: int
+    distortion: NDArray[np.float64] = field(default_factory=_no_distortion)
 
     def __post_init__(self) -> None:
         """Check the fields and make them read-only."""
@@ -58,14 +74,22 @@ class Camera:
         if self.height < 1 or self.width < 1:
             msg = "a picture has at least one pixel"
             raise ValueError(msg)
+        distortion = np.array(self.distortion, np.float64)
+        if distortion.shape not in [(n,) for n in DISTORTION_LENGTHS] or not (
+            np.isfinite(distortion).all()
+        ):
+            msg = "'distortion' is not 0, 4, 5, 8 or 12 finite numbers"
+            raise ValueError(msg)
         matrix.setflags(write=False)
+        distortion.setflags(write=False)
+        object.__setattr__(self, "distortion", distortion)
         object.__setattr__(self, "matrix", matrix)
         object.__setattr__(self, "height", int(self.height))
         object.__setattr__(self, "width", int(self.width))
 
     @classmethod
     def from_focal(cls, focal_px: float, height: int, width: int) -> Camera:
-        """Make a camera with square pixels and its principal point in the middle (Sec. 2.2)."""
+        """Make a pinhole with square pixels and its principal point in the middle (Sec. 2.2)."""
         x0, y0 = (width - 1) / 2, (height - 1) / 2
         matrix = np.array([[focal_px, 0, x0], [0, focal_px, y0], [0, 0, 1]], np.float64)
         return cls(matrix, height, width)
@@ -86,6 +110,11 @@ class Camera:
         return self.height, self.width
 
     @property
+    def is_pinhole(self) -> bool:
+        """Whether there is no distortion."""
+        return not self.distortion.any()
+
+    @property
     def is_uniform(self) -> bool:
         """Whether this is the camera of the uniform model, whose rotations are translations."""
         return self.focal_px >= 0.5 * UNIFORM_FOCAL_FACTOR * max(self.shape)
@@ -101,13 +130,26 @@ class Camera:
         """Return the camera of the same photo resized to height x width pixels."""
         sx, sy = width / self.width, height / self.height
         resize = np.array([[sx, 0, sx / 2 - 0.5], [0, sy, sy / 2 - 0.5], [0, 0, 1]])
-        return Camera(resize @ self.matrix, height, width)
+        return replace(self, matrix=resize @ self.matrix, height=height, width=width)
 
     def cropped(self, x: int, y: int, width: int, height: int) -> Camera:
         """Return the camera of the crop whose upper left pixel is (x, y)."""
         shift = np.array([[1, 0, -x], [0, 1, -y], [0, 0, 1]], np.float64)
-        return Camera(shift @ self.matrix, height, width)
+        return replace(self, matrix=shift @ self.matrix, height=height, width=width)
 
     def padded(self, margin: int) -> Camera:
         """Return the camera of the picture with `margin` pixels added on every side."""
         return self.cropped(-margin, -margin, self.width + 2 * margin, self.height + 2 * margin)
+
+    def with_lens(self, distortion: NDArray[np.float64]) -> Camera:
+        """Return the camera with a lens's distortion."""
+        return replace(self, distortion=distortion)
+
+    def as_uniform(self) -> Camera:
+        """Return the camera of the uniform model for the same photo, its lens bending alike."""
+        whole = Camera.uniform(self.height, self.width)
+        powers = _POWERS[: len(self.distortion)]
+        distortion = self.distortion * (whole.focal_px / self.focal_px) ** powers
+        x0, y0 = self.matrix[:2, 2]
+        matrix = np.array([[whole.focal_px, 0, x0], [0, whole.focal_px, y0], [0, 0, 1]])
+        return whole if self.is_pinhole else replace(self, matrix=matrix, distortion=distortion)

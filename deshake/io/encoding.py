@@ -7,8 +7,9 @@ import struct
 import warnings
 import zlib
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, TypeVar
 
+import numpy as np
 from PIL import Image
 
 from deshake.errors import PhotoError
@@ -17,12 +18,29 @@ from deshake.io.transfer import SRGB
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from numpy.typing import NDArray
+
     from deshake.io.metadata import Metadata
     from deshake.io.transfer import Codes, Depth, Transfer
 
-__all__ = ["MAX_PIXELS", "SUFFIXES", "Decoded", "Encoding", "Format", "check_size", "decoding"]
+__all__ = [
+    "MAX_PIXELS",
+    "READ_ONLY",
+    "SUFFIXES",
+    "WRITTEN_AS",
+    "Decoded",
+    "Encoding",
+    "Format",
+    "Matrix",
+    "check_size",
+    "decoding",
+    "turned",
+]
 
-Format = Literal["JPEG", "PNG", "TIFF", "WEBP"]
+T = TypeVar("T", bound=np.generic)
+
+Format = Literal["JPEG", "PNG", "TIFF", "WEBP", "AVIF", "JPEG2000", "HEIF", "RAW"]
+Matrix = tuple[tuple[float, float, float], ...]
 
 SUFFIXES: dict[str, Format] = {
     ".jpg": "JPEG",
@@ -32,10 +50,35 @@ SUFFIXES: dict[str, Format] = {
     ".tif": "TIFF",
     ".tiff": "TIFF",
     ".webp": "WEBP",
+    ".avif": "AVIF",
+    ".jp2": "JPEG2000",
 }
+"""Formats that are read and written, by the ending of the name."""
+
+_RAW_SUFFIXES = (
+    *(".dng", ".gpr"),  # any maker's
+    *(".cr2", ".cr3", ".crw"),  # Canon
+    *(".nef", ".nrw"),  # Nikon
+    *(".arw", ".sr2", ".srf", ".mrw"),  # Sony, Minolta
+    *(".raf", ".orf", ".rw2"),  # Fujifilm, Olympus, Panasonic
+    *(".pef", ".srw", ".rwl"),  # Pentax, Samsung, Leica
+    *(".3fr", ".fff", ".iiq", ".mos", ".mef"),  # Hasselblad, Phase One, Leaf, Mamiya
+    *(".x3f", ".erf", ".kdc", ".dcr"),  # Sigma, Epson, Kodak
+)
+READ_ONLY: dict[str, Format] = {
+    **dict.fromkeys((".heic", ".heif", ".hif"), "HEIF"),
+    **dict.fromkeys(_RAW_SUFFIXES, "RAW"),
+}
+"""Formats that are only read, by the ending of the name."""
+
+WRITTEN_AS: dict[Format, str] = {"HEIF": ".jpg", "RAW": ".tif"}
+"""What the result of a format that is only read ends in."""
 
 MAX_PIXELS = 300_000_000
 """Pixels of the largest picture that is decoded: half as many again as a 200 MP camera's."""
+
+_LARGE = 16_000_000  # pixels
+_PIXELS_A_BYTE = 100
 
 
 @dataclass(frozen=True)
@@ -44,10 +87,13 @@ class Encoding:
 
     Parameters
     ----------
-    format : {"JPEG", "PNG", "TIFF", "WEBP"}
+    format : {"JPEG", "PNG", "TIFF", "WEBP", "AVIF", "JPEG2000", "HEIF", "RAW"}
         The file format.
-    depth : {8, 16}
-        Bits a sample.
+    depth : {8, 16, 32}
+        Bits a sample; 32 are those of floating-point numbers, in linear light if no profile says
+        otherwise.
+    bits : int
+        Bits a sample that the file really has, where they are fewer than a depth of 16; 0: as many.
     grey : bool
         One channel, or three.
     transfer : Transfer
@@ -64,6 +110,10 @@ class Encoding:
         Whether a TIFF is compressed. Whatever the method was, deflate is what is written.
     premultiplied : bool
         Whether a TIFF's colours are multiplied by its alpha; they are carried as they are.
+    matrix : 3 x 3 tuple of float, or None
+        Turns colours as the photo has them, the sensor's own, into those of the file.
+    balance : tuple of float
+        By how much the channels of a RAW file were amplified, the least by 1: the white balance.
     carried : bytes
         Blocks of the same format that are copied as they are: JPEG segments (IPTC, comments,
         extended XMP) or PNG chunks (texts, density, chromaticities).
@@ -72,6 +122,7 @@ class Encoding:
 
     format: Format
     depth: Depth = 8
+    bits: int = 0
     grey: bool = False
     transfer: Transfer = SRGB
     quantisation: tuple[tuple[int, ...], ...] = ()
@@ -80,6 +131,8 @@ class Encoding:
     lossless: bool = False
     compressed: bool = False
     premultiplied: bool = False
+    matrix: Matrix | None = None
+    balance: tuple[float, ...] = ()
     carried: bytes = b""
 
 
@@ -89,7 +142,7 @@ class Decoded:
 
     Parameters
     ----------
-    codes : (H, W) or (H, W, 3) array of uint8 or uint16
+    codes : (H, W) or (H, W, 3) array of uint8, uint16 or float32
         The pixels.
     alpha : (H, W) array of the same type, or None
         The opacity.
@@ -97,6 +150,10 @@ class Decoded:
         How the file holds them.
     metadata : Metadata
         The metadata blocks.
+    saturated : array of bool, as `codes`, or None
+        Of a RAW file, whose codes are in linear light: where the sensor was at its white level.
+    notes : tuple of str
+        What else the file holds that a result will lack, in plain words.
 
     """
 
@@ -104,15 +161,25 @@ class Decoded:
     alpha: Codes | None
     encoding: Encoding
     metadata: Metadata
+    saturated: NDArray[np.bool_] | None = None
+    notes: tuple[str, ...] = ()
 
 
-def check_size(height: int, width: int) -> None:
+def check_size(height: int, width: int, packed: int) -> None:
     """Refuse a picture that is empty or too large, before anything is allocated for it.
+
+    Parameters
+    ----------
+    height, width : int
+        What its header says.
+    packed : int
+        Bytes of the file. A small file that says to be a huge picture is damaged or made to harm.
 
     Raises
     ------
     PhotoError
-        If it has no pixels, or more than `MAX_PIXELS`.
+        If it has no pixels, more than `MAX_PIXELS`, or if it is large and has more than 100
+        pixels a byte, as no photo has.
 
     """
     if height < 1 or width < 1:
@@ -121,6 +188,19 @@ def check_size(height: int, width: int) -> None:
         raise PhotoError(
             f"{width} x {height} pixels are more than the {MAX_PIXELS // 10**6} million allowed"
         )
+    if height * width > max(_LARGE, _PIXELS_A_BYTE * packed):
+        raise PhotoError(f"{width} x {height} pixels in {packed} bytes: damaged, or no photo")
+
+
+def turned(array: NDArray[T], orientation: int) -> NDArray[T]:
+    """Turn an array (H, W, ...) as stored to upright, by its EXIF orientation."""
+    if orientation >= 5:  # rows and columns change places first
+        array = array.swapaxes(0, 1)
+    if orientation in {3, 4, 7, 8}:
+        array = array[::-1]
+    if orientation in {2, 3, 6, 7}:
+        array = array[:, ::-1]
+    return np.ascontiguousarray(array)
 
 
 @contextlib.contextmanager

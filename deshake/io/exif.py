@@ -1,4 +1,4 @@
-"""The raw structure of EXIF and TIFF: directories of tags, read, patched and appended.
+"""The raw structure of EXIF and TIFF: directories of tags, read and appended.
 
 Values are carried as the bytes that the camera wrote: no tag is ever interpreted and written
 anew. An EXIF block here is a small TIFF file, without the ``Exif`` marker of JPEG.
@@ -12,17 +12,40 @@ References
 
 from __future__ import annotations
 
+import contextlib
 import struct
 from dataclasses import dataclass, field
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
-__all__ = ["Directory", "Tree", "append_tree", "new_block", "orientation", "read_tree", "upright"]
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = [
+    "LONGEST",
+    "Directory",
+    "Tree",
+    "append_tree",
+    "new_block",
+    "orientation",
+    "pointer",
+    "read_below",
+    "read_directory",
+    "read_first",
+    "read_tree",
+]
+
+LONGEST: Final = 65527
+"""Bytes of the longest EXIF block that a JPEG can hold."""
 
 ORIENTATION: Final = 274
+SOFTWARE: Final = 305
 EXIF_POINTER: Final = 34665
 GPS_POINTER: Final = 34853
 INTEROP_POINTER: Final = 40965
+MAKER_NOTE: Final = 37500
 XMP: Final = 700
+IPTC: Final = 33723
+IMAGE_RESOURCES: Final = 34377
 ICC: Final = 34675
 
 # Bytes of one value, by TIFF type; 16 to 18 are BigTIFF's and have no place in an EXIF block.
@@ -33,8 +56,9 @@ SIZES: Final = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11:
 _STRUCTURE: Final = frozenset(
     {254, 255, 256, 257, 258, 259, 262, 263, 264, 265, 266, 273, 277, 278, 279, 280, 281, 284,
      288, 289, 290, 291, 292, 293, 301, 317, 320, 321, 322, 323, 324, 325, 330, 332, 333, 334,
-     336, 337, 338, 339, 340, 341, 342, 347, 512, 513, 514, 515, 517, 518, 519, 520, 521, 529,
-     530, 531, 532, XMP, ICC, EXIF_POINTER, GPS_POINTER, INTEROP_POINTER, 37724}
+     336, 337, 338, 339, 340, 341, 342, 347, 400, 512, 513, 514, 515, 517, 518, 519, 520, 521, 529,
+     530, 531, 532, XMP, IPTC, IMAGE_RESOURCES, ICC, EXIF_POINTER, GPS_POINTER, INTEROP_POINTER,
+     37724}
 )  # fmt: skip
 
 Values = dict[int, tuple[int, int, bytes]]  # tag: type, count, the value's bytes
@@ -52,6 +76,10 @@ class Directory:
         Type, count and raw bytes by tag.
     places : dict
         Where each tag's value begins in the block.
+    start : int
+        Where it begins in the block.
+    whole : bool
+        Whether all its entries could be read.
     next_at : int
         Where the offset of the next directory is stored.
 
@@ -60,6 +88,8 @@ class Directory:
     order: str
     values: Values
     places: dict[int, int]
+    start: int
+    whole: bool
     next_at: int
 
     def numbers(self, tag: int) -> list[float]:
@@ -109,7 +139,7 @@ def read_first(block: bytes) -> Directory | None:
         (version,) = struct.unpack_from(f"{order}H", block, 2)
         big = version == 43
         (offset,) = struct.unpack_from(f"{order}{'Q' if big else 'I'}", block, 8 if big else 4)
-        return _read_directory(block, order, offset, big=big)
+        return read_directory(block, order, offset, big=big)
     except struct.error:
         return None
 
@@ -121,9 +151,18 @@ def read_below(block: bytes, parent: Directory, pointer: int) -> Directory | Non
         return None
     big = struct.unpack_from(f"{parent.order}H", block, 2)[0] == 43
     try:
-        return _read_directory(block, parent.order, int(offset[0]), big=big)
+        return read_directory(block, parent.order, int(offset[0]), big=big)
     except struct.error:
         return None
+
+
+def read_sub_directories(block: bytes, parent: Directory, pointer: int) -> list[Directory]:
+    """Read all directories that a pointer tag leads to, but for damaged ones."""
+    found = []
+    for offset in parent.numbers(pointer):
+        with contextlib.suppress(struct.error, OverflowError):
+            found.append(read_directory(block, parent.order, int(offset), big=False))
+    return found
 
 
 def read_tree(block: bytes) -> Tree:
@@ -141,7 +180,7 @@ def read_tree(block: bytes) -> Tree:
     return tree
 
 
-def append_tree(data: bytes, tree: Tree) -> bytes:
+def append_tree(data: bytes, tree: Tree, *, note_at: int | None = None) -> bytes:
     """Append directories to a TIFF file and make its header point at the new main one.
 
     The bytes that are there stay where they are, so that offsets in the main directory hold.
@@ -152,25 +191,45 @@ def append_tree(data: bytes, tree: Tree) -> bytes:
         A TIFF file, or its bare header, in the byte order of `tree`.
     tree : Tree
         The directories; the pointers between them are made here.
+    note_at : int, optional
+        Where in `data` the maker note lies already.
 
     """
     out = bytearray(data)
     exif = dict(tree.exif)
     if tree.interop:
-        exif[INTEROP_POINTER] = _pointer(tree.order, _append(out, tree.order, tree.interop))
+        exif[INTEROP_POINTER] = pointer(tree.order, _append(out, tree.order, tree.interop))
     main = dict(tree.main)
     if exif:
-        main[EXIF_POINTER] = _pointer(tree.order, _append(out, tree.order, exif))
+        lying = {} if note_at is None else {MAKER_NOTE: note_at}
+        main[EXIF_POINTER] = pointer(tree.order, _append(out, tree.order, exif, lying))
     if tree.gps:
-        main[GPS_POINTER] = _pointer(tree.order, _append(out, tree.order, tree.gps))
+        main[GPS_POINTER] = pointer(tree.order, _append(out, tree.order, tree.gps))
     struct.pack_into(f"{tree.order}I", out, 4, _append(out, tree.order, main))
     return bytes(out)
 
 
-def new_block(tree: Tree) -> bytes:
-    """Make an EXIF block of directories; empty if there is nothing in them."""
-    mark = b"II*\0" if tree.order == "<" else b"MM\0*"
-    return append_tree(mark + bytes(4), tree) if tree else b""
+def new_block(tree: Tree, *, note_at: int | None = None) -> bytes:
+    """Make an EXIF block of directories; empty if there is nothing in them.
+
+    Parameters
+    ----------
+    tree : Tree
+        The directories.
+    note_at : int, optional
+        Where the maker note has to lie: offsets in it often count from the block's beginning.
+        It is put there if that is possible without making the block too long for a JPEG.
+
+    """
+    mark = (b"II*\0" if tree.order == "<" else b"MM\0*") + bytes(4)
+    if not tree:
+        return b""
+    note = tree.exif.get(MAKER_NOTE, (0, 0, b""))[2]
+    if note_at is not None and len(note) > 4 and len(mark) <= note_at <= LONGEST:
+        block = append_tree(mark.ljust(note_at, b"\0") + note, tree, note_at=note_at)
+        if len(block) <= LONGEST:
+            return block
+    return append_tree(mark, tree)
 
 
 def orientation(block: bytes) -> int:
@@ -180,27 +239,7 @@ def orientation(block: bytes) -> int:
     return int(stated[0]) if len(stated) == 1 and stated[0] in range(1, 9) else 1
 
 
-def upright(block: bytes) -> bytes:
-    """Return an EXIF block that says orientation 1, for pixels that have been turned.
-
-    Only the value of the tag changes, and the link to the thumbnail, which would now lie on its
-    side: it is cut by zeroing the four bytes that point at it. All other bytes stay in place.
-    """
-    first = read_first(block)
-    if first is None or orientation(block) == 1:
-        return block
-    out = bytearray(block)
-    kind, _, raw = first.values[ORIENTATION]
-    code = {1: "B", 3: "H", 4: "I"}.get(kind)
-    if code is not None:
-        place = first.places[ORIENTATION]
-        out[place : place + len(raw)] = struct.pack(f"{first.order}{code}", 1)
-    if first.next_at + 4 <= len(out):
-        out[first.next_at : first.next_at + 4] = bytes(4)
-    return bytes(out)
-
-
-def _read_directory(block: bytes, order: str, offset: int, *, big: bool) -> Directory:
+def read_directory(block: bytes, order: str, offset: int, *, big: bool) -> Directory:
     """Read one directory; entries of unknown type, or that point outside the block, are left out.
 
     The values of a directory together may be no longer than the block, so that a few entries
@@ -222,15 +261,19 @@ def _read_directory(block: bytes, order: str, offset: int, *, big: bool) -> Dire
             values[tag] = (kind, number, block[place : place + size])
             places[tag] = place
             left -= size
-    return Directory(order, values, places, start + count * width)
+    whole = len(values) == count
+    return Directory(order, values, places, offset, whole, start + count * width)
 
 
-def _pointer(order: str, offset: int) -> tuple[int, int, bytes]:
+def pointer(order: str, offset: int) -> tuple[int, int, bytes]:
+    """Return the value of a tag that points at a directory."""
     return 4, 1, struct.pack(f"{order}I", offset)
 
 
-def _append(out: bytearray, order: str, values: Values) -> int:
-    """Append one directory and, behind it, its values; return its offset."""
+def _append(
+    out: bytearray, order: str, values: Values, lying: Mapping[int, int] | None = None
+) -> int:
+    """Append one directory and, behind it, its values that lie nowhere yet; return its offset."""
     if len(out) % 2:
         out += b"\0"
     offset = len(out)
@@ -239,7 +282,9 @@ def _append(out: bytearray, order: str, values: Values) -> int:
     for tag in sorted(values):
         kind, count, raw = values[tag]
         entries += struct.pack(f"{order}HHI", tag, kind, count)
-        if len(raw) <= 4:
+        if lying and tag in lying:
+            entries += struct.pack(f"{order}I", lying[tag])
+        elif len(raw) <= 4:
             entries += raw.ljust(4, b"\0")
         else:
             entries += struct.pack(f"{order}I", behind + len(data))

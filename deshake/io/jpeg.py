@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import struct
 from typing import TYPE_CHECKING, Any, Final
 
@@ -12,9 +13,13 @@ from PIL.JpegImagePlugin import JpegImageFile, get_sampling
 
 from deshake.errors import PhotoError
 from deshake.io.encoding import Decoded, Encoding, check_size, decoding
+from deshake.io.image_resources import iptc_of, with_iptc
 from deshake.io.metadata import Metadata
+from deshake.io.xmp import guid
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from deshake.io.transfer import Codes
 
 __all__ = ["decode_jpeg", "encode_jpeg"]
@@ -22,8 +27,13 @@ __all__ = ["decode_jpeg", "encode_jpeg"]
 _EXIF: Final = b"Exif\0\0"
 _XMP: Final = b"http://ns.adobe.com/xap/1.0/\0"
 _EXTENDED_XMP: Final = b"http://ns.adobe.com/xmp/extension/\0"
+_RESOURCES: Final = b"Photoshop 3.0\0"
+_ICC: Final = b"ICC_PROFILE\0"
+_GAIN_MAPS: Final = (b"hdrgm:Version", b"HDRGainMap")  # in the XMP of the second picture
 _QUALITY: Final = 95  # for photos that were no JPEG before
 _MAX_SEGMENT: Final = 65533
+
+Segments = list[tuple[str, bytes]]
 
 
 def decode_jpeg(data: bytes) -> Decoded:
@@ -37,7 +47,7 @@ def decode_jpeg(data: bytes) -> Decoded:
     """
     with decoding("JPEG"):
         picture = JpegImageFile(io.BytesIO(data))
-        check_size(picture.height, picture.width)
+        check_size(picture.height, picture.width, len(data))
         if picture.mode not in {"L", "RGB"}:
             raise PhotoError(
                 f"a {picture.mode} JPEG: only grey and RGB photos can be deblurred",
@@ -51,14 +61,14 @@ def decode_jpeg(data: bytes) -> Decoded:
             quantisation=tuple(tuple(table) for _, table in sorted(tables.items())),
             subsampling=max(0, get_sampling(picture)),
             progressive=bool(picture.info.get("progressive")),
-            carried=b"".join(_segment(*item) for item in picture.applist),
+            carried=b"".join(_as_it_is(*item) for item in picture.applist),
         )
-        metadata = Metadata(
-            exif=picture.info.get("exif", b"").removeprefix(_EXIF),
-            xmp=picture.info.get("xmp", b""),
-            icc=picture.info.get("icc_profile") or b"",
-        )
-    return Decoded(codes, None, encoding, metadata)
+        metadata = _metadata(picture.applist)
+    lost = b"HasExtendedXMP" in metadata.xmp and not metadata.extended_xmp
+    notes = ["its extended XMP is damaged, and left out"] if lost else []
+    if any(mark in data for mark in _GAIN_MAPS):
+        notes.append("its gain map (HDR) is dropped")
+    return Decoded(codes, None, encoding, metadata, notes=tuple(notes))
 
 
 def encode_jpeg(picture: Decoded) -> bytes:
@@ -67,20 +77,16 @@ def encode_jpeg(picture: Decoded) -> bytes:
     Raises
     ------
     PhotoError
-        If a side is longer, or a metadata block larger, than JPEG can hold.
+        If a side is longer than JPEG can hold.
 
     """
     encoding, metadata = picture.encoding, picture.metadata
     if max(picture.codes.shape[:2]) > 65500:
         raise PhotoError("a JPEG has at most 65500 pixels a side", hint="write a PNG or TIFF")
-    if len(metadata.exif) > _MAX_SEGMENT - len(_EXIF):
-        raise PhotoError("the EXIF block does not fit into a JPEG", hint="write a PNG or TIFF")
-    if len(metadata.xmp) > _MAX_SEGMENT - len(_XMP):
-        raise PhotoError("the XMP packet does not fit into a JPEG", hint="write a PNG or TIFF")
     options: dict[str, Any] = {
         "progressive": encoding.progressive,
         "subsampling": encoding.subsampling,
-        "extra": encoding.carried,
+        "extra": encoding.carried + b"".join(_further(metadata)),
     }
     if encoding.quantisation:
         options["qtables"] = _tables(picture.codes, encoding)
@@ -103,9 +109,83 @@ def _tables(codes: Codes, encoding: Encoding) -> list[list[int]]:
     return tables[:1] if codes.ndim == 2 else tables
 
 
-def _segment(name: str, content: bytes) -> bytes:
-    """Return a segment to carry over (IPTC, extended XMP, comment) with its marker, or nothing."""
-    marker = {"APP13": b"\xff\xed", "COM": b"\xff\xfe"}.get(name)
-    if name == "APP1" and content.startswith(_EXTENDED_XMP):
-        marker = b"\xff\xe1"
-    return b"" if marker is None else marker + struct.pack(">H", len(content) + 2) + content
+def _metadata(segments: Segments) -> Metadata:
+    """Sort the segments; where there are two of what should be one, the first counts."""
+
+    def parts(marker: str, head: bytes) -> list[bytes]:
+        return [
+            data[len(head) :]
+            for name, data in segments
+            if (name, data[: len(head)]) == (marker, head)
+        ]
+
+    exif, packets = parts("APP1", _EXIF), parts("APP1", _XMP)
+    packet = packets[0] if packets else b""
+    resources = b"".join(parts("APP13", _RESOURCES))
+    return Metadata(
+        exif=b"".join([*exif[:1], *itertools.takewhile(_goes_on, exif[1:])]),
+        xmp=packet,
+        icc=_profile(parts("APP2", _ICC)),
+        iptc=iptc_of(resources),
+        resources=resources,
+        extended_xmp=_extended_xmp(parts("APP1", _EXTENDED_XMP), guid(packet, b"")),
+    )
+
+
+def _goes_on(exif: bytes) -> bool:
+    """Tell whether an EXIF segment goes on with the one before: it has no header of its own."""
+    return exif[:4] not in {b"II*\0", b"MM\0*"}
+
+
+def _profile(parts: list[bytes]) -> bytes:
+    """Join the parts of the first colour profile that is whole."""
+    found: dict[int, bytes] = {}
+    for part in parts:
+        if len(part) > 2 and 1 <= part[0] <= part[1]:
+            found.setdefault(part[0], part[2:])
+            if len(found) == part[1]:
+                return b"".join(found[number] for number in sorted(found))
+    return b""
+
+
+def _extended_xmp(parts: list[bytes], name: bytes) -> bytes:
+    """Join the parts of an extended XMP packet; empty if any is missing."""
+    whole: dict[int, bytes] = {}
+    length = 0
+    for part in parts:
+        if part[:32] == name and len(part) > 40:
+            length, offset = struct.unpack_from(">II", part, 32)
+            whole[offset] = part[40:]
+    joined = b"".join(whole[offset] for offset in sorted(whole))
+    return joined if len(joined) == length else b""
+
+
+def _further(metadata: Metadata) -> Iterator[bytes]:
+    """Make the segments of image resources and extended XMP."""
+    resources = metadata.resources
+    if metadata.iptc:
+        resources = with_iptc(resources, metadata.iptc)
+    for piece in _pieces(resources, _MAX_SEGMENT - len(_RESOURCES)):
+        yield _segment(0xED, _RESOURCES + piece)
+    more = metadata.extended_xmp
+    head = _EXTENDED_XMP + guid(metadata.xmp, more)
+    offset = 0
+    for piece in _pieces(more, _MAX_SEGMENT - len(head) - 8):
+        yield _segment(0xE1, head + struct.pack(">II", len(more), offset) + piece)
+        offset += len(piece)
+
+
+def _pieces(data: bytes, size: int) -> Iterator[bytes]:
+    return (data[at : at + size] for at in range(0, len(data), size))
+
+
+def _segment(marker: int, content: bytes) -> bytes:
+    return struct.pack(">BBH", 0xFF, marker, len(content) + 2) + content
+
+
+def _as_it_is(name: str, content: bytes) -> bytes:
+    """Return a segment that is copied as it is: a comment, or old image resources; else nothing."""
+    if name == "COM":
+        return _segment(0xFE, content)
+    old = name == "APP13" and not content.startswith(_RESOURCES)
+    return _segment(0xED, content) if old else b""

@@ -30,8 +30,6 @@ from deshake.io.shared_keys import (
 if TYPE_CHECKING:
     import os
 
-    from numpy.typing import NDArray
-
     from deshake.geometry.camera import Camera
 
 __all__ = [
@@ -51,12 +49,6 @@ MAX_WEIGHTS: Final = 2_000_000
 _MAX_BYTES: Final = 32 * MAX_WEIGHTS + 4 * MAX_TEXT + (1 << 20)
 _SUM_TOLERANCE: Final = 1e-6
 _ROUNDING: Final = 1e-12  # a sum this close to 1 is 1: dividing by it would only add noise
-_DISTORTION_LENGTHS: Final = (0, 4, 5, 8, 12, 14)  # OpenCV's models
-
-_CAMERA_FIELDS: Final = {
-    **CAMERA_FIELDS,
-    "distortion": Field("f", (None,)),
-}
 _KERNEL_FIELDS: Final = {
     "theta": Field("f", (None, 3), 3 * MAX_WEIGHTS),
     "weights": Field("f", (None,), MAX_WEIGHTS),
@@ -64,10 +56,6 @@ _KERNEL_FIELDS: Final = {
     "confidence": Field("f"),
     "provenance": Field("U", limit=MAX_TEXT),
 }
-
-
-def _no_distortion() -> NDArray[np.float64]:
-    return np.zeros(0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,14 +68,11 @@ class CameraFile:
         The camera.
     source : str
         Which tag or option gave the focal length.
-    distortion : (k,) array of float64
-        Lens distortion in OpenCV's order (k1, k2, p1, p2, k3, ...); empty: none.
 
     """
 
     camera: Camera
     source: str
-    distortion: NDArray[np.float64] = field(default_factory=_no_distortion)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,15 +87,12 @@ class KernelFile:
         How far the estimate is to be trusted, from 0 to 1.
     provenance : dict
         How the kernel came about: JSON data.
-    distortion : (k,) array of float64
-        Lens distortion in OpenCV's order; empty: none.
 
     """
 
     kernel: RotationKernel
     confidence: float = 1.0
     provenance: dict[str, Any] = field(default_factory=dict)
-    distortion: NDArray[np.float64] = field(default_factory=_no_distortion)
 
 
 def read_camera(path: str | os.PathLike[str]) -> CameraFile:
@@ -150,8 +132,8 @@ def write_camera(
         If the file may not or cannot be written.
 
     """
-    arrays = camera_arrays(content.camera) | _lens(content.distortion)
-    write_bytes(path, pack(arrays | {"source": np.array(content.source)}), overwrite=overwrite)
+    arrays = camera_arrays(content.camera) | {"source": np.array(content.source)}
+    write_bytes(path, pack(arrays), overwrite=overwrite)
 
 
 def write_kernel(
@@ -168,32 +150,28 @@ def write_kernel(
 
     """
     kernel = content.kernel
-    arrays = (
-        camera_arrays(kernel.camera)
-        | _lens(content.distortion)
-        | {
-            "theta": np.asarray(kernel.theta, np.float64),
-            "weights": np.asarray(kernel.weights, np.float64),
-            "steps": np.asarray(kernel.steps, np.float64),
-            "confidence": np.float64(content.confidence),
-            "provenance": provenance_array(content.provenance),
-        }
-    )
+    arrays = camera_arrays(kernel.camera) | {
+        "theta": np.asarray(kernel.theta, np.float64),
+        "weights": np.asarray(kernel.weights, np.float64),
+        "steps": np.asarray(kernel.steps, np.float64),
+        "confidence": np.float64(content.confidence),
+        "provenance": provenance_array(content.provenance),
+    }
     write_bytes(path, pack(arrays), overwrite=overwrite)
 
 
 def _parse_camera(data: bytes) -> CameraFile:
     check_format(data)
-    arrays = unpack(data, _CAMERA_FIELDS | {"source": Field("U", limit=MAX_TEXT)})
+    arrays = unpack(data, CAMERA_FIELDS | {"source": Field("U", limit=MAX_TEXT)})
     source = text_of(arrays["source"], "source")
     if not source.isprintable():
         raise ValueError("'source' is not a line of text")
-    return CameraFile(camera_of(arrays), source, _distortion(arrays))
+    return CameraFile(camera_of(arrays), source)
 
 
 def _parse_kernel(data: bytes) -> KernelFile:
     check_format(data)
-    arrays = unpack(data, _CAMERA_FIELDS | _KERNEL_FIELDS)
+    arrays = unpack(data, CAMERA_FIELDS | _KERNEL_FIELDS)
     theta, weights, steps = arrays["theta"], arrays["weights"], arrays["steps"]
     if len(weights) == 0 or len(theta) != len(weights):
         raise ValueError(f"{len(theta)} rotations in 'theta', {len(weights)} in 'weights'")
@@ -216,15 +194,4 @@ def _parse_kernel(data: bytes) -> KernelFile:
     if not 0 <= confidence <= 1:
         raise ValueError(f"'confidence' is {confidence:g}, not between 0 and 1")
     kernel = RotationKernel(theta, weights, steps, camera_of(arrays))
-    return KernelFile(kernel, confidence, provenance_of(arrays), _distortion(arrays))
-
-
-def _lens(distortion: NDArray[np.float64]) -> dict[str, Any]:
-    return {"distortion": np.asarray(distortion, np.float64)}
-
-
-def _distortion(arrays: dict[str, NDArray[Any]]) -> NDArray[np.float64]:
-    values: NDArray[np.float64] = arrays["distortion"]
-    if len(values) not in _DISTORTION_LENGTHS or not np.isfinite(values).all():
-        raise ValueError("'distortion' is not 0, 4, 5, 8, 12 or 14 finite numbers")
-    return values
+    return KernelFile(kernel, confidence, provenance_of(arrays))

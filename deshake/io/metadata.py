@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass, replace
 
-from deshake.io import exif
+from deshake.io import exif, exif_editing, xmp
 
 __all__ = ["CameraTags", "Metadata"]
 
-_XMP_ORIENTATION = re.compile(rb"(tiff:Orientation(?:=[\"']|>))[2-8](?=[\"']|</)")
 _MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # FocalPlaneResolutionUnit; 4, 5 are in use
 
 
@@ -28,8 +26,17 @@ class CameraTags:
         FocalLengthIn35mmFilm in millimetres.
     focal_plane_px_per_mm : float or None
         FocalPlaneXResolution or, without it, FocalPlaneYResolution.
+    squeeze : float
+        FocalPlaneYResolution over FocalPlaneXResolution; 1 where one of them is missing.
+    digital_zoom : float
+        DigitalZoomRatio: how many times the picture was enlarged by the camera, >= 1.
     pixel_size : (int, int) or None
-        PixelXDimension and PixelYDimension: width and height of the picture as it was taken.
+        Width and height of the picture as it was taken: PixelXDimension and PixelYDimension or,
+        without them, ImageWidth and ImageLength, or a DNG's DefaultCropSize.
+    lens_make, lens_model : str
+        As in EXIF, without surrounding blanks.
+    f_number : float or None
+        FNumber.
     exposure_s : float or None
         Exposure time in seconds.
     iso : float or None
@@ -42,7 +49,12 @@ class CameraTags:
     focal_mm: float | None = None
     focal_35mm: float | None = None
     focal_plane_px_per_mm: float | None = None
+    squeeze: float = 1.0
+    digital_zoom: float = 1.0
     pixel_size: tuple[int, int] | None = None
+    lens_make: str = ""
+    lens_model: str = ""
+    f_number: float | None = None
     exposure_s: float | None = None
     iso: float | None = None
 
@@ -60,12 +72,21 @@ class Metadata:
         The XMP packet. Empty: none.
     icc : bytes
         The ICC profile. Empty: none.
+    iptc : bytes
+        The IPTC records (IIM). Empty: none.
+    resources : bytes
+        Photoshop's image resources, which may hold the IPTC records too. Empty: none.
+    extended_xmp : bytes
+        What a JPEG's XMP packet had no room for. Empty: nothing.
 
     """
 
     exif: bytes = b""
     xmp: bytes = b""
     icc: bytes = b""
+    iptc: bytes = b""
+    resources: bytes = b""
+    extended_xmp: bytes = b""
 
     @property
     def orientation(self) -> int:
@@ -75,32 +96,37 @@ class Metadata:
     def upright(self) -> Metadata:
         """Return the metadata of the photo turned upright: orientation 1, in EXIF and in XMP.
 
-        The EXIF thumbnail, which would lie on its side, is unlinked. Nothing else changes, and
-        nothing at all if the orientation is 1 already.
+        Nothing else changes, and nothing at all if the orientation is 1 already.
         """
         if self.orientation == 1:
             return self
-        xmp = _XMP_ORIENTATION.sub(rb"\g<1>1", self.xmp)
-        return replace(self, exif=exif.upright(self.exif), xmp=xmp)
+        return replace(self, exif=exif_editing.upright(self.exif), xmp=xmp.upright(self.xmp))
 
     def tags(self) -> CameraTags:
         """Read the tags that calibration needs; odd values read as None."""
         main = exif.read_first(self.exif)
         if main is None:
             return CameraTags()
-        camera = CameraTags(make=main.text(0x010F), model=main.text(0x0110))
+        size = _size(main, (0x0100, 0x0101)) or _pair(main, 0xC620)
+        camera = CameraTags(make=main.text(0x010F), model=main.text(0x0110), pixel_size=size)
         below = exif.read_below(self.exif, main, exif.EXIF_POINTER)
         if below is None:
             return camera
-        width, height = _positive(below, 0xA002), _positive(below, 0xA003)
-        across = _positive(below, 0xA20E) or _positive(below, 0xA20F)
+        across, down = _positive(below, 0xA20E), _positive(below, 0xA20F)
+        squeeze = down / across if across and down else 1.0
+        across = across or down
         unit = _MM_PER_UNIT.get(int(_positive(below, 0xA210) or 2))
         return replace(
             camera,
             focal_mm=_positive(below, 0x920A),
             focal_35mm=_positive(below, 0xA405),
             focal_plane_px_per_mm=across / unit if across and unit else None,
-            pixel_size=(int(width), int(height)) if width and height else None,
+            squeeze=squeeze,
+            digital_zoom=max(_positive(below, 0xA404) or 1.0, 1.0),
+            pixel_size=_size(below, (0xA002, 0xA003)) or size,
+            lens_make=below.text(0xA433),
+            lens_model=below.text(0xA434),
+            f_number=_positive(below, 0x829D),
             exposure_s=_positive(below, 0x829A),
             iso=_positive(below, 0x8827),
         )
@@ -110,3 +136,17 @@ def _positive(directory: exif.Directory, tag: int) -> float | None:
     """Return the first number of a tag if it is finite and > 0."""
     numbers = directory.numbers(tag)
     return numbers[0] if numbers and math.isfinite(numbers[0]) and numbers[0] > 0 else None
+
+
+def _size(directory: exif.Directory, tags: tuple[int, int]) -> tuple[int, int] | None:
+    """Return a width and a height that two tags state."""
+    width, height = (int(_positive(directory, tag) or 0) for tag in tags)
+    return (width, height) if width and height else None
+
+
+def _pair(directory: exif.Directory, tag: int) -> tuple[int, int] | None:
+    """Return a width and a height that one tag states."""
+    numbers = directory.numbers(tag)
+    if len(numbers) != 2 or not all(math.isfinite(n) and n >= 1 for n in numbers):
+        return None
+    return int(numbers[0]), int(numbers[1])

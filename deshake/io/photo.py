@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,14 +10,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deshake.errors import OutputError, PhotoError
-from deshake.io.encoding import SUFFIXES, Decoded, Encoding
+from deshake.errors import PhotoError
+from deshake.io.avif import decode_avif, encode_avif
+from deshake.io.carrying import carried
+from deshake.io.conversion import converted, encoded, output_format
+from deshake.io.encoding import SUFFIXES, WRITTEN_AS, Decoded, Encoding, turned
 from deshake.io.files import check_output, read_bytes, write_bytes
+from deshake.io.heif import decode_heif
 from deshake.io.icc import profile_transfer
 from deshake.io.jpeg import decode_jpeg, encode_jpeg
-from deshake.io.png import SIGNATURE, decode_png, encode_png
+from deshake.io.jpeg2000 import decode_jpeg2000, encode_jpeg2000
+from deshake.io.png import decode_png, encode_png
+from deshake.io.profiles import linear_profile, power_profile
+from deshake.io.raw import decode_raw
+from deshake.io.signatures import photo_format
 from deshake.io.tiff import decode_tiff, encode_tiff
-from deshake.io.transfer import NAMED, decode, encode, is_clipped
+from deshake.io.transfer import LINEAR, NAMED, Power, decode, is_clipped
 from deshake.io.webp import decode_webp, encode_webp
 
 if TYPE_CHECKING:
@@ -28,7 +37,15 @@ if TYPE_CHECKING:
     from deshake.io.metadata import Metadata
     from deshake.io.transfer import Codes, TransferName
 
-__all__ = ["Photo", "encode_photo", "output_format", "read_photo", "write_photo"]
+__all__ = [
+    "Photo",
+    "encode_photo",
+    "read_pair",
+    "read_photo",
+    "write_photo",
+]
+
+_log = logging.getLogger(__name__)
 
 _MAX_BYTES = 4 << 30
 _DECODERS: dict[Format, Callable[[bytes], Decoded]] = {
@@ -36,14 +53,19 @@ _DECODERS: dict[Format, Callable[[bytes], Decoded]] = {
     "PNG": decode_png,
     "TIFF": decode_tiff,
     "WEBP": decode_webp,
+    "AVIF": decode_avif,
+    "JPEG2000": decode_jpeg2000,
+    "HEIF": decode_heif,
+    "RAW": decode_raw,
 }
 _ENCODERS: dict[Format, Callable[[Decoded], bytes]] = {
     "JPEG": encode_jpeg,
     "PNG": encode_png,
     "TIFF": encode_tiff,
     "WEBP": encode_webp,
+    "AVIF": encode_avif,
+    "JPEG2000": encode_jpeg2000,
 }
-_TIFF_MARKS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,9 +76,10 @@ class Photo:
     ----------
     pixels : (H, W) or (H, W, 3) array of float32
         Linear light; 1 is the file's white, where it clips. Results may exceed [0, 1]: they are
-        clipped when they are encoded.
+        clipped when they are encoded. Of a RAW file, the sensor's colours, white-balanced.
     clipped : (H, W) array of bool
-        Where any channel of the input was at the top (see `transfer.is_clipped`).
+        Where any channel of the input was at the top (see `transfer.is_clipped`), or at the
+        sensor's white level.
     alpha : (H, W) array of uint8 or uint16, or None
         Opacity in the file's depth; carried bit for bit.
     encoding : Encoding
@@ -65,6 +88,8 @@ class Photo:
         EXIF, XMP and ICC, with the orientation set to 1.
     source : Path
         The file.
+    notes : tuple of str
+        What the file holds that a result will lack, in plain words.
 
     """
 
@@ -74,6 +99,7 @@ class Photo:
     encoding: Encoding
     metadata: Metadata
     source: Path
+    notes: tuple[str, ...] = ()
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -94,9 +120,34 @@ class Photo:
             raise ValueError(msg)
         return replace(self, pixels=np.asarray(pixels, np.float32))
 
+    def in_linear_light(self) -> Photo:
+        """Return a RAW photo that is encoded in linear light and the sensor's colours.
+
+        The profile says which colours these are.
+
+        Raises
+        ------
+        PhotoError
+            If the photo is no RAW file.
+
+        """
+        encoding = self.encoding
+        if encoding.format != "RAW":
+            raise PhotoError(
+                "no RAW file: its result keeps its own curve",
+                hint="leave --linear out; a 16-bit TIFF holds all that the photo does",
+                file=self.source,
+            )
+        icc = linear_profile(encoding.matrix, grey=encoding.grey)
+        return replace(
+            self,
+            encoding=replace(encoding, transfer=LINEAR, matrix=None),
+            metadata=replace(self.metadata, icc=icc),
+        )
+
 
 def read_photo(path: str | os.PathLike[str], *, transfer: TransferName | None = None) -> Photo:
-    """Read a JPEG, PNG, TIFF or WebP file, whatever its name says.
+    """Read a photo, whatever its name says.
 
     The EXIF orientation is applied to the pixels and set to 1.
 
@@ -106,12 +157,12 @@ def read_photo(path: str | os.PathLike[str], *, transfer: TransferName | None = 
         The file.
     transfer : {"srgb", "linear", "gamma22"}, optional, keyword-only
         The file's transfer curve. By default that of its ICC profile if it has a simple one,
-        else what a PNG's gAMA chunk says, else sRGB.
+        else what a PNG's chunks say, else sRGB. A RAW file is linear and takes none.
 
     Raises
     ------
     PhotoError
-        If there is no such file, it is none of the four formats, damaged or cut short, has more
+        If there is no such file, it is of no known format, damaged or cut short, has more
         than one picture, more than `encoding.MAX_PIXELS` pixels, or no grey or RGB integers.
 
     """
@@ -119,23 +170,45 @@ def read_photo(path: str | os.PathLike[str], *, transfer: TransferName | None = 
         raise PhotoError("is not a regular file", file=path)
     data = read_bytes(path, _MAX_BYTES, PhotoError)
     try:
-        decoded = _DECODERS[_sniff(data)](data)
+        decoded = _DECODERS[photo_format(data, Path(path).suffix)](data)
+        encoding = _encoding(decoded, transfer)
     except PhotoError as error:
         error.file = os.fspath(path)
         raise
     turn = decoded.metadata.orientation
-    codes = _turn(decoded.codes, turn)
-    clipped = is_clipped(codes)
-    curve = NAMED[transfer] if transfer is not None else profile_transfer(decoded.metadata.icc)
-    encoding = decoded.encoding if curve is None else replace(decoded.encoding, transfer=curve)
+    codes = turned(decoded.codes, turn)
+    raw = encoding.format == "RAW"
+    clipped = is_clipped(codes) if decoded.saturated is None else turned(decoded.saturated, turn)
     return Photo(
-        pixels=decode(codes, encoding.transfer),
+        pixels=decode(codes, LINEAR if raw else encoding.transfer),
         clipped=clipped if encoding.grey else np.any(clipped, axis=-1),
-        alpha=None if decoded.alpha is None else _turn(decoded.alpha, turn),
+        alpha=None if decoded.alpha is None else turned(decoded.alpha, turn),
         encoding=encoding,
         metadata=decoded.metadata.upright(),
         source=Path(path),
+        notes=decoded.notes,
     )
+
+
+def read_pair(
+    first: str | os.PathLike[str],
+    second: str | os.PathLike[str],
+    *,
+    transfer: TransferName | None = None,
+) -> tuple[Photo, Photo]:
+    """Read two photos of one scene; of two RAW files, the second in the first one's white balance.
+
+    Raises
+    ------
+    PhotoError
+        For the reasons of `read_photo`.
+
+    """
+    one, other = (read_photo(path, transfer=transfer) for path in (first, second))
+    if one.encoding.balance and len(one.encoding.balance) == len(other.encoding.balance):
+        gains = np.divide(one.encoding.balance, other.encoding.balance)
+        other = other.with_pixels(other.pixels * gains.astype(np.float32))
+    return one, other
 
 
 def encode_photo(photo: Photo, form: Format | None = None) -> bytes:
@@ -145,8 +218,9 @@ def encode_photo(photo: Photo, form: Format | None = None) -> bytes:
     ----------
     photo : Photo
         The photo.
-    form : {"JPEG", "PNG", "TIFF", "WEBP"}, optional
-        Another format. JPEG and WebP hold 8 bits; WebP holds grey as RGB.
+    form : Format, optional
+        Another format. JPEG and WebP hold 8 bits; WebP holds grey as RGB. A format that is only
+        read becomes another by default: RAW a TIFF, HEIC a JPEG.
 
     Raises
     ------
@@ -155,8 +229,14 @@ def encode_photo(photo: Photo, form: Format | None = None) -> bytes:
 
     """
     encoding, alpha = photo.encoding, photo.alpha
+    if encoding.format in WRITTEN_AS:
+        form = form or SUFFIXES[WRITTEN_AS[encoding.format]]
+    metadata = photo.metadata
     if form is not None and form != encoding.format:
-        encoding = _converted(encoding, form)
+        encoding = converted(encoding, form)
+        if not metadata.icc and isinstance(encoding.transfer, Power):  # as a PNG may say otherwise
+            profile = power_profile(encoding.transfer.gamma, grey=encoding.grey)
+            metadata = replace(metadata, icc=profile)
         if alpha is not None and alpha.dtype == np.uint16 and encoding.depth == 8:
             alpha = np.rint(alpha / 257).astype(np.uint8)
     if alpha is not None and encoding.format == "JPEG":
@@ -167,39 +247,17 @@ def encode_photo(photo: Photo, form: Format | None = None) -> bytes:
                 file=photo.source,
             )
         alpha = None
-    codes = encode(photo.pixels, encoding.transfer, encoding.depth)
+    codes = encoded(photo.pixels, encoding)
+    metadata = carried(metadata, encoding.format, *photo.shape).metadata
     try:
-        return _ENCODERS[encoding.format](Decoded(codes, alpha, encoding, photo.metadata))
+        return _ENCODERS[encoding.format](Decoded(codes, alpha, encoding, metadata))
     except PhotoError as error:
         error.file = str(photo.source)
         raise
 
 
-def output_format(path: str | os.PathLike[str], photo: Photo) -> Format:
-    """Return the format to write under a name.
-
-    The photo's own, if the name ends as the source's does; else the one that the ending means.
-
-    Raises
-    ------
-    OutputError
-        If the ending means none of the four formats.
-
-    """
-    suffix = Path(path).suffix.lower()
-    if suffix == photo.source.suffix.lower():
-        return photo.encoding.format
-    if suffix not in SUFFIXES:
-        raise OutputError(
-            f"no photo format ends in {suffix!r}" if suffix else "the name has no ending",
-            hint="use .jpg, .png, .tif or .webp",
-            file=path,
-        )
-    return SUFFIXES[suffix]
-
-
 def write_photo(path: str | os.PathLike[str], photo: Photo, *, overwrite: bool = False) -> None:
-    """Write a photo to a file, whole or not at all.
+    """Write a photo to a file, whole or not at all; warn of metadata that it cannot hold.
 
     Parameters
     ----------
@@ -220,51 +278,20 @@ def write_photo(path: str | os.PathLike[str], photo: Photo, *, overwrite: bool =
     """
     form = output_format(path, photo)
     check_output(path, photo.source, overwrite=overwrite)
+    for loss in carried(photo.metadata, form, *photo.shape).losses:
+        _log.warning("%s: %s", photo.source, loss)
     write_bytes(path, encode_photo(photo, form), overwrite=overwrite)
 
 
-def _sniff(data: bytes) -> Format:
-    """Tell the format by the first bytes."""
-    if data.startswith(b"\xff\xd8\xff"):
-        return "JPEG"
-    if data.startswith(SIGNATURE):
-        return "PNG"
-    if data.startswith(_TIFF_MARKS):
-        return "TIFF"
-    if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
-        return "WEBP"
-    if not data:
-        raise PhotoError("the file is empty")
-    if data.startswith(b"GIF8"):
-        raise PhotoError(
-            "a GIF, whose 256 colours are too few to deblur",
-            hint="start from the photo as the camera wrote it",
-        )
-    if data[4:8] == b"ftyp":
-        raise PhotoError(
-            "a HEIC, AVIF or video file", hint="convert the photo to JPEG or TIFF first"
-        )
-    raise PhotoError("not a JPEG, PNG, TIFF or WebP file", hint="name a photo")
-
-
-def _turn(array: Codes, orientation: int) -> Codes:
-    """Turn an array (H, W, ...) as stored to upright, by its EXIF orientation."""
-    if orientation >= 5:  # rows and columns change places first
-        array = array.swapaxes(0, 1)
-    if orientation in {3, 4, 7, 8}:
-        array = array[::-1]
-    if orientation in {2, 3, 6, 7}:
-        array = array[:, ::-1]
-    return np.ascontiguousarray(array)
-
-
-def _converted(encoding: Encoding, form: Format) -> Encoding:
-    """Return the way to write another format: lossless and compressed where it can be."""
-    return Encoding(
-        form,
-        depth=encoding.depth if form in {"PNG", "TIFF"} else 8,
-        grey=encoding.grey,
-        transfer=encoding.transfer,
-        lossless=encoding.format == "PNG",
-        compressed=True,
-    )
+def _encoding(decoded: Decoded, transfer: TransferName | None) -> Encoding:
+    """Return how the results of a file are encoded."""
+    encoding = decoded.encoding
+    if encoding.format == "RAW":
+        if transfer is not None:
+            raise PhotoError(
+                "a RAW file, whose values are light itself",
+                hint="leave --transfer out; --linear writes the result in linear light",
+            )
+        return encoding
+    known = NAMED[transfer] if transfer is not None else profile_transfer(decoded.metadata.icc)
+    return encoding if known is None else replace(encoding, transfer=known)

@@ -22,8 +22,11 @@ from PIL.PngImagePlugin import PngImageFile
 
 from deshake.errors import PhotoError
 from deshake.io.encoding import Decoded, Encoding, check_size, decoding
+from deshake.io.image_resources import with_iptc
 from deshake.io.metadata import Metadata
 from deshake.io.opencv import imdecode
+from deshake.io.profiles import cicp_profile
+from deshake.io.raw_profiles import RAW_PROFILE, profile_text, raw_profile
 from deshake.io.transfer import SRGB, Power
 
 if TYPE_CHECKING:
@@ -61,7 +64,7 @@ def decode_png(data: bytes) -> Decoded:
     with decoding("PNG"):
         chunks = list(_chunks(data))
         width, height, bits, kind = struct.unpack_from(">IIBB", chunks[0][1])
-        check_size(height, width)
+        check_size(height, width, len(data))
         if any(name == b"acTL" for name, _ in chunks):
             raise PhotoError("an animated PNG", hint="take one still picture out of it")
         bare = SIGNATURE + b"".join(_pack(*chunk) for chunk in chunks if chunk[0] in _PIXEL_CHUNKS)
@@ -105,6 +108,11 @@ def encode_png(picture: Decoded) -> bytes:
         out.append(_pack(b"eXIf", metadata.exif))
     if metadata.xmp:
         out.append(_pack(b"iTXt", _XMP + bytes(4) + metadata.xmp))
+    if metadata.iptc or metadata.resources:
+        resources = with_iptc(metadata.resources, metadata.iptc)
+        out.append(
+            _pack(b"zTXt", RAW_PROFILE + b"iptc\0\0" + zlib.compress(profile_text(resources)))
+        )
     out.extend(_pack(b"IDAT", part) for part in _compress(pixels))
     out.append(_pack(b"IEND", b""))
     return b"".join(out)
@@ -175,26 +183,37 @@ def _check_stream(chunks: list[Chunk]) -> None:
 
 
 def _metadata(chunks: list[Chunk]) -> tuple[Metadata, Transfer, bytes]:
-    """Sort the ancillary chunks into metadata, transfer curve, and what is carried as it is."""
-    exif = xmp = icc = carried = b""
+    """Sort the ancillary chunks into metadata, transfer curve, and what is carried as it is.
+
+    Where there are two of what should be one, the first counts.
+    """
+    blocks: dict[str, bytes] = {}
+    raw: dict[str, bytes] = {}
+    carried = b""
     found = dict(chunks)
     for name, content in chunks:
         if name == b"eXIf":
-            exif = content.removeprefix(b"Exif\0\0")
+            blocks.setdefault("exif", content.removeprefix(b"Exif\0\0"))
         elif name == b"iCCP":
-            icc = _inflate(content.split(b"\0", 1)[1][1:])
+            blocks.setdefault("icc", _inflate(content.split(b"\0", 1)[1][1:]))
         elif name == b"iTXt" and content.startswith(_XMP):
             packed, rest = content[len(_XMP)], content[len(_XMP) + 2 :]
             text = rest.split(b"\0", 2)[2]
-            xmp = _inflate(text) if packed else text
+            blocks.setdefault("xmp", _inflate(text) if packed else text)
+        elif name in {b"tEXt", b"zTXt"} and content.startswith(RAW_PROFILE):
+            text = content.split(b"\0", 1)[1]
+            raw = raw_profile(content, _inflate(text[1:]) if name == b"zTXt" else text) | raw
         elif name in _CARRIED:
             carried += _pack(name, content)
+    if len(found.get(b"cICP", b"")) == 4:  # comes before all others
+        numbers = cicp_profile(*found[b"cICP"][:2])
+        blocks["icc"] = numbers or blocks.get("icc", b"")
     transfer: Transfer = SRGB
-    if b"gAMA" in found and b"sRGB" not in found:
+    if b"gAMA" in found and b"sRGB" not in found and b"cICP" not in found:
         (gamma,) = struct.unpack(">I", found[b"gAMA"])
         if 25000 <= gamma <= 300000 and abs(gamma - _SRGB_GAMMA) > 100:
             transfer = Power(100000 / gamma)
-    return Metadata(exif, xmp, icc), transfer, carried
+    return Metadata(**(raw | blocks)), transfer, carried
 
 
 def _inflate(packed: bytes) -> bytes:

@@ -1,5 +1,20 @@
 """The focal length in pixels: from options, EXIF, or the size of the camera's sensor.
 
+The confidence of a focal length is a judgement of how likely it is right to within 5 %, by where it
+comes from. It is not a frequency that was measured:
+
+| what tells it | confidence |
+|---|---|
+| `focal_px` or `focal_35mm` | 1 |
+| FocalLengthIn35mmFilm | 0.9 |
+| FocalLength with FocalPlaneXResolution | 0.85 |
+| FocalLength with lensfun's crop factor, or with the sensor's size | 0.8 |
+| nothing: a 50 mm equivalent is assumed | 0.1 |
+
+Where two of them agree to 5 %, it is 0.95; where they differ by more than 15 %, six tenths of what
+it was. It is multiplied by 0.9 where EXIF does not say how large the picture was taken, by 0.7 for
+a crop, by 0.4 to 0.5 for what can hardly be told, and by 0.8 for a digital zoom.
+
 References
 ----------
 .. [1] CIPA DCG-001, Guideline for noting digital camera specifications in catalogs, 2005: the
@@ -14,6 +29,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from deshake.errors import CalibrationError
+from deshake.io.lens_profiles import crop_factor
+from deshake.io.sensor_sizes import sensor_size
+from deshake.io.whole_frame import WholeFrame, whole_frame
 
 if TYPE_CHECKING:
     from deshake.io.metadata import CameraTags, Metadata
@@ -25,58 +43,16 @@ FULL_FRAME_DIAGONAL: Final = math.hypot(36, 24)
 
 _ASSUMED_35MM: Final = 50.0
 _RANGE: Final = (0.1, 100.0)  # sensible focal lengths, in diagonals of the picture
-_SAME_SHAPE: Final = 0.02  # aspect ratios closer than this mean resized, not cropped
-_HINT: Final = "give the focal length with --focal-35mm MM (35 mm equivalent) or --focal-px PIXELS"
-
-# Width and height in millimetres of the sensors (as the makers' specifications give them) of
-# well-known cameras that may write FocalLength alone. The names are EXIF's Model; they must match
-# to the letter, but for case, since a near miss is often another sensor.
-_SENSORS: Final[dict[tuple[float, float], tuple[str, ...]]] = {
-    (36.0, 24.0): (
-        "Canon EOS 5D Mark II", "Canon EOS 5D Mark III", "Canon EOS-1Ds Mark III",
-        "Canon EOS-1D X", "Canon EOS R",
-    ),
-    (36.0, 23.9): ("NIKON D3", "NIKON D3S", "NIKON D700", "NIKON D4"),
-    (35.9, 24.0): ("NIKON D600", "NIKON D610", "NIKON D750", "NIKON D800", "ILCE-7R"),
-    (35.8, 23.9): ("Canon EOS 5D", "Canon EOS 6D", "ILCE-7"),
-    (28.7, 19.1): ("Canon EOS-1D", "Canon EOS-1D Mark II", "Canon EOS-1D Mark II N"),
-    (27.9, 18.6): ("Canon EOS-1D Mark IV",),
-    (23.7, 15.6): ("NIKON D40", "NIKON D40X", "NIKON D50", "NIKON D70", "NIKON D70s", "NIKON D100"),
-    (23.6, 15.8): (
-        "NIKON D80", "NIKON D90", "NIKON D200", "NIKON D300", "NIKON D3000", "NIKON D5000",
-        "NIKON D60", "FinePix X100", "PENTAX K-x",
-    ),
-    (23.6, 15.6): ("NIKON D7000", "NIKON D5100", "X-Pro1", "X-E1", "X-T1"),
-    (23.5, 15.6): ("NIKON D7100", "NIKON D5300", "ILCE-6000", "NEX-6", "NEX-7"),
-    (22.7, 15.1): (
-        "Canon EOS 10D", "Canon EOS D30", "Canon EOS D60", "Canon EOS 300D DIGITAL",
-        "Canon EOS DIGITAL REBEL",
-    ),
-    (22.5, 15.0): ("Canon EOS 20D", "Canon EOS 30D", "Canon EOS 70D"),
-    (22.3, 14.9): (
-        "Canon EOS 7D", "Canon EOS 50D", "Canon EOS 60D", "Canon EOS 500D", "Canon EOS 550D",
-        "Canon EOS 600D", "Canon EOS 650D", "Canon EOS 700D", "Canon EOS M",
-        "Canon EOS REBEL T1i", "Canon EOS REBEL T2i", "Canon EOS REBEL T3i", "Canon EOS REBEL T4i",
-        "Canon EOS REBEL T5i",
-    ),
-    (22.2, 14.8): (
-        "Canon EOS 40D", "Canon EOS 350D DIGITAL", "Canon EOS 400D DIGITAL", "Canon EOS 450D",
-        "Canon EOS 1000D", "Canon EOS 1100D", "Canon EOS DIGITAL REBEL XT",
-        "Canon EOS DIGITAL REBEL XTi", "Canon EOS DIGITAL REBEL XSi",
-    ),
-    (17.3, 13.0): (
-        "E-1", "E-300", "E-330", "E-400", "E-410", "E-420", "E-500", "E-510", "E-520", "E-3",
-        "E-P1", "E-P2", "E-PL1", "E-M5", "E-M10", "DMC-G1", "DMC-GF1",
-    ),
-    (13.2, 8.8): ("DSC-RX100", "DSC-RX100M2", "DSC-RX100M3", "Canon PowerShot G7 X"),
-    (7.44, 5.58): ("Canon PowerShot G11", "Canon PowerShot G12", "Canon PowerShot S90",
-                   "Canon PowerShot S95", "Canon PowerShot S100"),
-    (5.76, 4.29): ("Canon DIGITAL IXUS 70", "Canon PowerShot SD1000", "Canon PowerShot A570 IS"),
-}  # fmt: skip
-_SENSOR_BY_MODEL: Final = {
-    model.casefold(): size for size, models in _SENSORS.items() for model in models
-}
-_MAKES: Final = ("canon", "nikon", "olympus", "panasonic", "sony", "fujifilm", "pentax")
+_HINT: Final = (
+    "give the focal length with --focal-35mm MM (35 mm equivalent) or --focal-px PIXELS, or find "
+    "it with calibrate --chessboard"
+)
+_SQUEEZED: Final = 0.05  # resolutions of the two axes that differ by more
+_AGREES: Final = 0.05
+_DIFFERS: Final = 0.15
+_BOTH: Final = 0.95
+_ZOOMED: Final = 0.8
+_ROUNDED: Final = 0.5  # mm: 35 mm equivalents are whole numbers
 
 
 @dataclass(frozen=True)
@@ -89,11 +65,20 @@ class FocalLength:
         The focal length in pixels of the photo.
     source : str
         The option or tag that gave it, such as "EXIF FocalLengthIn35mmFilm = 35 mm".
+    confidence : float
+        How likely it is right to within 5 %, as this module's head tells.
+    notes : tuple of str
+        What the user should know.
+    considered : tuple of str
+        All that was looked at, for those who ask.
 
     """
 
     pixels: float
     source: str
+    confidence: float = 1.0
+    notes: tuple[str, ...] = ()
+    considered: tuple[str, ...] = ()
 
 
 def focal_length(
@@ -107,8 +92,9 @@ def focal_length(
     """Tell the focal length of a photo.
 
     In this order: `focal_px`; `focal_35mm`; FocalLengthIn35mmFilm; FocalLength with the focal
-    plane resolution; FocalLength with the sensor's size. A tag whose value is absurd is passed
-    over.
+    plane resolution; FocalLength with lensfun's crop factor, if lensfunpy is installed; FocalLength
+    with the sensor's size. A tag whose value is absurd is passed over. Equivalents are whole
+    numbers: where the focal plane agrees to their rounding, its figure is taken.
 
     Parameters
     ----------
@@ -124,8 +110,8 @@ def focal_length(
     Raises
     ------
     CalibrationError
-        If an option is absurd (outside 0.1 to 100 diagonals of the photo), or neither options
-        nor metadata tell.
+        If an option is absurd (outside 0.1 to 100 diagonals of the photo), neither options nor
+        metadata tell, or the picture is squeezed by an anamorphic lens.
 
     """
     diagonal = math.hypot(height, width)
@@ -135,13 +121,21 @@ def focal_length(
         pixels = focal_35mm * diagonal / FULL_FRAME_DIAGONAL
         return _checked(FocalLength(pixels, f"--focal-35mm {focal_35mm:g}"), diagonal)
     tags = metadata.tags()
-    for found in (
-        _from_equivalent(tags, height, width),
-        _from_focal_plane(tags, height, width),
-        _from_sensor(tags, height, width),
-    ):
-        if found is not None and _is_sensible(found.pixels, diagonal):
-            return found
+    _refuse_anamorphic(tags)
+    frame = whole_frame(tags, height, width, _full_size(tags))
+    found = [
+        way
+        for way in (_from_equivalent(tags, frame), _from_focal_plane(tags, frame))
+        if way is not None and _is_sensible(way.pixels, diagonal)
+    ]
+    by_sensor = _from_sensor(tags, frame)
+    if not found:
+        by_crop = _from_crop_factor(tags, frame)
+        found = [] if by_crop is None else [by_crop]
+    found += [] if by_sensor is None else [by_sensor]
+    found = [way for way in found if _is_sensible(way.pixels, diagonal)]
+    if found:
+        return _weighed(found, tags, frame, diagonal)
     if tags.focal_mm is None:
         raise CalibrationError("its metadata state no focal length", hint=_HINT)
     camera = f"{tags.make} {tags.model}".strip() or "the camera"
@@ -159,61 +153,119 @@ def assumed_focal_length(height: int, width: int) -> FocalLength:
     blur mostly is; one too short bends them.
     """
     pixels = _ASSUMED_35MM * math.hypot(height, width) / FULL_FRAME_DIAGONAL
-    return FocalLength(pixels, "assumed: 50 mm-equivalent")
+    return FocalLength(pixels, "assumed: 50 mm-equivalent", 0.1)
 
 
-def _from_equivalent(tags: CameraTags, height: int, width: int) -> FocalLength | None:
-    """By the diagonal of the frame as it was taken."""
+def _weighed(
+    found: list[FocalLength], tags: CameraTags, frame: WholeFrame, diagonal: float
+) -> FocalLength:
+    """Return the first of what was found, with the confidence that all of it together gives."""
+    first, others = found[0], found[1:]
+    film = FULL_FRAME_DIAGONAL / diagonal
+    told = [*([frame.told] if frame.told else [])]
+    told += [f"{way.source}: {way.pixels:.1f} pixels, {way.pixels * film:.1f} mm" for way in found]
+    notes = [frame.note] if frame.note else []
+    confidence, pixels, source = first.confidence, first.pixels, first.source
+    gaps = [abs(other.pixels / first.pixels - 1) for other in others]
+    if gaps and min(gaps) <= _AGREES:
+        confidence = _BOTH
+    elif gaps and min(gaps) > _DIFFERS:
+        confidence *= 0.6
+        notes.append(
+            f"its metadata contradict themselves: {first.source} makes {first.pixels:.0f} pixels, "
+            f"{others[0].source} makes {others[0].pixels:.0f}"
+        )
+    if tags.focal_35mm and others and "FocalPlane" in others[0].source:
+        rounding = _ROUNDED / tags.focal_35mm + 0.01
+        if first.source.startswith("EXIF FocalLengthIn35mmFilm") and gaps[0] <= rounding:
+            pixels, source = others[0].pixels, f"{first.source}, finer by FocalPlaneXResolution"
+    if tags.digital_zoom > 1:
+        confidence *= _ZOOMED
+        told.append(f"digital zoom {tags.digital_zoom:g}")
+    confidence = round(confidence * frame.sure, 3)
+    return FocalLength(pixels, source, confidence, tuple(notes), tuple(told))
+
+
+def _from_equivalent(tags: CameraTags, frame: WholeFrame) -> FocalLength | None:
+    """By the diagonal of the frame as it was taken.
+
+    Most cameras count a digital zoom in. Where the sensor is known, it tells.
+    """
     if tags.focal_35mm is None:
         return None
-    long, short = _frame(tags, height, width)
-    pixels = tags.focal_35mm * math.hypot(long, short) / FULL_FRAME_DIAGONAL
-    return FocalLength(pixels, f"EXIF FocalLengthIn35mmFilm = {tags.focal_35mm:g} mm")
+    millimetres, source = tags.focal_35mm, f"EXIF FocalLengthIn35mmFilm = {tags.focal_35mm:g} mm"
+    size = sensor_size(tags.make, tags.model)
+    if tags.digital_zoom > 1 and size is not None and tags.focal_mm is not None:
+        optical = tags.focal_mm * FULL_FRAME_DIAGONAL / math.hypot(*size)
+        if abs(millimetres / optical - 1) < abs(millimetres / (optical * tags.digital_zoom) - 1):
+            millimetres *= tags.digital_zoom
+            source += f", digital zoom {tags.digital_zoom:g}"
+    pixels = millimetres * math.hypot(frame.long, frame.short) / FULL_FRAME_DIAGONAL
+    return FocalLength(pixels, source, 0.9)
 
 
-def _from_focal_plane(tags: CameraTags, height: int, width: int) -> FocalLength | None:
+def _from_focal_plane(tags: CameraTags, frame: WholeFrame) -> FocalLength | None:
     """By the pixels a millimetre of the picture as taken, and how much it was resized since."""
     if tags.focal_mm is None or tags.focal_plane_px_per_mm is None:
         return None
-    scale = 1.0
-    if tags.pixel_size is not None:
-        scale = _frame(tags, height, width)[0] / max(tags.pixel_size)
-    pixels = tags.focal_mm * tags.focal_plane_px_per_mm * scale
+    pixels = tags.focal_mm * tags.focal_plane_px_per_mm * frame.scale * tags.digital_zoom
     return FocalLength(
         pixels,
         f"EXIF FocalLength = {tags.focal_mm:g} mm at "
         f"{tags.focal_plane_px_per_mm:.1f} pixels/mm (FocalPlaneXResolution)",
+        0.85,
     )
 
 
-def _from_sensor(tags: CameraTags, height: int, width: int) -> FocalLength | None:
-    """By the sensor's size; a frame of another shape uses one of its sides in full."""
-    make = tags.make.casefold()
-    size = _SENSOR_BY_MODEL.get(tags.model.casefold())
-    if tags.focal_mm is None or size is None or not make.startswith(_MAKES):
+def _from_crop_factor(tags: CameraTags, frame: WholeFrame) -> FocalLength | None:
+    """By lensfun's crop factor of the camera."""
+    factor = None if tags.focal_mm is None else crop_factor(tags.make, tags.model)
+    if tags.focal_mm is None or factor is None:
         return None
-    long, short = _frame(tags, height, width)
-    pixels = tags.focal_mm * max(long / size[0], short / size[1])
+    pixels = tags.focal_mm * factor * math.hypot(frame.long, frame.short) / FULL_FRAME_DIAGONAL
     return FocalLength(
-        pixels,
+        pixels * tags.digital_zoom,
+        f"EXIF FocalLength = {tags.focal_mm:g} mm, crop factor {factor:.4g} of {tags.model} "
+        "(lensfun)",
+        0.8,
+    )
+
+
+def _from_sensor(tags: CameraTags, frame: WholeFrame) -> FocalLength | None:
+    """By the sensor's size; a frame of another shape uses one of its sides in full."""
+    size = sensor_size(tags.make, tags.model)
+    if tags.focal_mm is None or size is None:
+        return None
+    pixels = tags.focal_mm * max(frame.long / size[0], frame.short / size[1])
+    return FocalLength(
+        pixels * tags.digital_zoom,
         f"EXIF FocalLength = {tags.focal_mm:g} mm on the {size[0]:g} x {size[1]:g} mm sensor "
         f"of {tags.model}",
+        0.8,
     )
 
 
-def _frame(tags: CameraTags, height: int, width: int) -> tuple[int, int]:
-    """Return the longer and shorter side of the whole frame, in pixels of the photo.
+def _full_size(tags: CameraTags) -> tuple[float, float] | None:
+    """Return the sensor's sides in pixels, by its size and the resolution of the focal plane."""
+    size = sensor_size(tags.make, tags.model)
+    if size is None or tags.focal_plane_px_per_mm is None:
+        return None
+    return size[0] * tags.focal_plane_px_per_mm, size[1] * tags.focal_plane_px_per_mm
 
-    That is the photo, unless EXIF states a larger picture of another shape: then the photo is
-    taken to be a crop of it.
-    """
-    long, short = max(height, width), min(height, width)
-    if tags.pixel_size is not None:
-        whole, narrow = max(tags.pixel_size), min(tags.pixel_size)
-        other_shape = abs(whole * short / (narrow * long) - 1) > _SAME_SHAPE
-        if other_shape and whole >= long and narrow >= short:
-            return whole, narrow
-    return long, short
+
+def _refuse_anamorphic(tags: CameraTags) -> None:
+    """Refuse pictures that have two focal lengths."""
+    named = "anamorphic" in tags.lens_model.casefold()
+    if named or abs(tags.squeeze - 1) > _SQUEEZED:
+        what = f"its lens is {tags.lens_model}" if named else (
+            f"its focal plane has {tags.squeeze:.2f} times as many pixels a millimetre down as "
+            "across"
+        )  # fmt: skip
+        raise CalibrationError(
+            f"{what}: the picture is squeezed, and has two focal lengths",
+            hint="stretch it to its true proportions first, then give its focal length with "
+            "--focal-35mm MM or --focal-px PIXELS",
+        )
 
 
 def _is_sensible(pixels: float, diagonal: float) -> bool:

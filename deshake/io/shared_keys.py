@@ -39,7 +39,11 @@ FORMAT: Final = 1
 MAX_TEXT: Final = 1 << 20
 """Characters of the longest text that is read."""
 
-CAMERA_FIELDS: Final = {"camera_matrix": Field("f", (3, 3)), "image_size": Field("i", (2,))}
+CAMERA_FIELDS: Final = {
+    "camera_matrix": Field("f", (3, 3)),
+    "image_size": Field("i", (2,)),
+    "distortion": Field("f", (None,)),
+}
 """What tells a camera."""
 
 _MAX_SIDE: Final = 1_000_000
@@ -81,6 +85,7 @@ def camera_arrays(camera: Camera) -> dict[str, Any]:
         "format": np.int64(FORMAT),
         "camera_matrix": np.asarray(camera.matrix, np.float64),
         "image_size": np.array(camera.shape, np.int64),
+        "distortion": np.asarray(camera.distortion, np.float64),
     }
 
 
@@ -98,7 +103,7 @@ def camera_of(arrays: Mapping[str, NDArray[Any]]) -> Camera:
         raise ValueError("'camera_matrix' holds an absurd focal length")
     if abs(matrix[0, 1]) > focal.min() or np.abs(matrix[:2, 2]).max() > 1000 * side:
         raise ValueError("'camera_matrix' holds an absurd skew or principal point")
-    return Camera(matrix, height, width)
+    return Camera(matrix, height, width, arrays["distortion"])
 
 
 def provenance_array(provenance: Mapping[str, Any]) -> NDArray[np.str_]:

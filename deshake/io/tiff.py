@@ -1,4 +1,4 @@
-"""TIFF in and out, 8 and 16 bits, with the tags of its directories.
+"""TIFF in and out, 8 and 16 bits and floating point, with the tags of its directories.
 
 Pixels are decoded by tifffile. What it cannot decompress alone (LZW, JPEG) is decoded by Pillow
 at 8 bits and by OpenCV at 16. Results are written uncompressed or by deflate.
@@ -9,21 +9,25 @@ from __future__ import annotations
 import io
 import logging
 import math
+import struct
 from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 import tifffile
 from PIL.TiffImagePlugin import TiffImageFile
-from tifffile import COMPRESSION, PHOTOMETRIC, TiffFile, TiffPage
+from tifffile import COMPRESSION, PHOTOMETRIC, SAMPLEFORMAT, TiffFile, TiffPage
 
 from deshake.errors import PhotoError
 from deshake.io import exif
 from deshake.io.encoding import Decoded, Encoding, check_size, decoding
+from deshake.io.exif_editing import maker_note_at, pointers
 from deshake.io.metadata import Metadata
+from deshake.io.native_output import silenced
 from deshake.io.opencv import imdecode
+from deshake.io.transfer import LINEAR, SRGB
 
 if TYPE_CHECKING:
-    from deshake.io.transfer import Codes
+    from deshake.io.transfer import Codes, Depth
 
 __all__ = ["decode_tiff", "encode_tiff"]
 
@@ -33,6 +37,7 @@ logging.getLogger("tifffile").addHandler(logging.NullHandler())
 _DNG_VERSION: Final = 50706
 _REDUCED: Final = 1  # the bit of NewSubfileType that marks a thumbnail
 _ASSOCIATED, _UNASSOCIATED = 1, 2
+_STRIPS: Final = 273  # StripOffsets
 _MAX_PAGES: Final = 64  # looked at to tell thumbnails from pictures
 _ALONE: Final = {  # the methods that tifffile knows without further libraries
     COMPRESSION.NONE,
@@ -40,6 +45,8 @@ _ALONE: Final = {  # the methods that tifffile knows without further libraries
     COMPRESSION.DEFLATE,
     COMPRESSION.PACKBITS,
 }
+_FLOAT_PREDICTOR: Final = 3
+_DEPTHS: Final[dict[type, Depth]] = {np.uint8: 8, np.uint16: 16, np.float32: 32}
 _COLOURS: Final = {
     PHOTOMETRIC.MINISWHITE: 1,
     PHOTOMETRIC.MINISBLACK: 1,
@@ -56,12 +63,12 @@ def decode_tiff(data: bytes) -> Decoded:
     ------
     PhotoError
         If the file is damaged or cut short, too large, holds several pictures, or pixels that
-        are not 8- or 16-bit grey or RGB; if it is really a camera's RAW file.
+        are neither integers of 8 or 16 bits nor floating-point numbers, or neither grey nor RGB.
 
     """
     with decoding("TIFF"), TiffFile(io.BytesIO(data)) as file:
         page = _only_page(file)
-        check_size(page.imagelength, page.imagewidth)
+        check_size(page.imagelength, page.imagewidth, len(data))
         colours = _check_kind(page)
         pixels = _decode_page(page, data)
         if page.photometric == PHOTOMETRIC.MINISWHITE:
@@ -70,14 +77,20 @@ def decode_tiff(data: bytes) -> Decoded:
             pixels, colours = _look_up(pixels, page), 3
         first = exif.read_first(data)
         values = {} if first is None else first.values
+        note_at = maker_note_at(data)
         metadata = Metadata(
-            exif=exif.new_block(exif.read_tree(data)),
+            exif=exif.new_block(exif.read_tree(data), note_at=note_at),
             xmp=values.get(exif.XMP, (0, 0, b""))[2],
             icc=values.get(exif.ICC, (0, 0, b""))[2],
+            iptc=values.get(exif.IPTC, (0, 0, b""))[2],
+            resources=values.get(exif.IMAGE_RESOURCES, (0, 0, b""))[2],
         )
+        if page.sampleformat == SAMPLEFORMAT.IEEEFP:
+            pixels = _finite(pixels)
         encoding = Encoding(
             "TIFF",
-            depth=8 if pixels.dtype == np.uint8 else 16,
+            depth=_DEPTHS[pixels.dtype.type],
+            transfer=LINEAR if page.sampleformat == SAMPLEFORMAT.IEEEFP else SRGB,
             grey=colours == 1,
             compressed=page.compression != COMPRESSION.NONE,
             premultiplied=tuple(page.extrasamples) == (_ASSOCIATED,),
@@ -85,7 +98,9 @@ def decode_tiff(data: bytes) -> Decoded:
     has_alpha = pixels.shape[2] > colours
     codes = pixels[..., 0] if colours == 1 else pixels[..., :3]
     alpha = np.ascontiguousarray(pixels[..., -1]) if has_alpha else None
-    return Decoded(np.ascontiguousarray(codes), alpha, encoding, metadata)
+    moved = maker_note_at(metadata.exif) != note_at
+    notes = ("its maker note has moved, and offsets in it may no longer hold",) if moved else ()
+    return Decoded(np.ascontiguousarray(codes), alpha, encoding, metadata, notes=notes)
 
 
 def encode_tiff(picture: Decoded) -> bytes:
@@ -97,7 +112,7 @@ def encode_tiff(picture: Decoded) -> bytes:
         pixels = cast("Codes", np.dstack([pixels, picture.alpha]))
         options["extrasamples"] = [_ASSOCIATED if encoding.premultiplied else _UNASSOCIATED]
     if encoding.compressed:
-        options |= {"compression": "zlib", "predictor": True}
+        options |= {"compression": "zlib", "predictor": encoding.depth < 32}
     stream = io.BytesIO()
     tifffile.imwrite(
         stream,
@@ -109,21 +124,43 @@ def encode_tiff(picture: Decoded) -> bytes:
         byteorder="<" if tree.order == "<" else ">",
         **options,
     )
-    written = stream.getvalue()
+    return _with_metadata(stream.getvalue(), metadata)
+
+
+def _with_metadata(written: bytes, metadata: Metadata) -> bytes:
+    """Put metadata into a TIFF that has none, made in their byte order.
+
+    The EXIF block becomes the beginning of the file, so that what counts from there still holds;
+    the pixels follow, and then the main directory, anew.
+    """
     first = exif.read_first(written)
     if first is None:
         msg = "tifffile wrote no TIFF"
         raise RuntimeError(msg)
+    tree, block = exif.read_tree(metadata.exif), metadata.exif
+    lies = pointers(block)
+    if lies is not None:
+        shift = len(block) + -len(block) % 16
+        kind, count, raw = first.values[_STRIPS]
+        code = f"{tree.order}{count}{'H' if kind == 3 else 'I'}"
+        places = [shift + place for place in struct.unpack(code, raw)]
+        first.values[_STRIPS] = 4, count, struct.pack(f"{tree.order}{count}I", *places)
+        written = block.ljust(shift, b"\0") + written
+        tree = exif.Tree(tree.order, tree.main | lies)
     tree.main = first.values | tree.main
-    if metadata.xmp:
-        tree.main[exif.XMP] = (1, len(metadata.xmp), metadata.xmp)
-    if metadata.icc:
-        tree.main[exif.ICC] = (7, len(metadata.icc), metadata.icc)
+    for tag, kind, value in (
+        (exif.XMP, 1, metadata.xmp),
+        (exif.IPTC, 1, metadata.iptc),
+        (exif.IMAGE_RESOURCES, 1, metadata.resources),
+        (exif.ICC, 7, metadata.icc),
+    ):
+        if value:
+            tree.main[tag] = kind, len(value), value
     return exif.append_tree(written, tree)
 
 
 def _only_page(file: TiffFile) -> TiffPage:
-    """Return the picture of a file that has one."""
+    """Return the picture of a file that has one; a thumbnail may lack its size, as in EXIF."""
     pages = []
     for index in range(_MAX_PAGES):
         try:
@@ -138,7 +175,14 @@ def _only_page(file: TiffFile) -> TiffPage:
             "a camera's RAW file, which cannot be read here",
             hint="convert it to a 16-bit TIFF first",
         )
-    others = [p for p in pages[1:] if isinstance(p, TiffPage) and not p.subfiletype & _REDUCED]
+    others = [
+        p
+        for p in pages[1:]
+        if isinstance(p, TiffPage)
+        and not p.subfiletype & _REDUCED
+        and p.imagewidth
+        and p.imagelength
+    ]
     if others:
         raise PhotoError(
             f"holds {1 + len(others)} pictures", hint="split it into files of one picture each"
@@ -155,16 +199,26 @@ def _check_kind(page: TiffPage) -> int:
             f"a {name} TIFF: only grey and RGB photos can be deblurred",
             hint="convert it to RGB with its colour profile first",
         )
-    if page.sampleformat != 1:
+    extra = page.samplesperpixel - colours
+    if page.sampleformat == SAMPLEFORMAT.IEEEFP and page.photometric in {
+        PHOTOMETRIC.MINISBLACK,
+        PHOTOMETRIC.RGB,
+    }:
+        if extra or page.compression not in _ALONE or page.predictor == _FLOAT_PREDICTOR:
+            raise PhotoError(
+                "an unusual kind of floating-point TIFF", hint="save it uncompressed, without alpha"
+            )
+        return colours
+    if page.sampleformat != SAMPLEFORMAT.UINT:
         raise PhotoError(
-            "its pixels are not unsigned integers", hint="convert it to 16 bits a channel first"
+            "its pixels are neither unsigned integers nor floating-point numbers",
+            hint="convert it to 16 bits a channel first",
         )
     allowed = {1, 2, 4, 8} if colours == 1 else {8}
     if page.bitspersample not in allowed | {16}:
         raise PhotoError(
             f"{page.bitspersample} bits a channel", hint="convert it to 8 or 16 bits a channel"
         )
-    extra = page.samplesperpixel - colours
     if not 0 <= extra <= 1 or page.imagedepth != 1:
         raise PhotoError(
             f"{page.samplesperpixel} channels", hint="keep grey or RGB, and at most one alpha"
@@ -198,11 +252,21 @@ def _decode_page(page: TiffPage, data: bytes) -> Codes:
     return cast("Codes", np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("=")))
 
 
+def _finite(pixels: Codes) -> Codes:
+    """Return floating-point pixels in single precision; refuse what is no number."""
+    with np.errstate(over="ignore"):
+        single = pixels.astype(np.float32)
+    if not np.isfinite(single).all():
+        raise PhotoError("some of its pixels are infinite or not numbers")
+    return cast("Codes", single)
+
+
 def _decode_by_pillow(data: bytes) -> Codes:
-    picture = TiffImageFile(io.BytesIO(data))
-    if picture.mode not in {"L", "LA", "P", "RGB", "RGBA"}:
-        raise _unusual()
-    return np.asarray(picture)
+    with silenced():
+        picture = TiffImageFile(io.BytesIO(data))
+        if picture.mode not in {"L", "LA", "P", "RGB", "RGBA"}:
+            raise _unusual()
+        return np.asarray(picture)
 
 
 def _unusual() -> PhotoError:

@@ -40,6 +40,7 @@ _BETTER: Final = (
     0.5  # share of the mean square that curves leave: cameras' 0.05 to 0.32, others' 0.7
 )
 _SPREAD: Final = np.float32(1.5)  # of noise that is left near edges, over that of flat areas
+_MISFIT: Final = 0.15  # noise that a camera left coarse passes for errors of the kernel
 _EVEN: Final = 0.03  # least variance anywhere, in means: none is known to be free of noise
 _STEP: Final = np.float32(1 / 512)  # for slopes
 _DISPLAY: Final = Srgb()
@@ -151,7 +152,7 @@ def with_tones_of(
     noisy += smooth
     slope, floor = fitted_noise(smooth.mean(0)[mask], variance[mask])
     least = _EVEN * float(variance[mask].mean(dtype=np.float64))
-    return NoisyPhoto(noisy, smooth, slope, max(floor, least))
+    return NoisyPhoto(noisy, smooth, slope, max(floor, least), _MISFIT)
 
 
 def _slope(curve: ToneCurve, tone: Image) -> Image:

@@ -6,23 +6,30 @@ Outputs are checked before any work is done for them, and appear whole or not at
 from __future__ import annotations
 
 import contextlib
+import logging
 from typing import TYPE_CHECKING
 
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions
 from deshake.errors import OutputError
+from deshake.io.conversion import lost, output_format
 from deshake.io.files import STREAM, check_output, default_output, write_bytes
-from deshake.io.kernel_file import read_kernel, write_camera, write_kernel
-from deshake.io.photo import encode_photo, output_format, read_photo, write_photo
+from deshake.io.kernel_file import read_kernel, write_kernel
+from deshake.io.photo import encode_photo, read_photo, write_photo
+from deshake.pipelines.comparison import comparison_sheet
+from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.fitting import fitting_kernel
 from deshake.pipelines.latent_picture import latent_photo
-from deshake.pipelines.stages import calibrate, deblur, estimate
+from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
+from deshake.pipelines.preview import preview_estimate
+from deshake.pipelines.stages import deblur, estimate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
+    from deshake.geometry.kernel import RotationKernel
     from deshake.io.encoding import Format
-    from deshake.io.kernel_file import CameraFile
+    from deshake.io.kernel_file import KernelFile
     from deshake.io.photo import Photo
     from deshake.io.transfer import TransferName
     from deshake.pipelines.stages import Estimate, EstimateOptions
@@ -30,15 +37,19 @@ if TYPE_CHECKING:
     Progress = Callable[[float, str], None]
 
 __all__ = [
-    "calibrate_file",
-    "check_encoding",
+    "camera_name",
     "deblur_file",
     "estimate_file",
     "fix_file",
     "gone_on_failure",
+    "kernel_kept",
     "kernel_name",
     "part",
+    "prepared",
+    "sheet_kept",
 ]
+
+_log = logging.getLogger(__name__)
 
 _ESTIMATE_PIXELS = 8e6
 """Pixels whose deblurring takes about as long as an estimate, which has a size of its own."""
@@ -49,32 +60,9 @@ def kernel_name(source: Path) -> str:
     return f"{source.stem}.kernel.npz"
 
 
-def calibrate_file(
-    source: Path,
-    output: Path | None,
-    *,
-    focal_px: float | None = None,
-    focal_35mm: float | None = None,
-    overwrite: bool = False,
-) -> CameraFile:
-    """Find the camera of a photo, and write its camera file if `output` is given.
-
-    Raises
-    ------
-    PhotoError
-        If the photo cannot be read.
-    CalibrationError
-        If nothing tells the focal length.
-    OutputError
-        If the camera file cannot be written.
-
-    """
-    if output is not None:
-        check_output(output, source, overwrite=overwrite)
-    camera = calibrate(read_photo(source), focal_px=focal_px, focal_35mm=focal_35mm)
-    if output is not None:
-        write_camera(output, camera, overwrite=overwrite)
-    return camera
+def camera_name(source: Path) -> str:
+    """Return the default name of a photo's camera: ``<stem>.camera.npz``."""
+    return f"{source.stem}.camera.npz"
 
 
 def estimate_file(
@@ -123,13 +111,18 @@ def deblur_file(
     *,
     transfer: TransferName | None = None,
     restoration: RestorationOptions = BY_DEFAULT,
+    finish: Finish = AS_IT_IS,
+    linear: bool = False,
+    provenance: bool = True,
     overwrite: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Path:
     """Deblur a photo with the kernel of a file, write the result, and return where.
 
-    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``.
+    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. With
+    `provenance` it tells in its metadata how it came about. The sheet of `finish` is kept only
+    together with it.
 
     Raises
     ------
@@ -143,12 +136,18 @@ def deblur_file(
         raise OutputError("photos are not written to standard output", hint="name a file with -o")
     path = default_output(source, output, overwrite=overwrite)
     check_output(path, kernel_file, overwrite=overwrite)
+    finish.check(path, source, kernel_file, overwrite=overwrite)
     content = read_kernel(kernel_file)
     photo = read_photo(source, transfer=transfer)
-    check_encoding(photo, path)
+    photo, mask = finish.prepare(prepared(photo, path, linear=linear))
     kernel = fitting_kernel(content, photo, kernel_file)
-    photo = deblur(photo, kernel, restoration, threads=threads, progress=progress)
-    write_photo(path, photo, overwrite=overwrite)
+    result = deblur(photo, kernel, restoration, threads=threads, progress=progress)
+    result = finish.blend(photo, result, mask)
+    if provenance:
+        told = photo_provenance(photo, content, restoration, transfer=transfer, finish=finish)
+        result = with_photo_provenance(result, told)
+    with sheet_kept(finish.sheet(path), photo, result, kernel, overwrite=overwrite):
+        write_photo(path, result, overwrite=overwrite)
     return path
 
 
@@ -159,14 +158,19 @@ def fix_file(
     options: EstimateOptions,
     *,
     restoration: RestorationOptions = BY_DEFAULT,
+    finish: Finish = AS_IT_IS,
+    linear: bool = False,
+    provenance: bool = True,
     overwrite: bool = False,
-    overwrite_kernel: bool = False,
+    overwrite_others: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
     """Estimate the kernel of a photo, deblur the photo with it, and write both.
 
-    The kernel file, if `kernel_file` is given, is kept only together with the photo.
+    The kernel file, if `kernel_file` is given, and the sheet of `finish` are kept only together
+    with the photo. With `provenance` the photo tells in its metadata how it came about; with
+    `linear` the result of a RAW file is in linear light.
 
     Raises
     ------
@@ -178,21 +182,57 @@ def fix_file(
     """
     check_output(output, source, overwrite=overwrite)
     if kernel_file is not None:
-        check_output(kernel_file, source, output, overwrite=overwrite_kernel)
+        check_output(kernel_file, source, output, overwrite=overwrite_others)
+    finish.check(output, source, *filter(None, [kernel_file]), overwrite=overwrite_others)
     photo = read_photo(source, transfer=options.transfer)
-    check_encoding(photo, output)
+    whole = prepared(photo, output, linear=linear)
+    photo, mask = finish.prepare(whole)
     pixels = photo.shape[0] * photo.shape[1]
     share = _ESTIMATE_PIXELS / (_ESTIMATE_PIXELS + pixels)
     first, second = part(progress, 0, share), part(progress, share, 1)
-    found = estimate(photo, options, threads=threads, progress=first)
+    if finish.preview:
+        found = preview_estimate(whole, photo, options, threads=threads, progress=first)
+    else:
+        found = estimate(photo, options, threads=threads, progress=first)
+    del whole
     kernel = found.content.kernel
-    photo = deblur(photo, kernel, restoration, threads=threads, progress=second)
-    with contextlib.ExitStack() as outputs:
-        if kernel_file is not None:
-            outputs.enter_context(gone_on_failure(kernel_file))
-            write_kernel(kernel_file, found.content, overwrite=overwrite_kernel)
-        write_photo(output, photo, overwrite=overwrite)
+    result = deblur(photo, kernel, restoration, threads=threads, progress=second)
+    result = finish.blend(photo, result, mask)
+    if provenance:
+        told = photo_provenance(
+            photo, found.content, restoration, transfer=options.transfer, finish=finish
+        )
+        result = with_photo_provenance(result, told)
+    with (
+        kernel_kept(kernel_file, found.content, overwrite=overwrite_others),
+        sheet_kept(finish.sheet(output), photo, result, kernel, overwrite=overwrite_others),
+    ):
+        write_photo(output, result, overwrite=overwrite)
     return found
+
+
+@contextlib.contextmanager
+def kernel_kept(path: Path | None, content: KernelFile, *, overwrite: bool) -> Iterator[None]:
+    """Write a kernel file, if a path is given, and keep it only if what follows succeeds."""
+    if path is None:
+        yield
+        return
+    with gone_on_failure(path):
+        write_kernel(path, content, overwrite=overwrite)
+        yield
+
+
+@contextlib.contextmanager
+def sheet_kept(
+    path: Path | None, photo: Photo, result: Photo, kernel: RotationKernel, *, overwrite: bool
+) -> Iterator[None]:
+    """Write a sheet that compares before and after, if a path is given, and keep it likewise."""
+    if path is None:
+        yield
+        return
+    with gone_on_failure(path):
+        write_bytes(path, comparison_sheet(photo, result, kernel), overwrite=overwrite)
+        yield
 
 
 @contextlib.contextmanager
@@ -212,11 +252,34 @@ def _latent_format(path: Path, photo: Photo) -> Format:
     return "PNG" if str(path) == STREAM else output_format(path, photo)
 
 
-def check_encoding(photo: Photo, output: Path) -> None:
-    """Check that a photo can be written under a name: a second now saves minutes later."""
+def prepared(photo: Photo, output: Path, *, linear: bool = False) -> Photo:
+    """Return a photo as it will be written, after checking that it can be.
+
+    That takes a second now and saves minutes later. What the result will lack is said.
+
+    Parameters
+    ----------
+    photo : Photo
+        The photo that was read.
+    output : Path
+        Where its result goes.
+    linear : bool, keyword-only
+        Whether the result of a RAW file is written in linear light.
+
+    Raises
+    ------
+    OutputError, PhotoError
+        If the photo cannot be written under that name, or is no RAW file and was to be linear.
+
+    """
+    if linear:
+        photo = photo.in_linear_light()
     form = output_format(output, photo)
-    if form != photo.encoding.format:
+    if form not in {photo.encoding.format, "TIFF"}:  # a TIFF holds everything
         encode_photo(photo, form)
+    for note in (*photo.notes, *lost(photo.encoding, form)):
+        _log.warning("%s: %s", photo.source, note)
+    return photo
 
 
 def part(progress: Progress | None, start: float, end: float) -> Progress | None:

@@ -19,7 +19,13 @@ if TYPE_CHECKING:
     from deshake.io.kernel_file import CameraFile, KernelFile
     from deshake.io.photo import Photo
 
-__all__ = ["check_region", "check_registration", "fitting_camera", "fitting_kernel"]
+__all__ = [
+    "check_region",
+    "check_registration",
+    "fitting_camera",
+    "fitting_kernel",
+    "same_proportions",
+]
 
 _WIDEST_TURN: Final = math.radians(45)
 _WIDEST_BLUR: Final = 0.5  # longer sides
@@ -45,7 +51,7 @@ def fitting_kernel(content: KernelFile, photo: Photo, file: Path) -> RotationKer
     """
     kernel = content.kernel
     if kernel.camera.shape != photo.shape:
-        if not _same_proportions(kernel.camera.shape, photo.shape):
+        if not same_proportions(kernel.camera.shape, photo.shape):
             raise _misfit("kernel", kernel.camera, photo, file)
         kernel = kernel.at_size(*photo.shape)
     if _sweep(kernel) > _WIDEST_BLUR * max(photo.shape):
@@ -69,7 +75,7 @@ def fitting_camera(content: CameraFile, photo: Photo) -> CameraFile:
     camera = content.camera
     if camera.shape == photo.shape:
         return content
-    if not _same_proportions(camera.shape, photo.shape):
+    if not same_proportions(camera.shape, photo.shape):
         raise _misfit("camera", camera, photo, None)
     return replace(content, camera=camera.scaled(*photo.shape))
 
@@ -129,7 +135,7 @@ def _sweep(kernel: RotationKernel) -> float:
     return float(np.ptp(moved, axis=1).max())
 
 
-def _same_proportions(one: tuple[int, int], other: tuple[int, int]) -> bool:
+def same_proportions(one: tuple[int, int], other: tuple[int, int]) -> bool:
     """Tell whether one picture may be the other resized, its sides rounded up or down."""
     least = max((b - 1) / a for a, b in zip(one, other, strict=True))
     most = min((b + 1) / a for a, b in zip(one, other, strict=True))
@@ -139,7 +145,7 @@ def _same_proportions(one: tuple[int, int], other: tuple[int, int]) -> bool:
 def _misfit(what: str, camera: Camera, photo: Photo, file: Path | None) -> KernelFileError:
     height, width = photo.shape
     made_for = f"the {what} is for pictures of {camera.width} x {camera.height} pixels"
-    turned = _same_proportions(camera.shape[::-1], photo.shape)
+    turned = same_proportions(camera.shape[::-1], photo.shape)
     return KernelFileError(
         f"{made_for}, and {photo.source} has {width} x {height}",
         hint="the photo has been turned since" if turned else "the photo must not be cropped",

@@ -41,7 +41,8 @@ class LocalTones(NamedTuple):
 
     def __call__(self, f: Image) -> Image:
         """Take planes (C, h, w) to the tones of the blurred photo, >= 0."""
-        return np.maximum(self.gain * f + self.offset, 0)
+        matched: Image = np.maximum(self.gain * f + self.offset, 0)
+        return matched
 
 
 def local_tones(g: Image, Af: Image, mask: Mask, reach: int) -> LocalTones:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
@@ -18,15 +18,19 @@ from deshake.errors import DeshakeError, EstimationError, OutputError
 from deshake.estimation.registration import register, registered
 from deshake.io.files import STREAM, check_output, default_output
 from deshake.io.kernel_file import read_kernel
-from deshake.io.photo import read_photo, write_photo
+from deshake.io.photo import read_pair, write_photo
 from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import ShakeBlur
+from deshake.pipelines.calibration import camera_for
 from deshake.pipelines.camera_tones import blurred_planes, needs_curves, with_tones_of
-from deshake.pipelines.file_stages import check_encoding, part
+from deshake.pipelines.file_stages import part, prepared, sheet_kept
+from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.fitting import check_registration, fitting_kernel
 from deshake.pipelines.local_tones import local_trust
+from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
+from deshake.pipelines.preview import preview_photo
 from deshake.pipelines.register import known_registration
-from deshake.pipelines.stages import EstimateOptions, camera_for, luminance
+from deshake.pipelines.stages import EstimateOptions, luminance
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -167,13 +171,18 @@ def deblur_pair_file(
     *,
     registration: Path | None = None,
     transfer: TransferName | None = None,
+    finish: Finish = AS_IT_IS,
+    linear: bool = False,
+    provenance: bool = True,
     overwrite: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Path:
     """Deblur a photo with a noisy one and the kernel of a file; write the result, return where.
 
-    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``.
+    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. With
+    `provenance` it tells in its metadata how it came about. The sheet of `finish` is kept only
+    together with it.
 
     Raises
     ------
@@ -188,14 +197,19 @@ def deblur_pair_file(
     path = default_output(source, output, overwrite=overwrite)
     inputs = [item for item in (noisy_file, kernel_file, registration) if item is not None]
     check_output(path, *inputs, overwrite=overwrite)
+    finish.check(path, source, *inputs, overwrite=overwrite)
     content = read_kernel(kernel_file)
     known = None if registration is None else known_registration(registration)
-    photo, noisy = (read_photo(item, transfer=transfer) for item in (source, noisy_file))
-    check_encoding(photo, path)
-    kernel = fitting_kernel(content, photo, kernel_file)
+    photo, noisy = read_pair(source, noisy_file, transfer=transfer)
+    photo = prepared(photo, path, linear=linear)
     if known is not None:
         check_registration(known.camera, photo, registration)
-    photo = deblur_pair(
+    photo, mask = finish.prepare(photo)
+    if finish.preview:
+        noisy = preview_photo(noisy)
+        known = None if known is None else replace(known, camera=known.camera.scaled(*photo.shape))
+    kernel = fitting_kernel(content, photo, kernel_file)
+    result = deblur_pair(
         photo,
         noisy,
         kernel,
@@ -204,7 +218,14 @@ def deblur_pair_file(
         threads=threads,
         progress=progress,
     )
-    write_photo(path, photo, overwrite=overwrite)
+    result = finish.blend(photo, result, mask)
+    if provenance:
+        told = photo_provenance(
+            photo, content, options, transfer=transfer, noisy=noisy, finish=finish
+        )
+        result = with_photo_provenance(result, told)
+    with sheet_kept(finish.sheet(path), photo, result, kernel, overwrite=overwrite):
+        write_photo(path, result, overwrite=overwrite)
     return path
 
 

@@ -6,17 +6,18 @@ one before it found. That is why the results are the same to the byte.
 
 from __future__ import annotations
 
-import contextlib
 import logging
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from deshake.io.files import check_output
-from deshake.io.kernel_file import write_kernel
-from deshake.io.photo import read_photo, write_photo
-from deshake.pipelines.file_stages import check_encoding, gone_on_failure, part
+from deshake.io.photo import read_pair, write_photo
+from deshake.pipelines.file_stages import kernel_kept, part, prepared, sheet_kept
+from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.pair_deblurring import PairRestorationOptions, deblur_pair
 from deshake.pipelines.pair_stages import estimate_pair
+from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
+from deshake.pipelines.preview import preview_options, preview_photo
 from deshake.pipelines.register import find_registration
 
 if TYPE_CHECKING:
@@ -68,8 +69,11 @@ def fix_pair_file(
     options: EstimateOptions,
     *,
     restoration: PairRestorationOptions,
+    finish: Finish = AS_IT_IS,
+    linear: bool = False,
+    provenance: bool = True,
     overwrite: bool = False,
-    overwrite_kernel: bool = False,
+    overwrite_others: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> FixedPair:
@@ -87,8 +91,14 @@ def fix_pair_file(
         What the estimate goes by; region and estimator do not count, and the angle is the blur's.
     restoration : PairRestorationOptions
         How the photo is deblurred.
-    overwrite, overwrite_kernel : bool
-        Whether an existing result, or an existing kernel, may be replaced.
+    finish : Finish
+        What is wanted beside it; its sheet, too, is kept only together with the result.
+    linear : bool
+        Whether the result of a RAW file is written in linear light.
+    provenance : bool
+        Whether the result tells in its metadata how it came about.
+    overwrite, overwrite_others : bool
+        Whether an existing result, or other existing outputs, may be replaced.
     threads : int, optional
         Threads to use; by default all processors. The result does not depend on it.
     progress : callable, optional
@@ -104,9 +114,15 @@ def fix_pair_file(
     """
     check_output(output, blurred, noisy, overwrite=overwrite)
     if kernel_file is not None:
-        check_output(kernel_file, blurred, noisy, output, overwrite=overwrite_kernel)
-    g, f_N = (read_photo(path, transfer=options.transfer) for path in (blurred, noisy))
-    check_encoding(g, output)
+        check_output(kernel_file, blurred, noisy, output, overwrite=overwrite_others)
+    inputs = blurred, noisy, *filter(None, [kernel_file])
+    finish.check(output, *inputs, overwrite=overwrite_others)
+    whole, f_N = read_pair(blurred, noisy, transfer=options.transfer)
+    g, mask = finish.prepare(prepared(whole, output, linear=linear))
+    if finish.preview:
+        options = preview_options(options, whole, g)
+        f_N = preview_photo(f_N)
+    del whole
     found = find_registration(
         g, f_N, options, threads=threads, progress=part(progress, 0, _REGISTERED)
     )
@@ -120,7 +136,7 @@ def fix_pair_file(
         threads=threads,
         progress=part(progress, _REGISTERED, _ESTIMATED),
     )
-    photo = deblur_pair(
+    result = deblur_pair(
         g,
         f_N,
         kernel.content.kernel,
@@ -129,9 +145,21 @@ def fix_pair_file(
         threads=threads,
         progress=part(progress, _ESTIMATED, 1),
     )
-    with contextlib.ExitStack() as outputs:
-        if kernel_file is not None:
-            outputs.enter_context(gone_on_failure(kernel_file))
-            write_kernel(kernel_file, kernel.content, overwrite=overwrite_kernel)
-        write_photo(output, photo, overwrite=overwrite)
+    result = finish.blend(g, result, mask)
+    undone = kernel.content.kernel
+    if provenance:
+        told = photo_provenance(
+            g,
+            kernel.content,
+            restoration,
+            transfer=options.transfer,
+            noisy=f_N,
+            finish=finish,
+        )
+        result = with_photo_provenance(result, told)
+    with (
+        kernel_kept(kernel_file, kernel.content, overwrite=overwrite_others),
+        sheet_kept(finish.sheet(output), g, result, undone, overwrite=overwrite_others),
+    ):
+        write_photo(output, result, overwrite=overwrite)
     return FixedPair(found, kernel)

@@ -20,7 +20,7 @@ from deshake.estimation.registration import registered
 from deshake.geometry.kernel import RotationKernel
 from deshake.io.files import check_output, sha256
 from deshake.io.kernel_file import CameraFile, KernelFile, write_kernel
-from deshake.io.photo import read_photo
+from deshake.io.photo import read_pair
 from deshake.pipelines.file_stages import part
 from deshake.pipelines.fitting import check_registration
 from deshake.pipelines.register import find_registration, known_registration
@@ -162,8 +162,8 @@ def estimate_pair(
     kernel = found.kernel
     if found.confidence < _TRUSTED:
         notes.append(
-            f"the two photos agree too badly to trust a kernel ({found.confidence:.2f}): the photo is "
-            "left as it is; without the noisy photo it can be deblurred blindly"
+            f"the two photos agree too badly to trust a kernel ({found.confidence:.2f}): the photo "
+            "is left as it is; without the noisy photo it can be deblurred blindly"
         )
         kernel = RotationKernel.delta(kernel.camera)
     if progress is not None:
@@ -172,7 +172,7 @@ def estimate_pair(
         _log.warning("%s: %s", blurred.source, note)
     provenance = _provenance((blurred, noisy), options, registration, found)
     provenance |= {"camera": camera.source, "tone_curves": curved, "notes": notes}
-    content = KernelFile(kernel, found.confidence, provenance, camera.distortion)
+    content = KernelFile(kernel, found.confidence, provenance)
     return PairKernel(content, camera, registration, scale, notes)
 
 
@@ -201,8 +201,7 @@ def estimate_pair_file(
     check_output(output, *inputs, overwrite=overwrite)
     known = None if registration is None else known_registration(registration)
     found = estimate_pair(
-        read_photo(blurred, transfer=options.transfer),
-        read_photo(noisy, transfer=options.transfer),
+        *read_pair(blurred, noisy, transfer=options.transfer),
         options,
         registration=known,
         threads=threads,
@@ -223,11 +222,12 @@ def _provenance(
     found: PairEstimate,
 ) -> dict[str, Any]:
     """Tell what shaped the kernel, the camera aside."""
-    names = ("transfer", "blur_size", "max_angle", "uniform")
+    told = options.provenance()
+    goes_by = {name: value for name, value in told.items() if name not in {"region", "estimator"}}
     return {
         "deshake": __version__,
         "command": "estimate-pair",
-        "options": {name: getattr(options, name) for name in names},
+        "options": goes_by,
         "input_sha256": sha256(pair[0].source),
         "noisy_sha256": sha256(pair[1].source),
         "registration": {

@@ -15,17 +15,19 @@ from deshake import __version__
 from deshake.deconvolution.clipped_noise import unclipped_mean
 from deshake.errors import CalibrationError, DeshakeError, PhotoError
 from deshake.estimation.registration import MAX_ANGLE, Registration, register, registered
+from deshake.io.conversion import output_format
 from deshake.io.encoding import Encoding
 from deshake.io.files import STREAM, check_output, sha256, write_bytes
 from deshake.io.metadata import Metadata
-from deshake.io.photo import encode_photo, output_format, read_photo
+from deshake.io.photo import encode_photo, read_pair
 from deshake.io.registration_file import (
     RegistrationFile,
     read_registration,
     write_registration,
 )
+from deshake.pipelines.calibration import calibrate, camera_for
 from deshake.pipelines.file_stages import gone_on_failure
-from deshake.pipelines.stages import EstimateOptions, calibrate, camera_for, luminance
+from deshake.pipelines.stages import EstimateOptions, luminance
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -190,7 +192,7 @@ def register_file(
     check_output(output, blurred, noisy, overwrite=overwrite)
     if preview is not None:
         check_output(preview, blurred, noisy, output, overwrite=overwrite)
-    g, f_N = (read_photo(path, transfer=options.transfer) for path in (blurred, noisy))
+    g, f_N = read_pair(blurred, noisy, transfer=options.transfer)
     form = None if preview is None else _preview_format(preview, g)
     angle = MAX_ANGLE if options.max_angle is None else math.radians(options.max_angle)
     found = find_registration(g, f_N, options, max_angle=angle, threads=threads, progress=progress)
@@ -242,7 +244,12 @@ def checkerboard(blurred: Photo, noisy: Photo, registration: Registration) -> Ph
     shown = ((rows[:, None] + columns) % 2 == 1) & (valid > 0)
     f_reg *= np.float32(registration.scale)
     np.copyto(f_reg, g, where=~(shown if g.ndim == 2 else shown[..., None]))
-    encoding = Encoding("PNG", grey=g.ndim == 2, transfer=blurred.encoding.transfer)
+    encoding = Encoding(
+        "PNG",
+        grey=g.ndim == 2,
+        transfer=blurred.encoding.transfer,
+        matrix=blurred.encoding.matrix,
+    )
     return replace(blurred, pixels=f_reg, alpha=None, encoding=encoding, metadata=Metadata())
 
 

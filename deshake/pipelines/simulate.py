@@ -14,21 +14,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake import __version__
-from deshake.errors import CalibrationError, DeshakeError, OutputError
-from deshake.geometry.camera import Camera
+from deshake.errors import DeshakeError, OutputError
+from deshake.io.conversion import output_format
 from deshake.io.files import STREAM, check_output, sha256
+from deshake.io.frame_tags import reframed
 from deshake.io.kernel_file import CameraFile, KernelFile, read_camera, write_kernel
-from deshake.io.photo import output_format, read_photo, write_photo
-from deshake.io.sensors import assumed_focal_length, focal_length
+from deshake.io.photo import read_photo, write_photo
 from deshake.operators.filter_flow import reach
 from deshake.operators.warps import Warps
+from deshake.pipelines.calibration import camera_for
 from deshake.pipelines.camera_path import random_path, read_path
 from deshake.pipelines.fitting import fitting_camera
+from deshake.pipelines.stages import EstimateOptions
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from deshake.geometry.camera import Camera
     from deshake.geometry.kernel import RotationKernel
     from deshake.io.photo import Photo
     from deshake.io.transfer import TransferName
@@ -265,11 +268,12 @@ def simulate_file(
         pixels=result.pixels,
         clipped=photo.clipped[inside],
         alpha=None if photo.alpha is None else np.ascontiguousarray(photo.alpha[inside]),
+        metadata=reframed(photo.metadata, height, width, lens.camera.focal_px),
     )
     write_photo(output, framed, overwrite=overwrite)
     if sharp is not None:
         write_photo(sharp, replace(framed, pixels=result.sharp), overwrite=overwrite)
-    content = KernelFile(result.kernel, provenance=provenance, distortion=lens.distortion)
+    content = KernelFile(result.kernel, provenance=provenance)
     write_kernel(kernel, content, overwrite=overwrite)
     if str(kernel) != STREAM:
         extent = result.kernel.extent_px()
@@ -282,12 +286,8 @@ def _lens(
     """Tell the photo's camera: by a file, an option, its metadata, or an assumption."""
     if file is not None:
         return fitting_camera(read_camera(file), photo)
-    try:
-        found = focal_length(photo.metadata, *photo.shape, focal_px=focal_px, focal_35mm=focal_35mm)
-    except CalibrationError as error:
-        error.file = str(photo.source)
-        if focal_px is not None or focal_35mm is not None:
-            raise
-        found = assumed_focal_length(*photo.shape)
-        _log.warning("%s; a 50 mm-equivalent is assumed (--focal-35mm MM says otherwise)", error)
-    return CameraFile(Camera.from_focal(found.pixels, *photo.shape), found.source)
+    options = EstimateOptions(focal_px=focal_px, focal_35mm=focal_35mm)
+    found, notes = camera_for(photo, options)
+    for note in notes:
+        _log.warning("%s: %s", photo.source, note)
+    return found

@@ -1,4 +1,4 @@
-"""The stages from a shaken photo to a sharper one: calibrate, estimate, deblur.
+"""The stages from a shaken photo to a sharper one: estimate and deblur; `calibration` is the first.
 
 The commands that bear these names and `fix` call the same functions, which is why `fix` gives the
 same bytes as its stages run one by one.
@@ -16,14 +16,14 @@ import numpy as np
 from deshake import __version__
 from deshake.deconvolution.dark_halos import without_dark_halos
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions, restore
-from deshake.errors import CalibrationError, DeshakeError
+from deshake.deconvolution.noise import noise_model
+from deshake.errors import DeshakeError
 from deshake.estimation.blind import blur_bound
 from deshake.estimation.methods import estimate_kernel
-from deshake.geometry.camera import Camera
 from deshake.io.files import sha256
-from deshake.io.kernel_file import CameraFile, KernelFile
-from deshake.io.sensors import assumed_focal_length, focal_length
-from deshake.pipelines.fitting import check_region, fitting_camera
+from deshake.io.kernel_file import KernelFile
+from deshake.pipelines.calibration import camera_for
+from deshake.pipelines.fitting import check_region
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -32,7 +32,9 @@ if TYPE_CHECKING:
 
     from deshake.estimation.blind import BlindEstimate
     from deshake.estimation.methods import Estimator
+    from deshake.geometry.camera import Camera
     from deshake.geometry.kernel import RotationKernel
+    from deshake.io.kernel_file import CameraFile
     from deshake.io.photo import Photo
     from deshake.io.transfer import TransferName
 
@@ -41,8 +43,6 @@ if TYPE_CHECKING:
 __all__ = [
     "Estimate",
     "EstimateOptions",
-    "calibrate",
-    "camera_for",
     "deblur",
     "estimate",
     "largest_blur",
@@ -51,6 +51,7 @@ __all__ = [
 
 _log = logging.getLogger(__name__)
 
+_MID_GREY: Final = 0.18
 _LUMINANCE: Final = (0.2126, 0.7152, 0.0722)  # of linear sRGB, ITU-R BT.709
 
 
@@ -76,6 +77,8 @@ class EstimateOptions:
         Whether the blur is taken to be the same all over the frame.
     estimator : {"auto", "edges", "variational"}
         How the kernel is estimated.
+    preview : bool
+        Whether the photo was reduced first (`preview_photo`); told in the kernel's provenance.
 
     """
 
@@ -88,11 +91,13 @@ class EstimateOptions:
     region: tuple[int, int, int, int] | None = None
     uniform: bool = False
     estimator: Estimator = "auto"
+    preview: bool = False
 
     def provenance(self) -> dict[str, Any]:
         """Return what shapes the kernel, for its file; the camera is told apart."""
         names = ("transfer", "blur_size", "max_angle", "region", "uniform", "estimator")
-        return {name: getattr(self, name) for name in names}
+        told = {name: getattr(self, name) for name in names}
+        return told | {"preview": True} if self.preview else told
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +114,8 @@ class Estimate:
         In plain words.
     latent : (2, h, w) array of float32
         Gradients of the sharp photo, or region, as in `BlindEstimate`.
+    noise : float
+        Standard deviation of the photo's noise at a mid grey (18 % of white), in linear light.
 
     """
 
@@ -116,6 +123,7 @@ class Estimate:
     camera: CameraFile
     notes: list[str]
     latent: NDArray[np.float32]
+    noise: float
 
     def report(self) -> dict[str, Any]:
         """Return the figures of the estimate as JSON data."""
@@ -124,6 +132,7 @@ class Estimate:
             "rotations": len(kernel.weights),
             "extent_px": round(kernel.extent_px(), 2),
             "confidence": round(self.content.confidence, 4),
+            "noise": round(self.noise, 5),
             "notes": self.notes,
             "focal_px": round(self.camera.camera.focal_px, 2),
             "camera_source": self.camera.source,
@@ -138,25 +147,6 @@ def luminance(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
     for channel in (1, 2):
         grey += pixels[..., channel] * np.float32(_LUMINANCE[channel])
     return grey
-
-
-def calibrate(
-    photo: Photo, *, focal_px: float | None = None, focal_35mm: float | None = None
-) -> CameraFile:
-    """Find the camera of an upright photo: its focal length, the principal point in the middle.
-
-    Raises
-    ------
-    CalibrationError
-        If neither the options nor the metadata tell the focal length.
-
-    """
-    try:
-        found = focal_length(photo.metadata, *photo.shape, focal_px=focal_px, focal_35mm=focal_35mm)
-    except CalibrationError as error:
-        error.file = str(photo.source)
-        raise
-    return CameraFile(Camera.from_focal(found.pixels, *photo.shape), found.source)
 
 
 def estimate(
@@ -185,9 +175,10 @@ def estimate(
     """
     camera, notes = camera_for(photo, options)
     check_region(photo, options.region)
+    grey = luminance(photo.pixels)
     try:
         found = estimate_kernel(
-            luminance(photo.pixels),
+            grey,
             camera.camera,
             estimator=options.estimator,
             clipped=photo.clipped,
@@ -204,8 +195,10 @@ def estimate(
     for note in notes:
         _log.warning("%s: %s", photo.source, note)
     provenance = _provenance(photo, options, camera, found) | {"notes": notes}
-    content = KernelFile(found.kernel, found.confidence, provenance, camera.distortion)
-    return Estimate(content, camera, notes, found.latent)
+    content = KernelFile(found.kernel, found.confidence, provenance)
+    slope, floor = noise_model(grey)
+    noise = math.sqrt(slope * _MID_GREY + floor)
+    return Estimate(content, camera, notes, found.latent, noise)
 
 
 def deblur(
@@ -253,20 +246,6 @@ def deblur(
         raise
     _log.info("%s: deblurred in %d iterations", photo.source, restored.iterations)
     return photo.with_pixels(without_dark_halos(restored.pixels, photo.pixels, kernel))
-
-
-def camera_for(photo: Photo, options: EstimateOptions) -> tuple[CameraFile, list[str]]:
-    """Return the camera to go by, and a note if it is only assumed."""
-    if options.camera is not None:
-        return fitting_camera(options.camera, photo), []
-    try:
-        return calibrate(photo, focal_px=options.focal_px, focal_35mm=options.focal_35mm), []
-    except CalibrationError as error:
-        if options.focal_px is not None or options.focal_35mm is not None:
-            raise
-        found = assumed_focal_length(*photo.shape)
-        note = f"{error.message}; a 50 mm-equivalent is assumed (--focal-35mm MM says otherwise)"
-        return CameraFile(Camera.from_focal(found.pixels, *photo.shape), found.source), [note]
 
 
 def largest_blur(camera: Camera, options: EstimateOptions) -> float | None:

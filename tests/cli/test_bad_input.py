@@ -33,7 +33,7 @@ def noise(mode="RGB", size=(100, 80)):
 
 PHOTOS = {
     "empty.jpg": (b"", "the file is empty"),
-    "text.jpg": (b"Dear diary, today I took a photo.\n", "not a JPEG, PNG, TIFF or WebP"),
+    "text.jpg": (b"Dear diary, today I took a photo.\n", "not a photo of a known format"),
     "truncated.jpg": (encoded(noise(), "JPEG")[:-2000], "cut short"),
     "truncated.png": (encoded(noise(), "PNG")[:-2000], "cut short"),
     "cmyk.jpg": (encoded(noise("CMYK"), "JPEG"), "CMYK"),

@@ -35,12 +35,17 @@ def test_writes_the_camera_of_the_upright_photo(deshake, photo, tmp_path):
 
 def test_json_is_one_line_and_writes_nothing_unasked(deshake, photo, tmp_path):
     outcome = deshake("calibrate", photo, "--json")
-    assert json.loads(outcome.out) == {
+    report = json.loads(outcome.out)
+    assert report.pop("seconds") >= 0
+    assert report == {
+        "status": "done",
         "input": str(photo),
         "output": None,
         "focal_px": 404.469,
         "focal_35mm": 35,
         "source": "EXIF FocalLengthIn35mmFilm = 35 mm",
+        "confidence": 0.81,
+        "warnings": [],
         "width": 300,
         "height": 400,
     }
@@ -97,3 +102,35 @@ def test_standard_output_takes_one_thing(deshake, photo):
     assert done.stdout.startswith(b"PK")
     assert done.stderr == b""
     assert deshake("calibrate", photo, "-o", "-", "--json").code == 2
+
+
+def test_verbose_tells_all_that_was_looked_at(deshake, photo):
+    outcome = deshake("calibrate", photo, "-v", "--json")
+    assert outcome.code == 0
+    assert f"{photo}: its EXIF does not say how large it was taken" in outcome.err
+    assert "EXIF FocalLengthIn35mmFilm = 35 mm: 404.5 pixels, 35.0 mm" in outcome.err
+    assert deshake("calibrate", photo, "--json").err == ""
+
+
+def test_a_crop_is_told(deshake, tmp_path):
+    exif = Image.Exif()
+    exif.get_ifd(0x8769).update({0xA405: 35, 0xA002: 400, 0xA003: 300})
+    path = tmp_path / "crop.jpg"
+    Image.new("RGB", (300, 300), "teal").save(path, exif=exif)
+    outcome = deshake("calibrate", path, "--json")
+    found = json.loads(outcome.out)
+    assert found["focal_px"] == pytest.approx(404.469)
+    assert found["confidence"] == pytest.approx(0.63)
+    assert outcome.err == f"warning: {path}: {found['warnings'][0]}\n"
+    assert "taken to be a crop" in outcome.err
+
+
+def test_an_anamorphic_lens_asks(deshake, tmp_path):
+    exif = Image.Exif()
+    exif.get_ifd(0x8769).update({0xA405: 35, 0xA434: "Anamorphic 50mm 1.33x"})
+    path = tmp_path / "wide.jpg"
+    Image.new("RGB", (300, 200), "teal").save(path, exif=exif)
+    outcome = deshake("calibrate", path)
+    assert outcome.code == 1
+    assert outcome.err.startswith(f"error: {path}: its lens is Anamorphic 50mm 1.33x")
+    assert "\nhint: stretch it" in outcome.err

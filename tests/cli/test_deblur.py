@@ -1,16 +1,20 @@
 from __future__ import annotations
 
+import hashlib
 import subprocess
 import sys
 
 import cv2
 import numpy as np
 import pytest
+import tifffile
 from PIL import Image
 
+from deshake import __version__
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.io.kernel_file import KernelFile, write_kernel
+from deshake.io.provenance import read_provenance
 from deshake.io.registration_file import RegistrationFile, write_registration
 
 
@@ -62,6 +66,30 @@ def test_metadata_stay(deshake, shaken, kernel, tmp_path):
     with Image.open(tmp_path / "a.deshaken.jpg") as image:
         assert image.getexif()[0x010F] == "a camera"
         assert image.info["icc_profile"] == b"x" * 200
+
+
+@pytest.mark.parametrize("ending", ["jpg", "png", "tif", "webp"])
+def test_the_result_tells_how_it_came_about(deshake, shaken, kernel, tmp_path, ending):
+    photo = shaken(f"a.{ending}")
+    how = ("--method", "rl", "--iterations", 1)
+    assert deshake("deblur", photo, kernel, *how).code == 0
+    out = tmp_path / f"a.deshaken.{ending}"
+    told = read_provenance(out)
+    assert told["options"] == {
+        "transfer": None,
+        "method": "rl",
+        "quality": "default",
+        "iterations": 1,
+    }
+    assert told["input_sha256"] == hashlib.sha256(photo.read_bytes()).hexdigest()
+    assert str(tmp_path).encode() not in out.read_bytes()
+    with Image.open(out) as image:
+        assert image.getexif()[305] == f"deshake {__version__}"
+    assert deshake("deblur", photo, kernel, *how, "--overwrite", "--no-provenance").code == 0
+    assert b"deshake" not in out.read_bytes()
+    with Image.open(out) as image:
+        assert not image.getexif().get(305)
+        assert not image.info.get("xmp")
 
 
 def test_a_folder_takes_the_default_name(deshake, shaken, kernel, tmp_path):
@@ -172,7 +200,7 @@ def test_the_kernel_comes_from_standard_input_too(deshake, shaken, kernel, tmp_p
 
 def test_photos_do_not_go_to_standard_output(deshake, shaken, kernel):
     outcome = deshake("deblur", shaken("a.jpg"), kernel, "-o", "-")
-    assert outcome.code == 1
+    assert outcome.code == 2
     assert "standard output" in outcome.err
 
 
@@ -249,3 +277,18 @@ def test_methods_go_with_the_photos_they_need(deshake, shaken, kernel, args, wha
     outcome = deshake("deblur", shaken("a.png"), kernel, *args)
     assert outcome.code == 2
     assert what in outcome.err
+
+
+def test_light_beyond_white_stays_in_a_floating_point_tiff(deshake, kernel, tmp_path):
+    y, x = np.mgrid[:80, :100]
+    light = (4 + 3 * np.sin(x / 5) * np.cos(y / 7)).astype(np.float32)
+    path, png = tmp_path / "a.tif", tmp_path / "out.png"
+    tifffile.imwrite(path, np.stack([light] * 3, -1), photometric="rgb", metadata=None)
+    outcome = deshake("deblur", path, kernel)
+    assert (outcome.code, outcome.err) == (0, "")
+    found = tifffile.imread(tmp_path / "a.deshaken.tif")
+    assert found.dtype == np.float32
+    assert 6.5 < found.max() < 8
+    outcome = deshake("deblur", path, kernel, "-o", png)
+    assert "warning: " in outcome.err
+    assert "beyond white is cut off" in outcome.err

@@ -10,6 +10,7 @@ import pytest
 from skimage import data
 
 from deshake.io.kernel_file import read_kernel
+from deshake.io.provenance import read_provenance
 
 LENS = ("--focal-px", 150)
 BLUR = ("--blur-size", 8)
@@ -36,6 +37,8 @@ def test_gives_the_bytes_of_its_stages(deshake, pair, tmp_path, chosen, how):
     assert (kernels / "blurred.kernel.npz").read_bytes() == kernel.read_bytes()
     assert read_kernel(kernel).kernel.camera.is_uniform == bool(chosen)
     assert out.read_bytes() != blurred.read_bytes()
+    told = read_provenance(out)
+    assert told["noisy_sha256"] == told["kernel"]["noisy_sha256"]
 
 
 def test_it_is_sharper_and_the_report_says_all(deshake, pair, tmp_path):
@@ -49,7 +52,7 @@ def test_it_is_sharper_and_the_report_says_all(deshake, pair, tmp_path):
     assert report["status"] == "done"
     assert report["scale"] == pytest.approx(4, rel=0.1)
     assert report["registration_confidence"] > 0.9
-    assert any("a 50 mm-equivalent is assumed" in note for note in report["notes"])
+    assert any("a 50 mm-equivalent is assumed" in note for note in report["warnings"])
     assert {path.name for path in tmp_path.iterdir()} == {
         "blurred.png",
         "noisy.png",

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -205,3 +206,18 @@ def test_a_full_disk_leaves_nothing(photo):
     assert done.returncode == 1
     assert done.stderr.startswith(f"error: {photo.with_name('photo.shaken.jpg')}: ")
     assert [path.name for path in photo.parent.iterdir()] == ["photo.jpg"]
+
+
+@pytest.mark.parametrize("size", [(160, 120), (120, 120)])
+@pytest.mark.parametrize("make", [{}, {0x010F: "Canon", 0x0110: "Canon DIGITAL IXUS 70"}])
+def test_calibrating_what_was_shaken_finds_the_focal_length_again(deshake, tmp_path, size, make):
+    exif = Image.Exif()
+    exif.update(make)
+    exif.get_ifd(0x8769).update({0x920A: 5.8, 0xA405: 35, 0xA002: size[0], 0xA003: size[1]})
+    sharp, out = tmp_path / "sharp.jpg", tmp_path / "out.jpg"
+    Image.effect_noise(size, 60).convert("RGB").save(sharp, exif=exif)
+    assert deshake("simulate", sharp, "-o", out, "--blur-size", 12).code == 0
+    true = read_kernel(out.with_suffix(".npz")).kernel.camera
+    assert true.width < size[0]
+    found = json.loads(deshake("calibrate", out, "--json").out)
+    assert found["focal_px"] == pytest.approx(true.focal_px, rel=1e-3)

@@ -85,7 +85,9 @@ def save(tmp_path: Path) -> Callable[..., Path]:
         path = tmp_path / name
         picture = codes if isinstance(codes, Image.Image) else Image.fromarray(codes)
         stream = io.BytesIO()
-        form = {".jpg": "JPEG", ".tif": "TIFF", ".png": "PNG", ".webp": "WEBP"}[path.suffix]
+        form = {".jpg": "JPEG", ".tif": "TIFF", ".jp2": "JPEG2000"}.get(
+            path.suffix, path.suffix[1:].upper()
+        )
         picture.save(stream, form, **options)
         path.write_bytes(stream.getvalue())
         return path

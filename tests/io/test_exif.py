@@ -7,51 +7,10 @@ import pytest
 from PIL import Image
 
 from deshake.io import exif
+from deshake.io.exif_editing import maker_note_at
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-
-def with_thumbnail(order: str) -> bytes:
-    """Make a block by hand: orientation 6 in IFD0, and an IFD1 with a thumbnail."""
-    mark = b"II*\0" if order == "<" else b"MM\0*"
-    ifd0 = struct.pack(f"{order}HHHIHHI", 1, 274, 3, 1, 6, 0, 26)
-    ifd1 = struct.pack(f"{order}HHHIIHHIII", 2, 513, 4, 1, 56, 514, 4, 1, 4, 0)
-    return mark + struct.pack(f"{order}I", 8) + ifd0 + ifd1 + b"JPEG"
-
-
-@pytest.mark.parametrize("order", ["<", ">"])
-def test_turning_upright_changes_the_tag_and_the_link_to_the_thumbnail_alone(order: str) -> None:
-    block = with_thumbnail(order)
-    turned = exif.upright(block)
-    changed = [at for at, (old, new) in enumerate(zip(block, turned, strict=True)) if old != new]
-    assert exif.orientation(block) == 6
-    assert exif.orientation(turned) == 1
-    assert set(changed) <= {18, 19, 22, 23, 24, 25}
-    read = Image.Exif()
-    read.load(turned)
-    assert read[274] == 1
-    assert not read.get_ifd(1)
-
-
-def test_an_upright_block_is_left_alone(make_exif: Callable[..., bytes]) -> None:
-    block = make_exif(orientation=1)
-    assert exif.upright(block) is block
-
-
-@pytest.mark.parametrize(("kind", "code"), [(1, "B"), (3, "H"), (4, "I")])
-def test_orientation_of_any_integer_type(kind: int, code: str) -> None:
-    value = struct.pack(f"<{code}", 8).ljust(4, b"\0")
-    block = b"II*\0" + struct.pack("<IHHHI", 8, 1, 274, kind, 1) + value + bytes(4)
-    assert exif.orientation(block) == 8
-    assert exif.orientation(exif.upright(block)) == 1
-
-
-@pytest.mark.parametrize("value", [0, 9, 65535])
-def test_nonsense_orientation_is_none(value: int) -> None:
-    block = b"II*\0" + struct.pack("<IHHHIHHI", 8, 1, 274, 3, 1, value, 0, 0)
-    assert exif.orientation(block) == 1
-    assert exif.upright(block) == block
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
@@ -74,6 +33,27 @@ def test_tags_about_pixels_are_not_carried() -> None:
     assert set(exif.read_tree(block).main) == {274}
 
 
+@pytest.mark.parametrize("place", [9, 700, 60_000])
+def test_a_maker_note_is_put_where_it_has_to_lie(
+    make_exif: Callable[..., bytes], place: int
+) -> None:
+    tree = exif.read_tree(make_exif(">", orientation=6))
+    block = exif.new_block(tree, note_at=place)
+    assert maker_note_at(block) == place
+    assert block[place:].startswith(b"maker\0note\1\2\3")
+    assert exif.read_tree(block) == tree
+
+
+@pytest.mark.parametrize("place", [None, 3, 65_500, 4_000_000_000])
+def test_a_maker_note_moves_where_there_is_no_such_place(
+    make_exif: Callable[..., bytes], place: int | None
+) -> None:
+    tree = exif.read_tree(make_exif())
+    block = exif.new_block(tree, note_at=place)
+    assert len(block) < 1000
+    assert exif.read_tree(block) == tree
+
+
 def test_no_tags_make_no_block() -> None:
     assert exif.new_block(exif.Tree()) == b""
     assert exif.read_tree(b"") == exif.Tree()
@@ -89,9 +69,8 @@ def test_values_repeated_over_and_over_do_not_grow() -> None:
 def test_damaged_blocks_do_no_harm(make_exif: Callable[..., bytes]) -> None:
     block = make_exif(orientation=6)
     for size in range(len(block)):
-        exif.orientation(exif.upright(block[:size]))
+        exif.orientation(block[:size])
         exif.new_block(exif.read_tree(block[:size]))
     for at in range(len(block)):
         broken = block[:at] + b"\xff" + block[at + 1 :]
-        exif.upright(broken)
         exif.new_block(exif.read_tree(broken))

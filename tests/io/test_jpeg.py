@@ -102,8 +102,63 @@ def test_a_bomb_is_refused_by_its_header() -> None:
         decode_jpeg(bomb)
 
 
-def test_blocks_too_large_for_a_segment_are_refused() -> None:
-    decoded = decode_jpeg(jpeg(smooth()))
-    object.__setattr__(decoded.metadata, "exif", bytes(70_000))
-    with pytest.raises(PhotoError, match="EXIF block does not fit"):
-        encode_jpeg(decoded)
+def segments(*contents: tuple[int, bytes]) -> bytes:
+    return b"".join(
+        bytes([0xFF, marker]) + (len(content) + 2).to_bytes(2, "big") + content
+        for marker, content in contents
+    )
+
+
+def test_of_two_blocks_the_first_counts() -> None:
+    """Pillow joins two EXIF blocks, takes the last XMP packet, and of two profiles neither."""
+    xmp, icc = b"http://ns.adobe.com/xap/1.0/\0", b"ICC_PROFILE\0\1\1"
+    data = jpeg(smooth())
+    twice = segments(
+        *((0xE1, b"Exif\0\0II*\0" + item) for item in (b"one", b"two")),
+        *((0xE1, xmp + item) for item in (b"one", b"two")),
+        *((0xE2, icc + item) for item in (b"one", b"two")),
+    )
+    metadata = decode_jpeg(data[:2] + twice + data[2:]).metadata
+    assert (metadata.exif, metadata.xmp, metadata.icc) == (b"II*\0one", b"one", b"one")
+
+
+def test_exif_in_several_segments_is_joined() -> None:
+    data = jpeg(smooth())
+    parts = segments((0xE1, b"Exif\0\0II*\0" + bytes(65_000)), (0xE1, b"Exif\0\0rest"))
+    assert decode_jpeg(data[:2] + parts + data[2:]).metadata.exif.endswith(bytes(9) + b"rest")
+
+
+@pytest.mark.parametrize("numbers", [[(1, 2)], [(2, 2)], [(2, 2), (1, 2)], [(0, 0)]])
+def test_profiles_with_parts_missing_are_none(numbers: list[tuple[int, int]]) -> None:
+    data = jpeg(smooth())
+    parts = segments(*((0xE2, b"ICC_PROFILE\0" + bytes(pair) + b"part") for pair in numbers))
+    whole = set(numbers) == {(1, 2), (2, 2)}
+    assert decode_jpeg(data[:2] + parts + data[2:]).metadata.icc == b"partpart" * whole
+
+
+def test_extended_xmp_comes_back_whole_or_not_at_all() -> None:
+    guid, more = "0123456789ABCDEF" * 2, bytes(range(256)) * 600
+    short = f'<rdf:RDF xmpNote:HasExtendedXMP="{guid}"/>'.encode()
+    decoded = decode_jpeg(jpeg(smooth(), xmp=short))
+    object.__setattr__(decoded.metadata, "extended_xmp", more)
+    data = encode_jpeg(decoded)
+    again = decode_jpeg(data)
+    assert again.metadata.xmp == short
+    assert again.metadata.extended_xmp == more
+    lost = data.replace(guid.encode() + len(more).to_bytes(4, "big") + bytes(4), b"x" * 40)
+    assert len(lost) == len(data)
+    assert decode_jpeg(lost).metadata.extended_xmp == b""
+    assert decode_jpeg(lost).notes == ("its extended XMP is damaged, and left out",)
+    assert decode_jpeg(data).notes == ()
+
+
+def test_a_gain_map_is_dropped_with_a_word(make_codes: Callable[..., np.ndarray]) -> None:
+    stream = io.BytesIO()
+    Image.fromarray(make_codes(16, 16, 3)).save(stream, "JPEG")
+    assert decode_jpeg(stream.getvalue()).notes == ()
+    second = io.BytesIO()
+    packet = b'<x:xmpmeta xmlns:x="adobe:ns:meta/"><a hdrgm:Version="1.0"/></x:xmpmeta>'
+    Image.fromarray(make_codes(8, 8, 3)).save(second, "JPEG", xmp=packet)
+    both = stream.getvalue() + second.getvalue()
+    assert decode_jpeg(both).notes == ("its gain map (HDR) is dropped",)
+    assert decode_jpeg(both).codes.shape == (16, 16, 3)

@@ -31,8 +31,9 @@ PATH = np.linspace([0, 0, 0], [0.004, -0.003, 0.01], 9)
 
 
 def content() -> KernelFile:
-    kernel = RotationKernel.from_path(PATH, CAMERA)
-    return KernelFile(kernel, 0.75, {"version": "0.1", "options": {"seed": 3}}, np.full(4, 0.01))
+    camera = CAMERA.with_lens(np.full(4, 0.01))
+    kernel = RotationKernel.from_path(PATH, camera)
+    return KernelFile(kernel, 0.75, {"version": "0.1", "options": {"seed": 3}})
 
 
 def keys(**changes: Any) -> dict[str, Any]:
@@ -65,7 +66,7 @@ def test_a_kernel_comes_back_bit_for_bit(tmp_path: Path) -> None:
     assert np.array_equal(read.kernel.camera.matrix, CAMERA.matrix)
     assert read.kernel.camera.shape == (600, 800)
     assert (read.confidence, read.provenance) == (0.75, content().provenance)
-    assert read.distortion.tolist() == [0.01] * 4
+    assert read.kernel.camera.distortion.tolist() == [0.01] * 4
     write_kernel(again, read)
     assert again.read_bytes() == path.read_bytes()
 
@@ -77,7 +78,7 @@ def test_a_camera_comes_back_bit_for_bit(tmp_path: Path) -> None:
     assert np.array_equal(read.camera.matrix, CAMERA.matrix)
     assert read.camera.shape == CAMERA.shape
     assert read.source == "EXIF FocalLengthIn35mmFilm = 35 mm"
-    assert read.distortion.shape == (0,)
+    assert read.camera.distortion.shape == (0,)
     with pytest.raises(KernelFileError, match="'theta' is missing"):
         read_kernel(path)
     write_kernel(tmp_path / "kernel.npz", content())

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from deshake.errors import PhotoError
-from deshake.io.opencv import imdecode
+from deshake.io.opencv import imdecode, imdecode_with_metadata, imencode
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,4 +29,20 @@ def test_rubbish_is_refused_without_a_word_of_opencvs(capfd: pytest.CaptureFixtu
     for data in (b"rubbish", b"", whole[:20]):
         with pytest.raises(PhotoError):
             imdecode(data)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_blocks_of_metadata_go_in_and_out(make_codes: Callable[..., np.ndarray]) -> None:
+    codes = make_codes(40, 50, 3)
+    blocks = {cv2.IMAGE_METADATA_EXIF: b"II*\0\x08\0\0\0\0\0\0\0\0\0", cv2.IMAGE_METADATA_XMP: b""}
+    data = imencode(".png", codes, (), blocks)
+    decoded, found = imdecode_with_metadata(data)
+    assert np.array_equal(decoded, codes)
+    assert found[cv2.IMAGE_METADATA_EXIF] == blocks[cv2.IMAGE_METADATA_EXIF]
+    assert cv2.IMAGE_METADATA_XMP not in found
+
+
+def test_what_cannot_be_encoded(capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(PhotoError, match="cannot be encoded"):
+        imencode(".jp2", np.zeros((5, 5, 3), np.uint8), ())
     assert capfd.readouterr() == ("", "")

@@ -35,6 +35,7 @@ def keys(**changes: Any) -> dict[str, Any]:
         "scale": 7.5,
         "camera_matrix": np.array([[1200, 0, 399.5], [0, 1200, 299.5], [0, 0, 1]]),
         "image_size": np.array([600, 800]),
+        "distortion": np.zeros(0),
         "confidence": 0.75,
         "provenance": "{}",
     }

@@ -8,11 +8,16 @@ import cv2
 import numpy as np
 import pytest
 import tifffile
-from PIL import Image, ImageCms
+from PIL import Image, ImageCms, IptcImagePlugin
 
 from deshake.errors import PhotoError
+from deshake.io.encoding import Decoded, Encoding
 from deshake.io.exif import read_tree
+from deshake.io.exif_editing import maker_note_at
+from deshake.io.image_resources import with_iptc
+from deshake.io.metadata import Metadata
 from deshake.io.tiff import decode_tiff, encode_tiff
+from deshake.io.transfer import LINEAR
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -140,6 +145,36 @@ def test_metadata_are_carried(make_codes: Callable[..., np.ndarray], xmp: bytes)
     assert encode_tiff(again) == data
 
 
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("compressed", [False, True])
+def test_the_exif_block_keeps_its_place(
+    make_codes: Callable[..., np.ndarray],
+    make_exif: Callable[..., bytes],
+    order: str,
+    *,
+    compressed: bool,
+) -> None:
+    codes, block = make_codes(70, 80, 3, 16), make_exif(order)
+    encoding = Encoding("TIFF", depth=16, compressed=compressed)
+    data = encode_tiff(Decoded(codes, None, encoding, Metadata(block)))
+    assert data[8 : len(block)] == block[8:]
+    assert maker_note_at(data) == maker_note_at(block)
+    assert np.array_equal(tifffile.imread(io.BytesIO(data)), codes)
+    again = decode_tiff(data)
+    assert maker_note_at(again.metadata.exif) == maker_note_at(block)
+    assert encode_tiff(again) == encode_tiff(decode_tiff(encode_tiff(again)))
+
+
+def test_iptc_and_image_resources_have_their_tags(make_codes: Callable[..., np.ndarray]) -> None:
+    iptc = b"\x1c\x02\x05\0\x05Title"
+    metadata = Metadata(iptc=iptc, resources=with_iptc(b"", iptc))
+    data = encode_tiff(Decoded(make_codes(9, 8), None, Encoding("TIFF", grey=True), metadata))
+    assert decode_tiff(data).metadata.iptc == iptc
+    assert decode_tiff(data).metadata.resources == metadata.resources
+    with Image.open(io.BytesIO(data)) as picture:
+        assert IptcImagePlugin.getiptcinfo(picture) == {(2, 5): b"Title"}
+
+
 def test_tags_order_and_header_satisfy_a_strict_reader(
     make_codes: Callable[..., np.ndarray], make_exif: Callable[..., bytes]
 ) -> None:
@@ -194,8 +229,10 @@ def test_thumbnails_are_ignored_and_further_pictures_refused() -> None:
 @pytest.mark.parametrize(
     ("codes", "options", "match"),
     [
-        (np.zeros((4, 4, 3), np.float32), {}, "not unsigned integers"),
-        (np.zeros((4, 4), np.int16), {}, "not unsigned integers"),
+        (np.zeros((4, 4, 2), np.float32), {"extrasamples": [2]}, "floating-point TIFF"),
+        (np.full((4, 4), np.nan, np.float32), {}, "not numbers"),
+        (np.full((4, 4), 1e300), {}, "infinite"),
+        (np.zeros((4, 4), np.int16), {}, "neither unsigned integers"),
         (np.zeros((4, 4), np.uint32), {}, "32 bits"),
         (np.zeros((4, 4, 4), np.uint8), {"photometric": "separated"}, "SEPARATED"),
         (np.zeros((4, 4, 5), np.uint8), {"extrasamples": [2, 0]}, "5 channels"),
@@ -225,7 +262,7 @@ def test_missing_tiles_are_not_filled_in(make_codes: Callable[..., np.ndarray]) 
     data = bytearray(tiff(make_codes(32, 32), tile=(16, 16)))
     with tifffile.TiffFile(io.BytesIO(bytes(data))) as file:
         place = file.pages.first.tags["ImageLength"].valueoffset
-    struct.pack_into("<I", data, place, 5_000_000)
+    struct.pack_into("<I", data, place, 50_000)
     with pytest.raises(PhotoError, match="cut short"):
         decode_tiff(bytes(data))
 
@@ -237,3 +274,23 @@ def test_a_bomb_is_refused_by_its_header(make_codes: Callable[..., np.ndarray]) 
             struct.pack_into("<I", data, file.pages.first.tags[name].valueoffset, 40_000)
     with pytest.raises(PhotoError, match="40000 x 40000 pixels"):
         decode_tiff(bytes(data))
+
+
+@pytest.mark.parametrize("kind", [np.float16, np.float32, np.float64])
+@pytest.mark.parametrize("shape", [(30, 40), (30, 40, 3)])
+@pytest.mark.parametrize("options", [{}, {"compression": "zlib"}], ids=str)
+def test_floating_point_keeps_what_lies_beyond_white(
+    kind: type, shape: tuple[int, ...], options: dict[str, Any]
+) -> None:
+    light = (np.random.default_rng(0).random(shape) * 5 - 1).astype(kind)
+    photometric = "rgb" if len(shape) == 3 else "minisblack"
+    stream = io.BytesIO()
+    tifffile.imwrite(stream, light, photometric=photometric, metadata=None, **options)
+    picture = decode_tiff(stream.getvalue())
+    assert picture.encoding.depth == 32
+    assert picture.encoding.transfer is LINEAR
+    assert np.array_equal(picture.codes, light.astype(np.float32))
+    written = encode_tiff(picture)
+    again = tifffile.imread(io.BytesIO(written))
+    assert again.dtype == np.float32
+    assert np.array_equal(again, picture.codes)

@@ -10,10 +10,9 @@ from deshake.deconvolution.methods import RestorationOptions
 from deshake.errors import OutputError, PhotoError
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
-from deshake.io.kernel_file import KernelFile, read_camera, read_kernel, write_kernel
+from deshake.io.kernel_file import KernelFile, read_kernel, write_kernel
 from deshake.pipelines import file_stages
 from deshake.pipelines.file_stages import (
-    calibrate_file,
     deblur_file,
     estimate_file,
     fix_file,
@@ -42,13 +41,6 @@ def kernel(tmp_path):
 
 def test_kernels_are_named_after_their_photos(tmp_path):
     assert kernel_name(tmp_path / "a.b.jpg") == "a.b.kernel.npz"
-
-
-def test_calibration_is_written_where_it_is_wanted(photo, tmp_path):
-    found = calibrate_file(photo, None, focal_px=90)
-    assert not list(tmp_path.glob("*.npz"))
-    calibrate_file(photo, tmp_path / "c.npz", focal_px=90)
-    assert np.array_equal(read_camera(tmp_path / "c.npz").camera.matrix, found.camera.matrix)
 
 
 def test_fixing_is_estimating_and_deblurring(photo, tmp_path):
@@ -90,7 +82,7 @@ def test_the_kernel_goes_if_the_photo_cannot_be_written(photo, tmp_path, monkeyp
 
     monkeypatch.setattr(file_stages, "write_photo", fail)
     with pytest.raises(KeyboardInterrupt):
-        fix_file(photo, tmp_path / "o.png", kernel, OPTIONS, overwrite_kernel=existed)
+        fix_file(photo, tmp_path / "o.png", kernel, OPTIONS, overwrite_others=existed)
     assert kernel.exists() == existed
 
 
@@ -129,7 +121,7 @@ def test_kernel_and_photo_do_not_share_a_file(photo, tmp_path):
     with pytest.raises(OutputError):
         fix_file(
             photo, tmp_path / "out.png", tmp_path / "out.png", OPTIONS,
-            overwrite=True, overwrite_kernel=True,
+            overwrite=True, overwrite_others=True,
         )  # fmt: skip
 
 

@@ -88,7 +88,7 @@ def test_the_kernel_is_no_photo(pair, tmp_path, name):
     out, kernel = tmp_path / "out.png", tmp_path / name
     with pytest.raises(OutputError, match="the output is the input itself"):
         fix_pair_file(
-            *pair, out, kernel, OPTIONS, restoration=QUICK, overwrite=True, overwrite_kernel=True
+            *pair, out, kernel, OPTIONS, restoration=QUICK, overwrite=True, overwrite_others=True
         )
 
 

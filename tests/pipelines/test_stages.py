@@ -7,13 +7,13 @@ import pytest
 from PIL import Image
 
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions, restore
-from deshake.errors import CalibrationError, EstimationError
+from deshake.errors import EstimationError
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.io.kernel_file import CameraFile
 from deshake.io.photo import read_photo
 from deshake.operators.shake_blur import ShakeBlur
-from deshake.pipelines.stages import EstimateOptions, calibrate, deblur, estimate, luminance
+from deshake.pipelines.stages import EstimateOptions, deblur, estimate, luminance
 
 
 def texture(height, width, seed=5):
@@ -43,16 +43,6 @@ def test_luminance_weighs_the_colours():
     assert luminance(np.ones((2, 2, 3), np.float32)) == pytest.approx(np.ones((2, 2)))
     grey = np.ones((4, 5), np.float32)
     assert luminance(grey) is grey
-
-
-def test_calibration_tells_its_source(shaken):
-    photo, _, _ = shaken
-    found = calibrate(photo, focal_35mm=35)
-    assert found.source == "--focal-35mm 35"
-    assert found.camera.focal_px == pytest.approx(35 * 120 / np.hypot(36, 24))
-    with pytest.raises(CalibrationError) as caught:
-        calibrate(photo)
-    assert caught.value.file == str(photo.source)
 
 
 def test_the_estimate_finds_the_pan(shaken):
@@ -86,6 +76,7 @@ def test_an_assumed_lens_is_long_and_noted(shaken):
     assert found.camera.source == "assumed: 50 mm-equivalent"
     assert "50 mm-equivalent is assumed" in found.notes[0]
     assert found.content.provenance["notes"] == found.notes
+    assert 1e-4 < found.report()["noise"] < 0.05
 
 
 def test_a_camera_that_stood_still_leaves_the_photo_as_it_is(shaken):

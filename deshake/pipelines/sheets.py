@@ -1,13 +1,11 @@
-"""Sheets of pictures with captions: what the scripts share that show results side by side."""
+"""Sheets of pictures with captions, which show results side by side."""
 
 from __future__ import annotations
 
-import argparse
 from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from deshake.io.transfer import encode
@@ -16,18 +14,20 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from deshake.io.photo import Photo
+    from deshake.pipelines.canvas import Picture
 
-__all__ = ["CHARACTER", "GAP", "Line", "Picture", "at_least", "detailed_part", "resized"]
-__all__ += ["sheet", "shown"]
-
-Picture = NDArray[np.uint8]
+__all__ = ["CHARACTER", "GAP", "Line", "detailed_part", "resized", "sheet", "shown"]
 
 GAP = 8
-FONT = 16
-LINE = 22  # from one line of text to the next
-CHARACTER = 8.5  # width of a character of the font, about
-DETAIL_STEPS = 24  # places across and down where the part with most detail is looked for
-RED = (176, 0, 0)
+"""Pixels between pictures, and around them."""
+
+CHARACTER = 8.5
+"""Width in pixels of a character of the captions, about."""
+
+_FONT = 16
+_LINE = 22  # from one line of text to the next
+_DETAIL_STEPS = 24  # places across and down where the part with most detail is looked for
+_BLACK, _RED = (0, 0, 0), (176, 0, 0)
 
 
 class Line(NamedTuple):
@@ -61,8 +61,8 @@ def detailed_part(picture: Picture, width: int, height: int) -> tuple[slice, sli
     h, w = min(height, picture.shape[0]), min(width, picture.shape[1])
     grey = cv2.GaussianBlur(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), (0, 0), 1.5)
     total = cv2.integral(np.abs(cv2.Laplacian(grey, cv2.CV_32F)))
-    top = np.unique(np.linspace(0, picture.shape[0] - h, DETAIL_STEPS).astype(int))
-    left = np.unique(np.linspace(0, picture.shape[1] - w, DETAIL_STEPS).astype(int))
+    top = np.unique(np.linspace(0, picture.shape[0] - h, _DETAIL_STEPS).astype(int))
+    left = np.unique(np.linspace(0, picture.shape[1] - w, _DETAIL_STEPS).astype(int))
     y, x = np.meshgrid(top, left, indexing="ij")
     detail = total[y + h, x + w] - total[y, x + w] - total[y + h, x] + total[y, x]
     best = np.unravel_index(np.argmax(detail), detail.shape)
@@ -71,9 +71,9 @@ def detailed_part(picture: Picture, width: int, height: int) -> tuple[slice, sli
 
 def sheet(lines: Sequence[Line], width: int = 0) -> Image.Image:
     """Draw the lines below each other, on a page of at least that width."""
-    font = ImageFont.load_default(FONT)
+    font = ImageFont.load_default(_FONT)
     heights = [
-        LINE * (len(line.caption) + bool(line.titles))
+        _LINE * (len(line.caption) + bool(line.titles))
         + max((cell.shape[0] for cell in line.cells), default=0)
         + 3 * GAP
         for line in lines
@@ -84,25 +84,14 @@ def sheet(lines: Sequence[Line], width: int = 0) -> Image.Image:
     top = GAP
     for line, height in zip(lines, heights, strict=True):
         for number, text in enumerate(line.caption):
-            colour = RED if line.failed else (0, 0, 0)
-            draw.text((GAP, top + number * LINE), text, colour, font)
-        below = top + LINE * (len(line.caption) + bool(line.titles)) + GAP
+            colour = _RED if line.failed else _BLACK
+            draw.text((GAP, top + number * _LINE), text, colour, font)
+        below = top + _LINE * (len(line.caption) + bool(line.titles)) + GAP
         left = GAP
         for number, cell in enumerate(line.cells):
             if line.titles:
-                draw.text((left, below - LINE), line.titles[number], (0, 0, 0), font)
+                draw.text((left, below - _LINE), line.titles[number], _BLACK, font)
             image.paste(Image.fromarray(cell), (left, below))
             left += cell.shape[1] + GAP
         top += height
     return image
-
-
-def at_least(least: int, text: str) -> int:
-    """Read a whole number that must not be too small."""
-    try:
-        number = int(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None
-    if number < least:
-        raise argparse.ArgumentTypeError(f"must be at least {least}")
-    return number

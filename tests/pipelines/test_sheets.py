@@ -1,11 +1,9 @@
 from __future__ import annotations
 
-from argparse import ArgumentTypeError
-
 import numpy as np
-import pytest
-import sheets
 from PIL import Image
+
+from deshake.pipelines import sheets
 
 
 def test_pictures_get_the_width_asked_for():
@@ -37,10 +35,3 @@ def test_pictures_lie_side_by_side_below_their_caption():
 def test_a_page_may_be_wider_than_its_pictures():
     assert sheets.sheet([sheets.Line(["none"], [])], 300).width == 300
     assert isinstance(sheets.sheet([], 10), Image.Image)
-
-
-def test_whole_numbers_have_a_least():
-    assert sheets.at_least(2, "3") == 3
-    for text in ("1", "x", "2.5"):
-        with pytest.raises(ArgumentTypeError):
-            sheets.at_least(2, text)

@@ -1,0 +1,226 @@
+"""Lens distortion: how far a lens is from a pinhole.
+
+OpenCV's model: a ray through (x, y, 1) is seen at ``(x, y) q(r^2)``, with r its distance from the
+axis and
+
+    q = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6),
+
+and some tangential terms. The photo is that of the camera matrix K; the picture that a pinhole of
+the same place would have taken has a focal length of its own, `pinhole`, such that it is seen
+wholly in the photo, or such that the photo is wholly in it.
+
+References
+----------
+.. [1] https://docs.opencv.org/5.x/, Camera Calibration and 3D Reconstruction.
+
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+import cv2
+import numpy as np
+
+from deshake.geometry.camera import Camera
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Points = NDArray[np.float64]
+
+__all__ = ["distorted", "fit_distortion", "pinhole", "undistorted"]
+
+_STEPS: Final = 12
+_POLE: Final = 0.2  # the least denominator
+_FINE: Final = 1e-5  # of the farthest distance: a fit that is good enough
+_BORDER: Final = 257  # points a side of the frame
+_ITERATIONS: Final = (3, 40, 1e-10)  # at most 40, or until nothing moves: TermCriteria
+_ZOOM: Final = (0.2, 5.0)
+
+
+def distorted(points: Points, camera: Camera, distortion: Points, seen: Camera) -> Points:
+    """Tell where points of the pinhole's picture lie in the photo.
+
+    Parameters
+    ----------
+    points : (N, 2) array
+        Pixels (x, y) of the pinhole's picture.
+    camera : Camera
+        That of the photo.
+    distortion : (k,) array
+        In OpenCV's order.
+    seen : Camera
+        The pinhole.
+
+    Returns
+    -------
+    (N, 2) array of float64
+        Pixels of the photo.
+
+    """
+    rays = _rays(points, seen)
+    nowhere = np.zeros(3)
+    there, _ = cv2.projectPoints(rays, nowhere, nowhere, camera.matrix, distortion)
+    return np.asarray(there, np.float64).reshape(-1, 2)
+
+
+def undistorted(points: Points, camera: Camera, distortion: Points, seen: Camera) -> Points:
+    """Tell where points of the photo lie in the pinhole's picture: the inverse of `distorted`."""
+    there = cv2.undistortPoints(
+        np.ascontiguousarray(points, np.float64).reshape(-1, 1, 2),
+        camera.matrix,
+        distortion,
+        R=np.eye(3),
+        P=seen.matrix,
+        criteria=_ITERATIONS,
+    )
+    return np.asarray(there, np.float64).reshape(-1, 2)
+
+
+def pinhole(camera: Camera, distortion: Points, *, whole: bool = False) -> Camera:
+    """Return the camera of the picture without distortion.
+
+    Parameters
+    ----------
+    camera : Camera
+        That of the photo.
+    distortion : (k,) array
+        In OpenCV's order.
+    whole : bool, keyword-only
+        The picture shows all of the photo, and is no smaller than it; by default it has the
+        photo's size, and the photo shows all of it: its focal length is the least for which no
+        pixel lies beyond the photo.
+
+    Raises
+    ------
+    ValueError
+        If the distortion is too strong.
+
+    """
+    height, width = camera.shape
+    if whole:
+        border = undistorted(_border(camera), camera, distortion, camera)
+        again = distorted(border, camera, distortion, camera)
+        if not np.abs(again - _border(camera)).max() < 0.01:
+            raise ValueError("the distortion folds the picture")
+        low, high = np.floor(border.min(0)).astype(int), np.ceil(border.max(0)).astype(int)
+        if (high - low >= _ZOOM[1] * np.array([width, height])).any():
+            raise ValueError("the distortion is too strong")
+        whole_size = camera.cropped(int(low[0]), int(low[1]), *(int(n) + 1 for n in high - low))
+        zoom = max(1.0, width / whole_size.width, height / whole_size.height)
+        return whole_size.scaled(*(math.ceil(zoom * side) for side in whole_size.shape))
+    inside, outside = _ZOOM[1], _ZOOM[0]
+    if not _sees(camera, distortion, inside):
+        raise ValueError("the distortion is too strong")
+    for _ in range(40):
+        middle = np.sqrt(inside * outside)
+        inside, outside = (
+            (middle, outside) if _sees(camera, distortion, middle) else (inside, middle)
+        )
+    return _zoomed(camera, inside)
+
+
+def fit_distortion(straight: Points, bent: Points) -> tuple[Points, float]:
+    """Fit the model to a curve: where rays are seen that lie at given distances from the axis.
+
+    The scale of the straight picture is free: only its shape matters.
+
+    Parameters
+    ----------
+    straight : (N,) array
+        Distances without distortion, in focal lengths, rising and > 0.
+    bent : (N,) array
+        The distances at which they are seen.
+
+    Returns
+    -------
+    distortion : (8,) array of float64
+        In OpenCV's order.
+    error : float
+        The largest difference, in focal lengths.
+
+    Raises
+    ------
+    ValueError
+        If the distances seen do not rise.
+
+    """
+    straight, bent = np.asarray(straight, np.float64), np.asarray(bent, np.float64)
+    if not (np.isfinite(bent).all() and bent[0] > 0 and (np.diff(bent) > 0).all()):
+        raise ValueError("it folds the picture")
+    best: Points = np.zeros(8)
+    error = np.inf
+    for terms in range(4):  # of the denominator: no more than are needed
+        found, left = _fit(straight, bent, terms)
+        if left < error:
+            best, error = found, left
+        if error < _FINE * straight[-1]:
+            break
+    return best, float(error)
+
+
+def _fit(straight: Points, bent: Points, terms: int) -> tuple[Points, float]:
+    """Fit with a denominator of some terms, by least squares reweighted with it [Sanathanan 1963].
+
+    With x = (r / r_max)^2 and the ratio q: ``sum_i a_i x^i - q sum_j b_j x^j = q``.
+    """
+    far = straight[-1]
+    x, q = (straight / far) ** 2, bent / straight
+    above = np.stack([x**i for i in range(4)], 1)
+    below = np.stack([x**j for j in range(1, terms + 1)], 1) if terms else np.zeros((len(x), 0))
+    matrix = np.hstack([above, -q[:, None] * below])
+    denominator: Points = np.ones(len(x))
+    a: Points = np.zeros(4)
+    b: Points = np.zeros(terms)
+    for _ in range(_STEPS if terms else 1):
+        weight = (straight / denominator)[:, None]
+        solved = np.linalg.lstsq(matrix * weight, q * weight[:, 0])[0]
+        found: Points = np.asarray(solved, np.float64)
+        a, b = found[:4], found[4:]
+        denominator = 1 + below @ b
+        if denominator.min() < _POLE or a[0] < _POLE:
+            return np.zeros(8), np.inf
+    left = np.abs(above @ a / denominator - q) * straight
+    # In units of the straight picture at the scale of the middle, a_0 r.
+    unit = (far * a[0]) ** 2
+    k, m = a[1:] / a[0] / unit ** np.arange(1, 4), np.zeros(3)
+    m[:terms] = b / unit ** np.arange(1, terms + 1)
+    return np.array([k[0], k[1], 0, 0, k[2], *m]), float(left.max())
+
+
+def _sees(camera: Camera, distortion: Points, zoom: float) -> bool:
+    """Tell whether a pinhole of some zoom shows nothing beyond the photo."""
+    seen = _zoomed(camera, zoom)
+    border = _border(camera)
+    there = distorted(border, camera, distortion, seen)
+    if not np.isfinite(there).all():
+        return False
+    inside = (there >= -1e-6).all() and (there <= np.array(camera.shape[::-1]) - 1 + 1e-6).all()
+    return (
+        bool(inside) and np.abs(undistorted(there, camera, distortion, seen) - border).max() < 0.1
+    )
+
+
+def _zoomed(camera: Camera, zoom: float) -> Camera:
+    matrix = camera.matrix.copy()
+    matrix[:2, :2] *= zoom
+    return Camera(matrix, camera.height, camera.width)
+
+
+def _border(camera: Camera) -> Points:
+    """Return pixels (x, y) along the border of the frame."""
+    t = np.linspace(0, 1, _BORDER)
+    zero, one = np.zeros(_BORDER), np.ones(_BORDER)
+    sides = [(t, zero), (t, one), (zero, t), (one, t)]
+    points = np.concatenate([np.stack(side, 1) for side in sides])
+    there: Points = points * (np.array(camera.shape[::-1]) - 1)
+    return there
+
+
+def _rays(points: Points, camera: Camera) -> Points:
+    """Return the rays (x, y, 1) through pixels."""
+    ahead = np.column_stack([points, np.ones(len(points))])
+    rays: Points = ahead @ np.linalg.inv(camera.matrix).T
+    return rays

@@ -1,0 +1,135 @@
+"""The camera of a photo: its focal length in pixels and, if asked for, its lens's distortion."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from deshake.errors import CalibrationError
+from deshake.geometry.camera import Camera
+from deshake.io.files import check_output
+from deshake.io.kernel_file import CameraFile, write_camera
+from deshake.io.photo import read_photo
+from deshake.io.sensors import FULL_FRAME_DIAGONAL, assumed_focal_length, focal_length
+from deshake.pipelines.fitting import fitting_camera
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from deshake.io.photo import Photo
+    from deshake.pipelines.stages import EstimateOptions
+
+__all__ = ["Calibration", "calibrate", "calibrate_file", "camera_for"]
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """A camera and how far it is to be trusted.
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera of the upright photo, its principal point in the middle.
+    source : str
+        Which option or tag gave the focal length.
+    confidence : float
+        How likely the focal length is right to within 5 %: a judgement, see `io.sensors`.
+    notes : list of str
+        What the user should know.
+    considered : list of str
+        All that was looked at, for those who ask.
+
+    """
+
+    camera: Camera
+    source: str
+    confidence: float
+    notes: list[str]
+    considered: list[str]
+
+    @property
+    def content(self) -> CameraFile:
+        """What goes into a camera file."""
+        return CameraFile(self.camera, self.source)
+
+    @property
+    def focal_35mm(self) -> float:
+        """The 35 mm equivalent, by the diagonal of the photo."""
+        return self.camera.focal_px * FULL_FRAME_DIAGONAL / math.hypot(*self.camera.shape)
+
+    def report(self) -> dict[str, Any]:
+        """Return the figures as JSON data."""
+        return {
+            "focal_px": round(self.camera.focal_px, 3),
+            "focal_35mm": round(self.focal_35mm, 3),
+            "source": self.source,
+            "confidence": round(self.confidence, 3),
+            "notes": self.notes,
+            "width": self.camera.width,
+            "height": self.camera.height,
+        }
+
+
+def calibrate(
+    photo: Photo, *, focal_px: float | None = None, focal_35mm: float | None = None
+) -> Calibration:
+    """Find the camera of an upright photo: its focal length, the principal point in the middle.
+
+    Raises
+    ------
+    CalibrationError
+        If neither the options nor the metadata tell the focal length.
+
+    """
+    try:
+        found = focal_length(photo.metadata, *photo.shape, focal_px=focal_px, focal_35mm=focal_35mm)
+    except CalibrationError as error:
+        error.file = str(photo.source)
+        raise
+    camera = Camera.from_focal(found.pixels, *photo.shape)
+    notes, considered = list(found.notes), list(found.considered)
+    return Calibration(camera, found.source, found.confidence, notes, considered)
+
+
+def calibrate_file(
+    source: Path,
+    output: Path | None,
+    *,
+    focal_px: float | None = None,
+    focal_35mm: float | None = None,
+    overwrite: bool = False,
+) -> Calibration:
+    """Find the camera of a photo, and write its camera file if `output` is given.
+
+    Raises
+    ------
+    PhotoError
+        If the photo cannot be read.
+    CalibrationError
+        If nothing tells the focal length.
+    OutputError
+        If the camera file cannot be written.
+
+    """
+    if output is not None:
+        check_output(output, source, overwrite=overwrite)
+    found = calibrate(read_photo(source), focal_px=focal_px, focal_35mm=focal_35mm)
+    if output is not None:
+        write_camera(output, found.content, overwrite=overwrite)
+    return found
+
+
+def camera_for(photo: Photo, options: EstimateOptions) -> tuple[CameraFile, list[str]]:
+    """Return the camera to go by, and notes on what is only assumed."""
+    if options.camera is not None:
+        return fitting_camera(options.camera, photo), []
+    try:
+        found = calibrate(photo, focal_px=options.focal_px, focal_35mm=options.focal_35mm)
+    except CalibrationError as error:
+        if options.focal_px is not None or options.focal_35mm is not None:
+            raise
+        assumed = assumed_focal_length(*photo.shape)
+        note = f"{error.message}; a 50 mm-equivalent is assumed (--focal-35mm MM says otherwise)"
+        return CameraFile(Camera.from_focal(assumed.pixels, *photo.shape), assumed.source), [note]
+    return found.content, found.notes

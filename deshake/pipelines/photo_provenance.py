@@ -1,0 +1,99 @@
+"""What a deblurred photo tells of itself: what it was, and how it was deblurred.
+
+`fix` tells what `deblur` with its kernel tells, which is why their results are the same to the
+byte: no command but the stage's, no times, paths or threads.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING, Any, Final
+
+from deshake import __version__
+from deshake.io.files import sha256
+from deshake.io.provenance import NAMESPACE, with_provenance
+from deshake.pipelines.finishing import AS_IT_IS, Finish
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from deshake.deconvolution.methods import RestorationOptions
+    from deshake.io.kernel_file import KernelFile
+    from deshake.io.photo import Photo
+    from deshake.io.transfer import TransferName
+    from deshake.pipelines.pair_deblurring import PairRestorationOptions
+
+__all__ = ["photo_origin", "photo_provenance", "with_photo_provenance"]
+
+_log = logging.getLogger(__name__)
+
+_LONGEST_KERNEL: Final = 16_384  # characters of a kernel's provenance that a photo carries
+
+
+def photo_provenance(
+    photo: Photo,
+    content: KernelFile,
+    restoration: RestorationOptions | PairRestorationOptions,
+    *,
+    transfer: TransferName | None = None,
+    noisy: Photo | None = None,
+    finish: Finish = AS_IT_IS,
+) -> dict[str, Any]:
+    """Tell how a photo was deblurred, as JSON data.
+
+    Parameters
+    ----------
+    photo : Photo
+        The photo, or its result.
+    content : KernelFile
+        The kernel, whose own provenance is carried without its scales.
+    restoration : RestorationOptions or PairRestorationOptions
+        How it was deblurred.
+    transfer : {"srgb", "linear", "gamma22"}, optional
+        The transfer curve, if one was given.
+    noisy : Photo, optional
+        The noisy photo of the same scene.
+    finish : Finish
+        What was wanted beside the deblurring.
+
+    """
+    other = None if noisy is None else noisy.source
+    known = photo_origin(photo.source, restoration, transfer=transfer, noisy=other, finish=finish)
+    return {
+        "deshake": __version__,
+        "command": "deblur",
+        "kernel": _short(content.provenance),
+    } | known
+
+
+def photo_origin(
+    source: Path,
+    restoration: RestorationOptions | PairRestorationOptions,
+    *,
+    transfer: TransferName | None = None,
+    noisy: Path | None = None,
+    finish: Finish = AS_IT_IS,
+) -> dict[str, Any]:
+    """Tell what a result comes from, as far as it is known before any work: inputs and options."""
+    found: dict[str, Any] = {
+        "options": {"transfer": transfer} | asdict(restoration) | finish.provenance(),
+        "input_sha256": sha256(source),
+    }
+    return found if noisy is None else found | {"noisy_sha256": sha256(noisy)}
+
+
+def with_photo_provenance(result: Photo, provenance: Mapping[str, Any]) -> Photo:
+    """Return a result that carries its provenance, in its XMP and its Software tag."""
+    metadata = with_provenance(result.metadata, provenance)
+    if NAMESPACE[1].encode() not in metadata.xmp:
+        _log.warning("%s: its XMP is damaged, and takes no provenance", result.source)
+    return replace(result, metadata=metadata)
+
+
+def _short(provenance: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a photo carries of its kernel's provenance; nothing if that is very long."""
+    short = {name: value for name, value in provenance.items() if name != "scales"}
+    return short if len(json.dumps(short)) <= _LONGEST_KERNEL else {}

@@ -1,0 +1,77 @@
+from __future__ import annotations
+
+import hashlib
+import json
+
+import pytest
+from PIL import Image
+
+from deshake import __version__
+from deshake.deconvolution.methods import RestorationOptions
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
+from deshake.io.kernel_file import KernelFile
+from deshake.io.photo import read_photo, write_photo
+from deshake.io.provenance import read_provenance
+from deshake.pipelines.pair_deblurring import PairRestorationOptions
+from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
+
+
+@pytest.fixture
+def photo(tmp_path):
+    Image.new("RGB", (12, 8), "teal").save(tmp_path / "a.png")
+    return read_photo(tmp_path / "a.png")
+
+
+def content(provenance):
+    kernel = RotationKernel.from_path([(0, 0, 0)], Camera.from_focal(10, 8, 12))
+    return KernelFile(kernel, 1.0, provenance)
+
+
+def test_it_tells_what_was_done_to_what(photo):
+    told = photo_provenance(
+        photo,
+        content({"camera": "EXIF", "scales": [1, 2]}),
+        RestorationOptions("rl", iterations=3),
+        transfer="linear",
+    )
+    assert told == {
+        "deshake": __version__,
+        "command": "deblur",
+        "options": {
+            "transfer": "linear",
+            "method": "rl",
+            "quality": "default",
+            "iterations": 3,
+        },
+        "input_sha256": hashlib.sha256(photo.source.read_bytes()).hexdigest(),
+        "kernel": {"camera": "EXIF"},
+    }
+    json.dumps(told)
+
+
+def test_a_pair_names_both_photos(photo, tmp_path):
+    Image.new("RGB", (12, 8), "olive").save(tmp_path / "n.png")
+    noisy = read_photo(tmp_path / "n.png")
+    told = photo_provenance(photo, content({}), PairRestorationOptions(), noisy=noisy)
+    assert told["noisy_sha256"] == hashlib.sha256(noisy.source.read_bytes()).hexdigest()
+    assert told["options"]["method"] == "fusion"
+
+
+def test_a_kernel_of_many_words_does_not_swell_the_photo(photo):
+    told = photo_provenance(photo, content({"text": "x" * 100_000}), RestorationOptions())
+    assert told["kernel"] == {}
+
+
+def test_no_path_is_told(photo, tmp_path):
+    told = photo_provenance(photo, content({}), RestorationOptions())
+    write_photo(tmp_path / "out.png", with_photo_provenance(photo, told))
+    assert read_provenance(tmp_path / "out.png") == told
+    assert str(tmp_path).encode() not in (tmp_path / "out.png").read_bytes()
+
+
+def test_damaged_xmp_is_said_to_be(photo, caplog):
+    damaged = with_photo_provenance(photo, {"deshake": "1"})
+    object.__setattr__(damaged.metadata, "xmp", b"<rubbish/>")
+    assert with_photo_provenance(damaged, {"deshake": "2"}).metadata.xmp == b"<rubbish/>"
+    assert "takes no provenance" in caplog.text
