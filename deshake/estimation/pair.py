@@ -87,11 +87,10 @@ class PairEstimate:
     confidence : float
         0..1, by what is unexplained: 0.5 where that is 22 %.
     unexplained : float
-        Share of the blurred photo's edges that the pair does not explain, at pixels that the kernel
-        was not fitted to. Noise does not count.
+        Share of the blurred photo's edges, noise aside, that the pair does not explain, at pixels
+        that the kernel was not fitted to.
     explained : float
-        Share of the edges that the kernel explains beyond what the best single rotation does, of
-        all that this one leaves.
+        Share of what the best single rotation leaves that the kernel explains.
     notes : list of str
         What the user should know, in plain words.
     scales : list of PairScale
@@ -141,7 +140,7 @@ def estimate_pair_kernel(
         Pictures of noise alone, in units of `f_reg` and resampled as it was. Two do. By default
         `f_reg` is taken to be free of noise, as if it had been denoised.
     blurred_noise : (h, w) or (h, w, C) array of float32, optional
-        A picture of noise like that of `g`, which no kernel explains; by default there is none.
+        A picture of noise like that of `g`; by default there is none.
     progress : callable, optional
         Called with the share done, 0..1, and a text.
     threads : int, optional

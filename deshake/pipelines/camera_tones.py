@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from deshake.estimation.registration import Registration
     from deshake.operators.shake_blur import ShakeBlur
 
-__all__ = ["blurred_planes", "needs_curves", "with_tones_of"]
+__all__ = ["blurred_planes", "brightness", "needs_curves", "with_tones_of"]
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -43,6 +43,7 @@ _SPREAD: Final = np.float32(1.5)  # of noise that is left near edges, over that 
 _MISFIT: Final = 0.15  # noise that a camera left coarse passes for errors of the kernel
 _EVEN: Final = 0.03  # least variance anywhere, in means: none is known to be free of noise
 _STEP: Final = np.float32(1 / 512)  # for slopes
+_FARTHEST: Final = (0.8, 1.25)  # that the factor found through the kernel may be off
 _DISPLAY: Final = Srgb()
 
 
@@ -50,6 +51,18 @@ def blurred_planes(f: Image, blur: ShakeBlur) -> Image:
     """Blur planes (C, h, w), which go on beyond the frame by their edges."""
     around = [(blur.margin, blur.margin)] * 2
     return np.stack([blur.forward(np.pad(plane, around, mode="edge")) for plane in f])
+
+
+def brightness(g: Image, Af: Image, usable: Mask, blur: ShakeBlur) -> float:
+    """Fit the factor that makes the noisy photo, blurred (C, h, w), as bright as the other one."""
+    seen = blur.forward(np.pad(usable.astype(np.float32), blur.margin)) > 1 - 1e-3
+    seen &= usable
+    product = power = 0.0
+    for one, other in zip(channels_first(g), Af, strict=True):
+        product += float(np.sum(one * other, where=seen, dtype=np.float64))
+        power += float(np.sum(other * other, where=seen, dtype=np.float64))
+    scale = product / power if power > 0 else 1.0
+    return float(np.clip(scale, *_FARTHEST))
 
 
 def needs_curves(g: Image, Af: Image, mask: Mask) -> bool:

@@ -67,7 +67,7 @@ def local_tones(g: Image, Af: Image, mask: Mask, reach: int) -> LocalTones:
     """
     reach = max(reach, _LEAST_PX)
     weight = mask.astype(np.float32)
-    known = smoothed(weight, reach) + np.float32(1e-3)
+    known = np.maximum(smoothed(weight, reach), np.float32(1e-3))
 
     def mean(image: Image) -> Image:
         return smoothed(image * weight, reach) / known

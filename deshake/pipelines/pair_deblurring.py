@@ -22,7 +22,12 @@ from deshake.io.photo import read_pair, write_photo
 from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import ShakeBlur
 from deshake.pipelines.calibration import camera_for
-from deshake.pipelines.camera_tones import blurred_planes, needs_curves, with_tones_of
+from deshake.pipelines.camera_tones import (
+    blurred_planes,
+    brightness,
+    needs_curves,
+    with_tones_of,
+)
 from deshake.pipelines.file_stages import part, prepared, sheet_kept
 from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.fitting import check_registration, fitting_kernel
@@ -56,7 +61,6 @@ PairMethod = Literal["fusion", "residual"]
 """How a photo is deblurred with the help of a noisy one."""
 
 _REGISTERED = 0.1  # of the time
-_FARTHEST = (0.8, 1.25)  # that the factor found through the kernel may be off the registration's
 
 
 @dataclass(frozen=True)
@@ -252,7 +256,7 @@ def _restored(
     light = unclipped_mean(g)
     blur = ShakeBlur(kernel, threads=threads)
     Af = blurred_planes(channels_first(f_reg), blur)
-    scale = _scale(light, Af, usable, blur)
+    scale = brightness(light, Af, usable, blur)
     f_reg *= np.float32(scale)
     pair: Image | NoisyPhoto = f_reg
     Af *= np.float32(scale)
@@ -289,15 +293,3 @@ def _restored(
         threads=threads,
         progress=progress,
     )
-
-
-def _scale(g: Image, Af: Image, usable: Mask, blur: ShakeBlur) -> float:
-    """Fit the factor that makes the noisy photo, blurred, as bright as the other one."""
-    seen = blur.forward(np.pad(usable.astype(np.float32), blur.margin)) > 1 - 1e-3
-    seen &= usable
-    product = power = 0.0
-    for one, other in zip(channels_first(g), Af, strict=True):
-        product += float(np.sum(one * other, where=seen, dtype=np.float64))
-        power += float(np.sum(other * other, where=seen, dtype=np.float64))
-    scale = product / power if power > 0 else 1.0
-    return float(np.clip(scale, *_FARTHEST))

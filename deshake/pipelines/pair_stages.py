@@ -23,7 +23,7 @@ from deshake.io.kernel_file import CameraFile, KernelFile, write_kernel
 from deshake.io.photo import read_pair
 from deshake.pipelines.file_stages import part
 from deshake.pipelines.fitting import check_registration
-from deshake.pipelines.register import find_registration, known_registration
+from deshake.pipelines.register import find_registration, known_registration, relative_zoom
 from deshake.pipelines.registered_pair import RegisteredPair
 
 if TYPE_CHECKING:
@@ -138,6 +138,11 @@ def estimate_pair(
     else:
         camera = CameraFile(registration.camera, "the registration")
         check_registration(registration.camera, blurred)
+        zoom = relative_zoom(blurred, noisy)
+        if zoom is not None:
+            notes.append(
+                f"the noisy photo's metadata state {zoom:.2f} times the blurred one's focal length"
+            )
     half = (start + 1) / 2
     try:
         seen = registered(unclipped_mean(noisy.pixels), registration)
