@@ -4,7 +4,8 @@ In linear light one factor relates two exposures. The JPEGs of cameras have cont
 balances and denoising of their own. Whether they do is told by how much better than a factor a
 curve for each channel takes the noisy photo, blurred, to the blurred one. If so, the noisy photo
 is denoised in display values, and its curves are found, once more after it has been blurred by the
-kernel. What they leave is taken off place by place (`local_tones`).
+kernel. Where its colours are wrong even so, as after compression in the dark, it is matched place
+by place (`local_tones`).
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from deshake.estimation.photometric import ToneCurve, tone_curves
 from deshake.estimation.registration import registered
 from deshake.io.transfer import Srgb
 from deshake.operators.planes import channels_first
-from deshake.pipelines.local_tones import local_tones
+from deshake.pipelines.local_tones import local_tones, wrong_colours
 
 if TYPE_CHECKING:
     from deshake.estimation.registration import Registration
@@ -40,7 +41,10 @@ _BETTER: Final = (
     0.5  # share of the mean square that curves leave: cameras' 0.05 to 0.32, others' 0.7
 )
 _SPREAD: Final = np.float32(1.5)  # of noise that is left near edges, over that of flat areas
-_MISFIT: Final = 0.15  # noise that a camera left coarse passes for errors of the kernel
+_WRONG: Final = (
+    0.2  # of the contrast of colours; simulated cameras 0.04 to 0.12, real ones 0.27 to 1.1
+)
+_MISFIT: Final = 0.15  # there, since coarse noise passes for errors of the kernel
 _EVEN: Final = 0.03  # least variance anywhere, in means: none is known to be free of noise
 _STEP: Final = np.float32(1 / 512)  # for slopes
 _FARTHEST: Final = (0.8, 1.25)  # that the factor found through the kernel may be off
@@ -158,14 +162,18 @@ def with_tones_of(
         smooth[c] = _light(curve(smooth[c]))
         noisy[c] = smooth[c] + noise
     variance *= _SPREAD**2 / np.float32(len(curves))
-    tones = local_tones(g, blurred_planes(smooth, blur), mask, blur.margin)
-    noisy -= smooth
-    noisy *= tones.gain
-    smooth = tones(smooth)
-    noisy += smooth
+    misfit = NoisyPhoto.misfit
+    Af = blurred_planes(smooth, blur)
+    if wrong_colours(g, Af, mask, blur.margin) > _WRONG:
+        tones = local_tones(g, Af, mask, blur.margin)
+        noisy -= smooth
+        noisy *= tones.gain
+        smooth = tones(smooth)
+        noisy += smooth
+        misfit = _MISFIT
     slope, floor = fitted_noise(smooth.mean(0)[mask], variance[mask])
     least = _EVEN * float(variance[mask].mean(dtype=np.float64))
-    return NoisyPhoto(noisy, smooth, slope, max(floor, least), _MISFIT)
+    return NoisyPhoto(noisy, smooth, slope, max(floor, least), misfit)
 
 
 def _slope(curve: ToneCurve, tone: Image) -> Image:

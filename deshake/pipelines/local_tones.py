@@ -20,7 +20,7 @@ from deshake.operators.planes import channels_first
 if TYPE_CHECKING:
     Mask = NDArray[np.bool_]
 
-__all__ = ["LocalTones", "local_tones", "local_trust"]
+__all__ = ["LocalTones", "local_tones", "local_trust", "wrong_colours"]
 
 Image = NDArray[np.float32]
 
@@ -45,6 +45,32 @@ class LocalTones(NamedTuple):
         return matched
 
 
+def wrong_colours(g: Image, Af: Image, mask: Mask, reach: int) -> float:
+    """Tell how wrong the colours of the noisy photo are, in shares of the true ones' contrast.
+
+    Parameters
+    ----------
+    g, Af, mask, reach
+        As of `local_tones`; what is finer than the blur does not count, nor does lightness.
+
+    """
+    planes = channels_first(g)
+    if len(planes) == 1:
+        return 0.0
+    mean = _Mean(mask, reach)
+    seen, wrong = (
+        np.stack([mean(part) for part in parts])[:, mask]
+        for parts in (
+            (_tone(y) for y in planes),
+            (_tone(y) - _tone(x) for y, x in zip(planes, Af, strict=True)),
+        )
+    )
+    if not seen.size:
+        return 0.0
+    contrast, error = (float(_colours(part).std()) for part in (seen, wrong))
+    return error / max(contrast, 1e-6)
+
+
 def local_tones(g: Image, Af: Image, mask: Mask, reach: int) -> LocalTones:
     """Fit ``g ~ p A f + q`` about each pixel.
 
@@ -65,13 +91,7 @@ def local_tones(g: Image, Af: Image, mask: Mask, reach: int) -> LocalTones:
         The gain is near 1 where there is little contrast.
 
     """
-    reach = max(reach, _LEAST_PX)
-    weight = mask.astype(np.float32)
-    known = np.maximum(smoothed(weight, reach), np.float32(1e-3))
-
-    def mean(image: Image) -> Image:
-        return smoothed(image * weight, reach) / known
-
+    mean = _Mean(mask, reach)
     gain, offset = np.empty_like(Af), np.empty_like(Af)
     for c, (y, x) in enumerate(zip(channels_first(g), Af, strict=True)):
         centre, light = mean(x), mean(y)
@@ -105,8 +125,33 @@ def local_trust(g: Image, Af: Image, mask: Mask, reach: int) -> Image:
     return trust
 
 
+class _Mean:
+    """Means of a picture about each pixel, of what lies within a mask."""
+
+    def __init__(self, mask: Mask, reach: int) -> None:
+        self.reach = max(reach, _LEAST_PX)
+        self.weight = mask.astype(np.float32)
+        self.known = np.maximum(smoothed(self.weight, self.reach), np.float32(1e-3))
+
+    def __call__(self, image: Image) -> Image:
+        mean: Image = smoothed(image * self.weight, self.reach)
+        mean /= self.known
+        return mean
+
+
+def _colours(tones: Image) -> Image:
+    """Take the mean over the channels, and that of each channel, off (C, n) values."""
+    apart = tones - tones.mean(0)
+    return np.asarray(apart - apart.mean(1, keepdims=True), np.float32)
+
+
+def _tone(light: Image) -> Image:
+    """Return the root of the light, which is about how it is displayed."""
+    return np.asarray(np.sqrt(np.clip(light, _DARKEST, 1)), np.float32)
+
+
 def _detail(light: Image, reach: int) -> Image:
     """Return what is finer than the blur and no noise, about as it is displayed."""
-    tone = np.sqrt(np.clip(light, _DARKEST, 1))
+    tone = _tone(light)
     fine: Image = smoothed(tone, 1) - smoothed(tone, reach)
     return fine

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from deshake.pipelines.local_tones import local_tones, local_trust
+from deshake.pipelines.local_tones import local_tones, local_trust, wrong_colours
 
 SHAPE = (150, 200)
 EVERYWHERE = np.ones(SHAPE, bool)
@@ -51,3 +51,10 @@ def test_detail_that_the_noisy_photo_lost_is_not_taken_from_it(light):
     trust = local_trust(g, crushed, EVERYWHERE, REACH)
     assert trust[:, :80].min() > 0.95
     assert np.median(trust[:, 150:]) < 0.1
+
+
+def test_wrong_colours_are_told_from_wrong_lightness(light):
+    g = np.moveaxis(light, 0, -1)
+    assert wrong_colours(g, 0.8 * light, EVERYWHERE, REACH) < 0.2
+    assert wrong_colours(g, np.repeat(light[:1], 3, 0), EVERYWHERE, REACH) > 0.5
+    assert wrong_colours(g[..., 0], light[:1], EVERYWHERE, REACH) == 0
