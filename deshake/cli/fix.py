@@ -50,7 +50,7 @@ __all__ = ["command"]
 @noisy_option
 @estimate_options
 @restoration_options
-@finish_options(folder=True)
+@finish_options
 @linear_option
 @provenance_option
 @batch_options
@@ -73,6 +73,7 @@ def command(
     preview: bool,
     compare: bool,
     linear: bool,
+    keep_geometry: bool,
     no_provenance: bool,
     batch: Batch,
     **choices: Any,  # noqa: ANN401 - the fields of EstimateOptions
@@ -111,15 +112,16 @@ def command(
     work = Fix(
         EstimateOptions(camera=known, **choices),
         chosen,
-        Finish(strength, preview=preview, compare=compare),
+        Finish(strength, None, preview, compare, keep_geometry),
         linear=linear,
         provenance=not no_provenance,
     )
     return run_batch(context, jobs, work, batch)
 
 
-def _check_estimate(*, region: object, estimator: str, **_: object) -> None:
+def _check_estimate(*, region: object, estimator: str, focal: object, **_: object) -> None:
     """Refuse what only a blind estimate goes by."""
-    for name, given in {"region": region is not None, "estimator": estimator != "auto"}.items():
+    chosen = {"region": region is not None, "estimator": estimator != "auto", "focal": focal}
+    for name, given in chosen.items():
         if given:
             raise click.UsageError(f"--{name} does not go with --noisy.")

@@ -31,6 +31,7 @@ __all__ = [
     "general_options",
     "json_option",
     "kernel_argument",
+    "lens_options",
     "linear_option",
     "one_to_stdout",
     "output_option",
@@ -47,7 +48,7 @@ F = TypeVar("F", bound="Callable[..., Any]")
 FILE = click.Path(path_type=Path)
 """A path as it was typed; "-" is stdin or stdout where a command says so."""
 
-_FOCAL_SOURCES = ("focal_px", "focal_35mm", "camera")
+_FOCAL_SOURCES = ("focal", "focal_px", "focal_35mm", "camera")
 _OPENCV_THREADS = "OPENCV_FOR_THREADS_NUM"
 """What OpenCV reads when it is imported, which is after the options are."""
 
@@ -176,6 +177,25 @@ def focal_options(command: F) -> F:
     return px(film(command))
 
 
+def lens_options(command: F) -> F:
+    """Add --lens and --lens-model."""
+    found = click.option(
+        "--lens",
+        is_flag=True,
+        default=None,
+        callback=_only_one_of("camera", "focal"),
+        help="Undo the distortion of the lens, by its profile in lensfun's database "
+        "(deshake[lens]).",
+    )
+    named = click.option(
+        "--lens-model",
+        metavar="NAME",
+        callback=_only_one_of("camera", "focal"),
+        help="The same, with the lens that has this name there.  [default: by the photo's EXIF]",
+    )
+    return found(named(command))
+
+
 def blur_options(command: F) -> F:
     """Add --max-angle and --blur-size, of which one may be given."""
     angle = click.option(
@@ -219,8 +239,9 @@ camera_option = click.option(
     "--camera",
     type=FILE,
     metavar="FILE.npz",
-    callback=_only_one_of(*_FOCAL_SOURCES),
-    help="Camera file written by calibrate.  [default: calibrate from the photo]",
+    callback=_only_one_of(*_FOCAL_SOURCES, "lens", "lens_model"),
+    help="Camera file written by calibrate, whose lens is undone if it bends.  [default: "
+    "calibrate from the photo]",
 )
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print the result to stdout, one JSON object a line."
@@ -246,6 +267,15 @@ estimator_option = click.option(
 )
 
 
+focal_option = click.option(
+    "--focal",
+    type=click.Choice(["auto"]),
+    callback=_only_one_of(*_FOCAL_SOURCES, "lens", "lens_model"),
+    help="Find the focal length with the kernel, where nothing tells it: four estimates, of which "
+    "the one is kept that explains the photo best.",
+)
+
+
 def estimate_options(command: F) -> F:
     """Add all that a blind estimate goes by; the names are those of `EstimateOptions`."""
     for option in (
@@ -254,7 +284,9 @@ def estimate_options(command: F) -> F:
         uniform_option,
         region_option,
         blur_options,
+        lens_options,
         focal_options,
+        focal_option,
         camera_option,
     ):
         command = option(command)

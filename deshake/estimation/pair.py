@@ -92,7 +92,7 @@ class PairEstimate:
     explained : float
         Share of what the best single rotation leaves that the kernel explains.
     notes : list of str
-        What the user should know, in plain words.
+        In plain words.
     scales : list of PairScale
         From coarse to fine.
 
@@ -140,7 +140,7 @@ def estimate_pair_kernel(
         Pictures of noise alone, in units of `f_reg` and resampled as it was. Two do. By default
         `f_reg` is taken to be free of noise, as if it had been denoised.
     blurred_noise : (h, w) or (h, w, C) array of float32, optional
-        A picture of noise like that of `g`; by default there is none.
+        Noise like that of `g`; by default there is none.
     progress : callable, optional
         Called with the share done, 0..1, and a text.
     threads : int, optional
@@ -159,16 +159,13 @@ def estimate_pair_kernel(
 
     References
     ----------
-    Whyte, Sivic, Zisserman & Ponce, CVPR 2010, Sec. 6; Yuan, Sun, Quan & Shum, SIGGRAPH 2007.
+    Whyte, Sivic, Zisserman & Ponce, CVPR 2010, Sec. 6; Yuan et al., SIGGRAPH 2007.
 
     """
-    if not g.shape[:2] == f_reg.shape[:2] == valid.shape == camera.shape:
-        msg = f"{g.shape[:2]}, {f_reg.shape[:2]}, {valid.shape} and {camera.shape} are not one size"
-        raise ValueError(msg)
+    if len(shapes := {g.shape[:2], f_reg.shape[:2], valid.shape, camera.shape}) > 1:
+        raise ValueError(f"{sorted(shapes)} are not one size")
     height, width = camera.shape
-    bound = min(BLUR_SHARE * max(height, width), min(height, width) / 4)
-    if blur_size is not None:
-        bound = blur_size
+    bound = blur_size or min(BLUR_SHARE * max(height, width), min(height, width) / 4)
     _check(height, width, bound)
     whole = Camera.uniform(height, width) if uniform else camera
     pictures = PairPictures.of(g, f_reg, valid, noise or (), blurred_noise)
@@ -200,8 +197,7 @@ class _Scales:
         self.kernel = RotationKernel.delta(camera)
         self.scale = 0.0
         self.bounds = np.zeros(3)
-        self.misfits = (0.0, 0.0, 0.0)
-        self.noise = 0.0
+        self.misfits, self.noise = (0.0, 0.0, 0.0), 0.0
         self.reports: list[PairScale] = []
 
     def run(self, progress: Callable[[float, str], None]) -> PairEstimate:
@@ -222,8 +218,7 @@ class _Scales:
         progress(1.0, "kernel estimated")
         kernel = without_strays(self.kernel.above(_FINAL_CUT))
         energy, left, single = (max(part - self.noise, _NOTHING) for part in self.misfits)
-        share = left / energy
-        confidence = 1 / (1 + exp(log(share / _EVEN_MISFIT) / _MISFIT_RANGE))
+        confidence = 1 / (1 + exp(log(left / energy / _EVEN_MISFIT) / _MISFIT_RANGE))
         notes = []
         if most_of(kernel).extent_px() < _STILL_PX:
             notes.append("no shake was found: the kernel is a single point")
@@ -234,7 +229,7 @@ class _Scales:
             kernel.for_camera(self.whole),
             self.scale,
             confidence,
-            share,
+            left / energy,
             1 - left / single,
             notes,
             self.reports,

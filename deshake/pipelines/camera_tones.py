@@ -10,6 +10,7 @@ by place (`local_tones`).
 
 from __future__ import annotations
 
+import contextlib
 from math import ceil
 from typing import TYPE_CHECKING, Final
 
@@ -19,35 +20,32 @@ from numpy.typing import NDArray
 
 from deshake.deconvolution.denoising import NoisyPhoto, denoised_tones
 from deshake.deconvolution.pair_noise import fitted_noise
+from deshake.errors import EstimationError
 from deshake.estimation.photometric import ToneCurve, tone_curves
 from deshake.estimation.registration import registered
 from deshake.io.transfer import Srgb
 from deshake.operators.planes import channels_first
-from deshake.pipelines.local_tones import local_tones, wrong_colours
+from deshake.pipelines.local_tones import local_tones, local_trust, wrong_colours
 
 if TYPE_CHECKING:
     from deshake.estimation.registration import Registration
     from deshake.operators.shake_blur import ShakeBlur
 
-__all__ = ["blurred_planes", "brightness", "needs_curves", "with_tones_of"]
+__all__ = ["blurred_planes", "camera_pair", "fitted_factor", "needs_curves", "with_tones_of"]
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
+_FARTHEST: Final = (0.8, 1.25)  # that the factor may be off the one it was brought near by
 _SMOOTH_PX: Final = 1.5  # of photos that are blurred alike
 _BROAD_PX: Final = 3.0  # over which light is averaged to see if tones differ
 _SMOOTHED_PX: Final = 0.5  # of what is smooth
-_BETTER: Final = (
-    0.5  # share of the mean square that curves leave: cameras' 0.05 to 0.32, others' 0.7
-)
+_BETTER: Final = 0.5  # share of the mean square that curves leave: cameras 0.05 to 0.32, linear 0.7
 _SPREAD: Final = np.float32(1.5)  # of noise that is left near edges, over that of flat areas
-_WRONG: Final = (
-    0.2  # of the contrast of colours; simulated cameras 0.04 to 0.12, real ones 0.27 to 1.1
-)
+_WRONG: Final = 0.2  # of the contrast of colours; simulated cameras 0.04 to 0.12, real 0.27 to 1.1
 _MISFIT: Final = 0.15  # there, since coarse noise passes for errors of the kernel
 _EVEN: Final = 0.03  # least variance anywhere, in means: none is known to be free of noise
 _STEP: Final = np.float32(1 / 512)  # for slopes
-_FARTHEST: Final = (0.8, 1.25)  # that the factor found through the kernel may be off
 _DISPLAY: Final = Srgb()
 
 
@@ -57,8 +55,8 @@ def blurred_planes(f: Image, blur: ShakeBlur) -> Image:
     return np.stack([blur.forward(np.pad(plane, around, mode="edge")) for plane in f])
 
 
-def brightness(g: Image, Af: Image, usable: Mask, blur: ShakeBlur) -> float:
-    """Fit the factor that makes the noisy photo, blurred (C, h, w), as bright as the other one."""
+def fitted_factor(g: Image, Af: Image, usable: Mask, blur: ShakeBlur) -> float:
+    """Fit the factor that makes the noisy photo, blurred, as bright as the other one."""
     seen = blur.forward(np.pad(usable.astype(np.float32), blur.margin)) > 1 - 1e-3
     seen &= usable
     product = power = 0.0
@@ -101,6 +99,28 @@ def needs_curves(g: Image, Af: Image, mask: Mask) -> bool:
         factor += float(np.square(x - y).sum(dtype=np.float64))
         curved += float(np.square(curve(x) - y).sum(dtype=np.float64))
     return curved < _BETTER * factor
+
+
+def camera_pair(
+    g: Image,
+    Af: Image,
+    f_N: Image,
+    registration: Registration,
+    blur: ShakeBlur,
+    *,
+    mask: Mask,
+    threads: int | None = None,
+) -> tuple[NoisyPhoto | None, Image]:
+    """Take a noisy photo to the tones of the blurred one, if it has tone curves of its own.
+
+    Parameters are those of `needs_curves` and `with_tones_of`. With the photo, or None, comes how
+    far to go by it in each place, (h, w), 0..1.
+    """
+    with contextlib.suppress(EstimationError):  # then one factor has to do
+        if needs_curves(g, Af, mask):
+            noisy = with_tones_of(g, f_N, registration, blur, mask, threads=threads)
+            return noisy, local_trust(g, blurred_planes(noisy.denoised, blur), mask, blur.margin)
+    return None, np.ones(mask.shape, np.float32)
 
 
 def with_tones_of(

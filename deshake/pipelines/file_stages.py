@@ -21,6 +21,7 @@ from deshake.pipelines.fitting import fitting_kernel
 from deshake.pipelines.latent_picture import latent_photo
 from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
 from deshake.pipelines.preview import preview_estimate
+from deshake.pipelines.progress import part
 from deshake.pipelines.stages import deblur, estimate
 
 if TYPE_CHECKING:
@@ -44,7 +45,6 @@ __all__ = [
     "gone_on_failure",
     "kernel_kept",
     "kernel_name",
-    "part",
     "prepared",
     "sheet_kept",
 ]
@@ -141,7 +141,15 @@ def deblur_file(
     photo = read_photo(source, transfer=transfer)
     photo, mask = finish.prepare(prepared(photo, path, linear=linear))
     kernel = fitting_kernel(content, photo, kernel_file)
-    result = deblur(photo, kernel, restoration, threads=threads, progress=progress)
+    result = deblur(
+        photo,
+        kernel,
+        restoration,
+        keep_geometry=finish.keep_geometry,
+        threads=threads,
+        progress=progress,
+    )
+    photo, mask = finish.before(photo, mask, kernel.camera)
     result = finish.blend(photo, result, mask)
     if provenance:
         told = photo_provenance(photo, content, restoration, transfer=transfer, finish=finish)
@@ -196,7 +204,15 @@ def fix_file(
         found = estimate(photo, options, threads=threads, progress=first)
     del whole
     kernel = found.content.kernel
-    result = deblur(photo, kernel, restoration, threads=threads, progress=second)
+    result = deblur(
+        photo,
+        kernel,
+        restoration,
+        keep_geometry=finish.keep_geometry,
+        threads=threads,
+        progress=second,
+    )
+    photo, mask = finish.before(photo, mask, kernel.camera)
     result = finish.blend(photo, result, mask)
     if provenance:
         told = photo_provenance(
@@ -280,10 +296,3 @@ def prepared(photo: Photo, output: Path, *, linear: bool = False) -> Photo:
     for note in (*photo.notes, *lost(photo.encoding, form)):
         _log.warning("%s: %s", photo.source, note)
     return photo
-
-
-def part(progress: Progress | None, start: float, end: float) -> Progress | None:
-    """Return what tells `progress` of a part of the work."""
-    if progress is None:
-        return None
-    return lambda share, text: progress(start + (end - start) * share, text)

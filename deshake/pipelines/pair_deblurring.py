@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
@@ -14,26 +14,23 @@ from deshake.deconvolution.clipped_noise import unclipped_mean
 from deshake.deconvolution.denoising import NoisyPhoto, noisy_photo
 from deshake.deconvolution.fusion import fuse
 from deshake.deconvolution.residual import residual_richardson_lucy
-from deshake.errors import DeshakeError, EstimationError, OutputError
+from deshake.errors import DeshakeError, OutputError
 from deshake.estimation.registration import register, registered
+from deshake.geometry.camera import Camera
 from deshake.io.files import STREAM, check_output, default_output
 from deshake.io.kernel_file import read_kernel
 from deshake.io.photo import read_pair, write_photo
 from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import ShakeBlur
 from deshake.pipelines.calibration import camera_for
-from deshake.pipelines.camera_tones import (
-    blurred_planes,
-    brightness,
-    needs_curves,
-    with_tones_of,
-)
-from deshake.pipelines.file_stages import part, prepared, sheet_kept
+from deshake.pipelines.camera_tones import blurred_planes, camera_pair, fitted_factor
+from deshake.pipelines.file_stages import prepared, sheet_kept
 from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.fitting import check_registration, fitting_kernel
-from deshake.pipelines.local_tones import local_trust
+from deshake.pipelines.lens import bent, straight_kernel, straight_pair
 from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
 from deshake.pipelines.preview import preview_photo
+from deshake.pipelines.progress import part
 from deshake.pipelines.register import known_registration
 from deshake.pipelines.stages import EstimateOptions, luminance
 
@@ -102,13 +99,14 @@ def deblur_pair(
     options: PairRestorationOptions,
     *,
     registration: Registration | None = None,
+    keep_geometry: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Photo:
     """Deblur a photo with a kernel for its size and a noisy photo of the same scene.
 
-    Format, depth, opacity and metadata stay as they are. The kernel of a camera that stood still
-    leaves the photo as it is.
+    Format, depth, opacity and metadata stay as they are. Photos through a lens that bends are
+    straightened first. The kernel of a camera that stood still leaves the photo as it is.
 
     Parameters
     ----------
@@ -121,6 +119,8 @@ def deblur_pair(
     registration : Registration, optional
         How the noisy photo lies to the blurred one; by default it is found, with the kernel's
         camera or, if that is the uniform model's, the photo's.
+    keep_geometry : bool
+        Whether the result is bent again as the blurred photo was.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
@@ -137,25 +137,29 @@ def deblur_pair(
             progress(1.0, "nothing to undo")
         return blurred
     start = 0.0
+    lens = kernel.camera if registration is None else registration.camera
+    straight, other, seen = straight_pair(blurred, noisy, lens, whole=keep_geometry)
+    kernel = straight_kernel(kernel, lens, seen)
     try:
         if registration is None:
             start = _REGISTERED
-            camera = kernel.camera
-            if camera.is_uniform:
+            if kernel.camera.is_uniform:
                 camera = camera_for(blurred, EstimateOptions())[0].camera
+                zoom = seen.focal_px / lens.focal_px
+                seen = Camera.from_focal(zoom * camera.focal_px, *straight.shape)
             registration = register(
-                blurred.pixels,
-                unclipped_mean(noisy.pixels),
-                camera,
+                straight.pixels,
+                unclipped_mean(other.pixels),
+                seen,
                 threads=threads,
                 progress=part(progress, 0, start),
             )
         restored = _restored(
-            blurred,
-            noisy,
+            straight,
+            other,
             kernel,
             options,
-            registration=registration,
+            registration=registration if lens.is_pinhole else replace(registration, camera=seen),
             threads=threads,
             progress=part(progress, start, 1),
         )
@@ -163,7 +167,8 @@ def deblur_pair(
         error.file = error.file or str(blurred.source)
         raise
     _log.info("%s: deblurred in %d iterations", blurred.source, restored.iterations)
-    return blurred.with_pixels(restored.pixels)
+    result = straight.with_pixels(restored.pixels)
+    return bent(result, blurred, lens) if keep_geometry else result
 
 
 def deblur_pair_file(
@@ -219,9 +224,11 @@ def deblur_pair_file(
         kernel,
         options,
         registration=known,
+        keep_geometry=finish.keep_geometry,
         threads=threads,
         progress=progress,
     )
+    photo, mask = finish.before(photo, mask, kernel.camera)
     result = finish.blend(photo, result, mask)
     if provenance:
         told = photo_provenance(
@@ -244,37 +251,35 @@ def _restored(
     progress: Progress | None,
 ) -> Restoration:
     """Register the noisy photo, make it as bright as the other one, and deblur."""
-    g = blurred.pixels
-    f_N = noisy.pixels
+    g, f_N = blurred.pixels, noisy.pixels
     if f_N.ndim != g.ndim:
         f_N = luminance(f_N) if g.ndim == 2 else np.repeat(f_N[..., None], g.shape[2], 2)
     stored = unclipped_mean(f_N)
+    stored *= np.float32(registration.scale)
     f_reg, valid = registered(stored, registration)
-    f_reg *= np.float32(registration.scale)
     clipped = registered(noisy.clipped.astype(np.float32), registration)[0] > 0
     usable = (valid > 0) & ~(clipped | blurred.clipped)
     light = unclipped_mean(g)
     blur = ShakeBlur(kernel, threads=threads)
     Af = blurred_planes(channels_first(f_reg), blur)
-    scale = brightness(light, Af, usable, blur)
-    f_reg *= np.float32(scale)
-    pair: Image | NoisyPhoto = f_reg
+    scale = fitted_factor(light, Af, usable, blur)
     Af *= np.float32(scale)
-    with contextlib.suppress(EstimationError):  # then one factor has to do
-        if needs_curves(light, Af, usable):
-            pair = with_tones_of(light, stored, registration, blur, usable, threads=threads)
-            Af = blurred_planes(pair.denoised, blur)
-            valid *= local_trust(light, Af, usable, blur.margin)
-            _log.info("%s: the photos have tone curves of their own", blurred.source)
-    del Af, stored, f_reg
+    pair: NoisyPhoto | None = None
+    if not (blurred.is_sensors and noisy.is_sensors):
+        told = unclipped_mean(f_N)
+        pair, trust = camera_pair(light, Af, told, registration, blur, mask=usable, threads=threads)
+        valid *= trust
+    del Af, f_reg
+    if pair is None:
+        resample = partial(registered, registration=registration, margin=blur.margin)
+        stored *= np.float32(scale)
+        clipped = resample(noisy.clipped.astype(np.float32))[0] > 0
+        pair, valid = noisy_photo(light, stored, resample, threads=threads)
+    del stored
     if options.method == "residual":
-        if not isinstance(pair, NoisyPhoto):
-            pair = noisy_photo(light, pair, valid, threads=threads)
-        guide = pair.denoised
-        del pair
         return residual_richardson_lucy(
             light,
-            np.moveaxis(guide, 0, -1) if g.ndim == 3 else guide[0],
+            pair,
             kernel,
             clipped=blurred.clipped,
             iterations=options.iterations,

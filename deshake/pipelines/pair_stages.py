@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 from deshake import __version__
@@ -21,8 +21,9 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.io.files import check_output, sha256
 from deshake.io.kernel_file import CameraFile, KernelFile, write_kernel
 from deshake.io.photo import read_pair
-from deshake.pipelines.file_stages import part
 from deshake.pipelines.fitting import check_registration
+from deshake.pipelines.lens import bent_kernel, straight_pair
+from deshake.pipelines.progress import part
 from deshake.pipelines.register import find_registration, known_registration, relative_zoom
 from deshake.pipelines.registered_pair import RegisteredPair
 
@@ -144,18 +145,21 @@ def estimate_pair(
                 f"the noisy photo's metadata state {zoom:.2f} times the blurred one's focal length"
             )
     half = (start + 1) / 2
+    straight, other, pinhole = straight_pair(blurred, noisy, registration.camera)
+    lies = replace(registration, camera=pinhole)
+    linear = straight.is_sensors and other.is_sensors
     try:
-        seen = registered(unclipped_mean(noisy.pixels), registration)
-        pair = RegisteredPair(blurred, noisy, registration, *seen)
+        seen = registered(unclipped_mean(other.pixels), lies)
+        pair = RegisteredPair(straight, other, lies, *seen)
         found = pair.kernel(options, threads, part(progress, start, half) or _silent)
         curved = False
-        if found.unexplained > _ALL_BUT:
+        if found.unexplained > _ALL_BUT and not linear:
             with contextlib.suppress(EstimationError):  # then it stays at the one factor
-                other = pair.on_curves().kernel(
+                second = pair.on_curves().kernel(
                     options, threads, part(progress, half, 1) or _silent
                 )
-                curved = other.unexplained < found.unexplained
-                found = other if curved else found
+                curved = second.unexplained < found.unexplained
+                found = second if curved else found
     except DeshakeError as error:
         error.file = error.file or str(blurred.source)
         raise
@@ -177,6 +181,7 @@ def estimate_pair(
         _log.warning("%s: %s", blurred.source, note)
     provenance = _provenance((blurred, noisy), options, registration, found)
     provenance |= {"camera": camera.source, "tone_curves": curved, "notes": notes}
+    kernel = bent_kernel(kernel, registration.camera, pinhole)
     content = KernelFile(kernel, found.confidence, provenance)
     return PairKernel(content, camera, registration, scale, notes)
 
