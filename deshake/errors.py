@@ -19,6 +19,7 @@ __all__ = [
     "KernelFileError",
     "OutputError",
     "PhotoError",
+    "describe",
 ]
 
 
@@ -66,3 +67,16 @@ class CalibrationError(DeshakeError):
 
 class EstimationError(DeshakeError):
     """No blur kernel can be estimated from this photo."""
+
+
+def describe(error: Exception) -> tuple[str, str | None]:
+    """Return what went wrong, and what to try, whatever the error is."""
+    match error:
+        case DeshakeError():
+            return str(error), error.hint
+        case MemoryError():
+            return "not enough memory", "try a smaller photo, or close other programs"
+        case OSError(strerror=str(reason)):
+            return (reason if error.filename is None else f"{error.filename}: {reason}"), None
+        case _:
+            return f"{type(error).__name__}: {error}", "this is a bug; run again with -vv"

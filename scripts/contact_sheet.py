@@ -23,11 +23,11 @@ from typing import TYPE_CHECKING
 
 from arguments import at_least
 
+from deshake.batch.folders import find_photos
 from deshake.errors import DeshakeError, OutputError
 from deshake.io.files import check_output
 from deshake.io.kernel_file import write_kernel
 from deshake.io.photo import read_photo, write_photo
-from deshake.pipelines.batch import find_photos
 from deshake.pipelines.comparison import before_and_after
 from deshake.pipelines.file_stages import kernel_name
 from deshake.pipelines.sheets import CHARACTER, GAP, Line, sheet
@@ -83,7 +83,7 @@ def checked(photos: Sequence[Path], output: Path, folder: Path | None) -> list[P
     """Check what can be checked before the work, and list the photos."""
     if output.suffix.lower() not in {".png", ".jpg", ".jpeg"}:
         raise OutputError("the sheet's name must end in .png or .jpg", file=output)
-    found = find_photos(photos)
+    found = [found.path for found in find_photos(photos)]
     for source in found:
         check_output(output, source, overwrite=True)
     if folder is not None:

@@ -9,7 +9,7 @@ import zlib
 import numpy as np
 from PIL import Image, ImageCms
 
-__all__ = ["CITY", "ICC", "IPTC", "KINDS", "NOTE", "TITLE", "codes", "photo"]
+__all__ = ["CITY", "ICC", "IPTC", "KINDS", "NOTE", "TITLE", "codes", "photo", "written"]
 
 WIDTH, HEIGHT = 24, 16  # of the photo turned upright
 KINDS = ("EXIF", "maker note", "GPS", "XMP", "IPTC", "profile")
@@ -142,8 +142,13 @@ def _png(picture: np.ndarray, exif: bytes, xmp: bytes, iptc: bytes, icc: bytes) 
 
 
 def photo(form: str, depth: int, channels: int, kinds: tuple[str, ...], turn: int) -> bytes:
-    """Write a photo that carries these kinds of metadata."""
-    picture = codes(depth, channels)
+    """Write a photo of the ramps of `codes` that carries these kinds of metadata."""
+    return written(form, codes(depth, channels), kinds, turn)
+
+
+def written(form: str, picture: np.ndarray, kinds: tuple[str, ...], turn: int) -> bytes:
+    """Write a picture (H, W, channels) of 8 or 16 bits with these kinds of metadata."""
+    depth, channels = 8 * picture.itemsize, picture.shape[2]
     xmp = _XMP % turn if "XMP" in kinds else b""
     iptc = _resources() if "IPTC" in kinds else b""
     icc = ICC if "profile" in kinds and channels > 2 else b""
@@ -176,5 +181,6 @@ def photo(form: str, depth: int, channels: int, kinds: tuple[str, ...], turn: in
         options["extra"] = b"\xff\xed" + struct.pack(">H", len(segment) + 2) + segment
     stream = io.BytesIO()
     shown = Image.fromarray(picture[..., 0] if channels == 1 else picture)
-    shown.save(stream, form.upper(), quality=95, lossless=True, **options)
+    lossless = {"lossless": True} if form == "WebP" else {}
+    shown.save(stream, form.upper(), quality=95, **lossless, **options)
     return stream.getvalue()

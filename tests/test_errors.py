@@ -7,7 +7,7 @@ import pytest
 from deshake import errors
 
 
-@pytest.mark.parametrize("name", errors.__all__)
+@pytest.mark.parametrize("name", [name for name in errors.__all__ if name.endswith("Error")])
 def test_every_error_is_a_deshake_error(name: str) -> None:
     error = getattr(errors, name)("is torn", hint="glue it", file=Path("photo.jpg"))
     assert isinstance(error, errors.DeshakeError)
@@ -19,3 +19,11 @@ def test_file_and_hint_may_be_left_out() -> None:
     error = errors.DeshakeError("is torn")
     assert str(error) == "is torn"
     assert error.hint is None
+
+
+def test_whatever_is_wrong_is_said_in_a_line():
+    message, hint = errors.describe(errors.PhotoError("is torn", hint="glue it", file="a.jpg"))
+    assert (message, hint) == ("a.jpg: is torn", "glue it")
+    assert errors.describe(FileNotFoundError(2, "No such file", "x"))[0] == "x: No such file"
+    assert "memory" in errors.describe(MemoryError())[0]
+    assert "bug" in errors.describe(KeyError("x"))[1]

@@ -20,7 +20,8 @@ ALLOWED = {
     "deconvolution": {"operators", "geometry"},
     "io": {"geometry"},
     "pipelines": {"estimation", "deconvolution", "operators", "geometry", "io"},
-    "cli": {"pipelines", "estimation", "deconvolution", "operators", "geometry", "io"},
+    "batch": {"pipelines", "estimation", "deconvolution", "operators", "geometry", "io"},
+    "cli": {"batch", "pipelines", "estimation", "deconvolution", "operators", "geometry", "io"},
 }
 ANYWHERE = {"errors", ""}
 

@@ -1,78 +1,68 @@
-"""``deshake calibrate``: find a photo's focal length in pixels."""
+"""``deshake calibrate``: find photos' focal lengths in pixels."""
 
 from __future__ import annotations
 
-import json
-import logging
 from typing import TYPE_CHECKING
 
 import click
 
-from deshake.cli.options import (
-    focal_options,
-    general_options,
-    json_option,
-    one_to_stdout,
-    output_option,
-    overwrite_option,
-    photo_argument,
-)
+from deshake.cli.batch import batch_options, photos_argument, planned, run_batch
+from deshake.cli.options import focal_options, general_options, one_to_stdout, output_option
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from deshake.batch.task import Result
+    from deshake.cli.batch import Batch
     from deshake.cli.context import Context
 
 __all__ = ["command"]
 
-_log = logging.getLogger(__name__)
-
 
 @click.command("calibrate")
-@photo_argument
-@output_option("PHOTO's name with .camera.npz; none with --json", metavar="FILE.npz")
+@photos_argument
+@output_option(
+    "PHOTO's name with .camera.npz; none with --json",
+    metavar="FILE.npz|DIR",
+    note="; for several photos or a folder of them, a folder",
+)
 @focal_options
-@json_option
-@overwrite_option
+@batch_options
 @general_options
 @click.pass_obj
 def command(
     context: Context,
     /,
     *,
-    photo: Path,
+    photos: tuple[Path, ...],
     output: Path | None,
     focal_px: float | None,
     focal_35mm: float | None,
-    as_json: bool,
-    overwrite: bool,
-) -> None:
-    """Find a photo's focal length in pixels.
+    batch: Batch,
+) -> int:
+    """Find photos' focal lengths in pixels.
 
     It comes from the options, from the EXIF tags of PHOTO (the 35 mm equivalent, or the focal
     length with the resolution of the focal plane), from the crop factor that lensfun knows, or from
     a table of cameras' sensors. That PHOTO was cropped, resized or taken with a digital zoom is
     noticed where its EXIF tells. The camera file (.npz) has it with the principal point in the
     middle of the upright photo. The confidence that --json prints is a judgement of how likely the
-    figure is right to within 5 %.
+    figure is right to within 5 %. If one photo fails, the others go on.
     """
-    from deshake.pipelines.calibration import calibrate_file
+    from deshake.batch.work import Calibrate
+    from deshake.pipelines.file_stages import camera_name
 
-    if output is None and not as_json:
-        output = photo.with_name(f"{photo.stem}.camera.npz")
-    to_stdout = one_to_stdout(as_json=as_json, output=output)
-    found = calibrate_file(
-        photo, output, focal_px=focal_px, focal_35mm=focal_35mm, overwrite=overwrite
+    to_stdout = one_to_stdout(as_json=batch.as_json, output=output)
+    jobs = planned(photos, output, batch, name=camera_name, beside=not batch.as_json)
+    silent = to_stdout or context.verbosity < 0
+    work = Calibrate(focal_px, focal_35mm)
+    return run_batch(context, jobs, work, batch, None if silent else _line)
+
+
+def _line(result: Result) -> str:
+    """Say what was found in one line."""
+    found = result.figures
+    return (
+        f"{result.job.source}: {found['focal_px']:.1f} pixels, "
+        f"{found['focal_35mm']:.1f} mm-equivalent ({found['source']})"
     )
-    for line in found.considered:
-        _log.info("%s: %s", photo, line)
-    for note in found.notes:
-        _log.warning("%s: %s", photo, note)
-    if as_json:
-        files = {"input": str(photo), "output": None if output is None else str(output)}
-        click.echo(json.dumps(files | found.report()))
-    elif not to_stdout and context.verbosity >= 0:
-        click.echo(
-            f"{photo}: {found.camera.focal_px:.1f} pixels, {found.focal_35mm:.1f} mm-equivalent "
-            f"({found.source})"
-        )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Never, Self
@@ -12,14 +11,7 @@ if TYPE_CHECKING:
 
     from tqdm import tqdm
 
-__all__ = ["Context", "Progress", "available_threads"]
-
-
-def available_threads() -> int:
-    """Count the processors that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+__all__ = ["Context", "Progress"]
 
 
 def _stderr_is_terminal() -> bool:
@@ -34,15 +26,15 @@ class Context:
     ----------
     verbosity : int
         Count of -v less count of -q.
-    threads : int
-        Threads for the work on one photo, >= 1.
+    threads : int or None
+        Threads for the work on one photo, >= 1; None: the processors there are, shared out.
     progress : bool
         Whether progress bars are wanted; by default if stderr is a terminal.
 
     """
 
     verbosity: int = 0
-    threads: int = field(default_factory=available_threads)
+    threads: int | None = None
     progress: bool = field(default_factory=_stderr_is_terminal)
 
     def bar(self, text: str = "") -> Progress:

@@ -1,29 +1,35 @@
-"""``deshake deblur``: deblur a photo whose blur kernel is known."""
+"""``deshake deblur``: deblur photos whose blur kernels are known."""
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from deshake.cli.batch import (
+    batch_options,
+    for_masks,
+    planned,
+    refuse_stdout,
+    run_batch,
+)
 from deshake.cli.finishing import finish_options
 from deshake.cli.options import (
     FILE,
     general_options,
-    kernel_argument,
     linear_option,
     output_option,
-    overwrite_option,
-    photo_argument,
     provenance_option,
     transfer_option,
 )
-from deshake.cli.restoration import noisy_option, restoration, restoration_options
+from deshake.cli.restoration import check_pair, noisy_option, restoration, restoration_options
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
+    from deshake.batch.folders import Found
+    from deshake.cli.batch import Batch
     from deshake.cli.context import Context
     from deshake.io.transfer import TransferName
 
@@ -31,9 +37,19 @@ __all__ = ["command"]
 
 
 @click.command("deblur")
-@photo_argument
-@kernel_argument
-@output_option("PHOTO's name with .deshaken before its ending")
+@click.argument("photos", type=FILE, nargs=-1, required=True, metavar="PHOTO KERNEL | PHOTO|DIR...")
+@output_option(
+    "PHOTO's name with .deshaken before its ending",
+    metavar="FILE|DIR",
+    note="; for several photos or a folder of them, a folder",
+)
+@click.option(
+    "--kernel",
+    type=FILE,
+    metavar="FILE|DIR",
+    help="The kernel, or a folder that has <stem>.kernel.npz for each photo. Needed for several "
+    "photos or a folder of them.",
+)
 @noisy_option
 @click.option(
     "--registration",
@@ -42,20 +58,20 @@ __all__ = ["command"]
     help="Registration file written by register, for --noisy.  [default: register the photos]",
 )
 @restoration_options
-@finish_options()
+@finish_options(folder=True)
 @transfer_option
 @linear_option
 @provenance_option
-@overwrite_option
+@batch_options
 @general_options
 @click.pass_obj
 def command(
     context: Context,
     /,
     *,
-    photo: Path,
-    kernel: Path,
+    photos: tuple[Path, ...],
     output: Path | None,
+    kernel: Path | None,
     noisy: Path | None,
     registration: Path | None,
     transfer: TransferName | None,
@@ -65,38 +81,55 @@ def command(
     compare: bool,
     linear: bool,
     no_provenance: bool,
-    overwrite: bool,
+    batch: Batch,
     **choices: Any,  # noqa: ANN401 - how to deblur
-) -> None:
-    """Deblur a photo whose blur kernel is known.
+) -> int:
+    """Deblur photos whose blur kernels are known.
 
     KERNEL is a kernel file (.npz), or - for standard input. It may have been made from PHOTO at
     another size. With --noisy it is that of estimate-pair: where nothing else is said, the photos
     are registered as they were there. The result has the format, depth and metadata of PHOTO,
     and tells in them how it came about.
+
+    With --kernel all arguments are photos, or folders of them: those of a folder are taken in
+    natural order, with -r also those of the folders in it. If one fails, the others go on.
     """
-    if noisy is None and registration is not None:
-        raise click.UsageError("--registration needs --noisy.")
+    from deshake.batch.plan import Extra
+    from deshake.batch.work import Deblur
+    from deshake.pipelines.comparison import comparison_name
     from deshake.pipelines.finishing import Finish
 
-    chosen: Any = restoration(noisy, **choices)
-    common: dict[str, Any] = {
-        "transfer": transfer,
-        "finish": Finish(strength, mask, preview, compare),
-        "linear": linear,
-        "provenance": not no_provenance,
-        "overwrite": overwrite,
-        "threads": context.threads,
-    }
+    if noisy is None and registration is not None:
+        raise click.UsageError("--registration needs --noisy.")
+    if kernel is None:
+        if len(photos) != 2 or photos[0].is_dir():
+            raise click.UsageError("name one photo and its kernel, or the kernels with --kernel")
+        *photos_only, kernel = photos
+        photos = tuple(photos_only)
+    chosen = restoration(noisy, **choices)
+    refuse_stdout(output)
+    needs: dict[str, Callable[[Found], Path | None]] = {"kernel": _kernels(kernel)}
     if noisy is not None:
-        from deshake.pipelines.pair_deblurring import deblur_pair_file
+        check_pair(photos, noisy)
+        needs |= {"noisy": lambda _: noisy, "registration": lambda _: registration}
+    if mask is not None:
+        needs["mask"] = for_masks(mask, photos)
+    extras = {"sheet": Extra(None, comparison_name)} if compare else {}
+    jobs = planned(photos, output, batch, extras=extras, needs=needs)
+    work = Deblur(
+        chosen,
+        transfer,
+        Finish(strength, preview=preview, compare=compare),
+        linear=linear,
+        provenance=not no_provenance,
+    )
+    return run_batch(context, jobs, work, batch)
 
-        run = partial(
-            deblur_pair_file, photo, noisy, kernel, output, chosen, registration=registration
-        )
-    else:
-        from deshake.pipelines.file_stages import deblur_file
 
-        run = partial(deblur_file, photo, kernel, output, restoration=chosen)
-    with context.bar(photo.name) as bar:
-        run(**common, progress=bar)
+def _kernels(path: Path) -> Callable[[Found], Path]:
+    """Return what finds the kernel of a photo: the one, or that of its stem in the folder."""
+    from deshake.pipelines.file_stages import kernel_name
+
+    if not path.is_dir():
+        return lambda _: path
+    return lambda found: path / found.below / kernel_name(found.path)

@@ -49,15 +49,15 @@ class _Entry(NamedTuple):
 
 COMMANDS: Final = {
     "fix": _Entry("deshake.cli.fix", "Remove camera shake from photos, in one go."),
-    "calibrate": _Entry("deshake.cli.calibrate", "Find a photo's focal length in pixels."),
+    "calibrate": _Entry("deshake.cli.calibrate", "Find photos' focal lengths in pixels."),
     "register": _Entry("deshake.cli.register", "Find how a noisy photo lies to a blurred one."),
     "estimate-blind": _Entry(
-        "deshake.cli.estimate_blind", "Estimate the blur kernel of a shaken photo."
+        "deshake.cli.estimate_blind", "Estimate the blur kernels of shaken photos."
     ),
     "estimate-pair": _Entry(
         "deshake.cli.estimate_pair", "Estimate a blur kernel from a blurred and a noisy photo."
     ),
-    "deblur": _Entry("deshake.cli.deblur", "Deblur a photo whose blur kernel is known."),
+    "deblur": _Entry("deshake.cli.deblur", "Deblur photos whose blur kernels are known."),
     "render-kernel": _Entry("deshake.cli.render_kernel", "Draw a blur kernel as a picture."),
     "simulate": _Entry("deshake.cli.simulate", "Shake a sharp photo by a known rotation."),
 }

@@ -15,12 +15,19 @@ from typing import TYPE_CHECKING, TextIO
 import click
 from click.exceptions import NoArgsIsHelpError
 
-from deshake.errors import DeshakeError
+from deshake import errors
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["describe", "log_to_stderr", "print_error", "print_exception", "set_verbosity"]
+__all__ = [
+    "describe",
+    "log_to_stderr",
+    "print_error",
+    "print_exception",
+    "print_note",
+    "set_verbosity",
+]
 
 _ROOT = logging.getLogger()
 _OURS = logging.getLogger("deshake")
@@ -38,6 +45,11 @@ def print_error(message: str, *, hint: str | None = None) -> None:
         _print_line("hint", hint, colour="cyan")
 
 
+def print_note(text: str) -> None:
+    """Print a line that is neither an error nor a warning."""
+    _print_line("", text)
+
+
 def print_exception(error: Exception) -> None:
     """Say in one line what went wrong, and in another what to try."""
     if isinstance(error, NoArgsIsHelpError):
@@ -50,19 +62,13 @@ def print_exception(error: Exception) -> None:
 def describe(error: Exception) -> tuple[str, str | None]:
     """Return what went wrong, and what to try."""
     match error:
-        case DeshakeError():
-            return str(error), error.hint
         case click.UsageError():
             path = error.ctx.command_path if error.ctx else "deshake"
             return error.format_message(), f"see {path} --help"
         case click.ClickException():
             return error.format_message(), None
-        case MemoryError():
-            return "not enough memory", "try a smaller photo, or close other programs"
-        case OSError(strerror=str(reason)):
-            return (reason if error.filename is None else f"{error.filename}: {reason}"), None
         case _:
-            return f"{type(error).__name__}: {error}", "this is a bug; run again with -vv"
+            return errors.describe(error)
 
 
 def set_verbosity(verbosity: int) -> None:

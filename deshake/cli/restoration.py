@@ -9,13 +9,13 @@ import click
 from deshake.cli.options import FILE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from deshake.deconvolution.methods import RestorationOptions
     from deshake.pipelines.pair_deblurring import PairRestorationOptions
 
-__all__ = ["noisy_option", "restoration", "restoration_options"]
+__all__ = ["check_pair", "noisy_option", "restoration", "restoration_options"]
 
 F = TypeVar("F", bound="Callable[..., Any]")
 
@@ -106,6 +106,22 @@ def restoration(
     if not of_pair and method is not None:
         raise click.UsageError(f"--noisy does not go with --method {method}.")
     return PairRestorationOptions(method or "fusion", **choices)
+
+
+def check_pair(photos: Sequence[Path], noisy: Path) -> None:
+    """Refuse a noisy photo for several photos, and the photo itself.
+
+    Raises
+    ------
+    click.UsageError
+        If it is that.
+
+    """
+    if len(photos) > 1 or photos[0].is_dir():
+        raise click.UsageError("one noisy photo goes with one blurred photo: take them in turn")
+    [photo] = photos
+    if noisy == photo or (noisy.exists() and photo.exists() and noisy.samefile(photo)):
+        raise click.UsageError(f"{noisy} is the photo itself: name the noisy one with --noisy")
 
 
 def _goes_with(*methods: str | None) -> Callable[[click.Context, click.Parameter, Any], Any]:

@@ -1,4 +1,4 @@
-"""The kinds of values that options take: measures, rectangles, rows and columns."""
+"""The kinds of values that options take: measures, sizes, rectangles, rows and columns."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import click
 
-__all__ = ["Grid", "Number", "Region", "Share"]
+__all__ = ["Grid", "Number", "Region", "Share", "Size"]
 
 T = TypeVar("T")
 
@@ -109,3 +109,28 @@ class Grid(_Typed[tuple[int, int]]):
         if not found:
             self.fail(f"{value!r} is not ROWSxCOLS with 1 to 99 of each, such as 5x7", param, ctx)
         return int(found[1]), int(found[2])
+
+
+class Size(_Typed[int]):
+    """Bytes of memory, as in 800M, 4G or 2.5GiB; at least a megabyte."""
+
+    name = "SIZE"
+
+    def convert(
+        self,
+        value: object,
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> int:
+        """Read the number and its unit; fail with what it should have been."""
+        if isinstance(value, int):
+            return value  # converted before
+        found = re.fullmatch(r"(\d{1,9}(?:\.\d{1,9})?) ?([MGT])(I?B)?", str(value).upper())
+        if not found:
+            self.fail(f"{value!r} is not a size such as 800M, 4G or 2.5GiB", param, ctx)
+        number, unit, more = found.groups()
+        thousand = 1024 if more == "IB" else 1000
+        count = float(number) * thousand ** (2 + "MGT".index(unit))
+        if count < 1e6:
+            self.fail(f"{value!r} is less than a megabyte", param, ctx)
+        return int(count)

@@ -209,10 +209,12 @@ def choose(
 
 
 def is_at_rest(grey: Image, kernels: Mapping[str, RotationKernel]) -> bool:
-    """Tell whether a photo (h, w) was not shaken: it looks sharp, and most kernels are mere points.
+    """Tell whether a photo (h, w) was not shaken: it looks sharp, and kernels are mere points.
 
-    Either alone is no proof: kernels collapse on shaken photos, too, and light trails are sharp.
+    Kernels alone are no proof, they collapse on shaken photos, too; sharpness alone is only where
+    there is no doubt of it.
     """
     points = sum(is_point(kernel) for kernel in kernels.values())
     camera = next(iter(kernels.values())).camera
-    return 2 * points > len(kernels) and looks_sharp(reduced(grey, camera, None, _SHARP_SIDE)[0])
+    seen = reduced(grey, camera, None, _SHARP_SIDE)[0]
+    return looks_sharp(seen, collapsed=points / len(kernels))

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from deshake.errors import EstimationError
 from deshake.estimation.blind import BlindEstimate, check_size, estimate_blind
 from deshake.estimation.candidates import STILL, choose, edge_candidates, is_at_rest
-from deshake.estimation.kernel_faults import faults
+from deshake.estimation.kernel_faults import FILLED, faults
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
+from deshake.geometry.rotations import grid_steps
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -29,6 +30,8 @@ Estimator = Literal["auto", "edges", "variational"]
 
 _DOUBTFUL = 0.5  # confidence below which the user is told
 _HOPELESS = 0.1  # confidence below which the photo is better left as it is
+_COARSE = 1.5  # pixels of the photo in a step of a kernel, above which the user is told
+_UNSEEN = 2  # steps: the extent of kernels that are mere points
 _EDGES_SHARE = 0.5  # of the time, where both estimators run
 _JUDGED_AT = 0.98  # of the time
 
@@ -179,22 +182,32 @@ def best_estimate(
     usable = None if clipped is None else ~clipped[y : y + h, x : x + w]
     choice = choose(picture, kernels, usable=usable, threads=threads)
     found = candidates[choice.name]
+    if is_at_rest(picture, kernels):
+        note = f"{_no_shake(found.kernel)}, the photo looks sharp: it is left as it is"
+        return _left(found, min(choice.confidence, _HOPELESS), note)
     if choice.confidence < _HOPELESS:
         note = (
             f"no kernel was found that betters the photo, the best is doubtful ({choice.name}, "
             f"confidence {choice.confidence:.2f}): the photo is left as it is"
         )
         return _left(found, choice.confidence, note)
-    if is_at_rest(picture, kernels):
-        note = "no shake was found, the photo looks sharp: it is left as it is"
-        return _left(found, _HOPELESS, note)
     notes = list(found.notes)
+    filled = sum(FILLED in candidate.notes for candidate in candidates.values())
+    if 2 * filled > len(candidates) and FILLED not in notes:
+        notes.append(FILLED)
     if choice.confidence < _DOUBTFUL:
         notes.append(
             f"the kernel is doubtful (confidence {choice.confidence:.2f}): "
             "compare the result with the photo"
         )
     return replace(found, confidence=choice.confidence, notes=notes)
+
+
+def _no_shake(kernel: RotationKernel) -> str:
+    """Say that no shake was found, and how wide one might be that was too small to be seen."""
+    step = float((kernel.steps / grid_steps(kernel.camera)).max())  # px of the photo
+    wider = f" wider than about {_UNSEEN * step:.0f} pixels" if step > _COARSE else ""
+    return f"no shake{wider} was found"
 
 
 def _left(found: BlindEstimate, confidence: float, note: str) -> BlindEstimate:

@@ -3,21 +3,28 @@
 An edge as wide as a pixel is as steep at half the size of a photo as at the whole; one that is
 wider becomes steeper, at most twice as steep. The measure is the ratio of the differences along a
 direction, those that 1 % of them exceed, in the direction where it is least, since a pan leaves
-sharp what runs along with it: near to one for sharp photos, one half for blurred ones.
+sharp what runs along with it: near to one for sharp photos, one half for blurred ones. What noise
+adds to the differences is taken off.
 """
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from deshake.estimation.latent_edges import noise_level
 
 __all__ = ["looks_sharp", "sharpness"]
 
 Image = NDArray[np.float32]
 
 _STRONGEST = 0.99  # quantile
-_SHARP = 0.72  # shaken photos, by hands or not: 0.52 to 0.69; photos at rest: from 0.74
+_OF_NOISE = 2.576 * math.sqrt(2)  # that quantile of differences between two pixels of unit noise
+_SHARP = 0.72  # real shaken photos: 0.52 to 0.71, one 0.76; sharp ones: from 0.73
+_SURELY_SHARP = 0.85
 _FLAT = 1e-6
 
 
@@ -32,22 +39,35 @@ def sharpness(grey: Image) -> float:
     Returns
     -------
     float
-        Ratio of its differences to those at half the size; 0 if it is flat in some direction.
+        Ratio of its differences to those at half the size; 0 if it is flat in some direction, or
+        as noisy as its edges are steep.
 
     """
     seen = np.sqrt(np.clip(grey, 0, 1))  # about as it is displayed: lights are not all that counts
-    half = cv2.resize(seen, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    pairs = zip(_steepness(seen), _steepness(half.astype(np.float32)), strict=True)
+    half = cv2.resize(seen, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA).astype(np.float32)
+    noise = noise_level(seen)
+    pairs = zip(_steepness(seen, noise), _steepness(half, noise / 2), strict=True)
     return min(whole / halved if halved > _FLAT else 0.0 for whole, halved in pairs)
 
 
-def looks_sharp(grey: Image) -> bool:
-    """Tell whether a photo is sharp at the size that it is given."""
-    return sharpness(grey) > _SHARP
+def looks_sharp(grey: Image, *, collapsed: float = 1.0) -> bool:
+    """Tell whether a photo is sharp at the size that it is given, and thus was not shaken.
+
+    Parameters
+    ----------
+    grey : (h, w) array of float32
+        The photo in linear light, at the size that kernels were estimated at.
+    collapsed : float
+        Share of the kernels that were estimated from it, 0..1, that are mere points. Unless the
+        photo is surely sharp, half of them must be.
+
+    """
+    found = sharpness(grey)
+    return found > _SURELY_SHARP or (found > _SHARP and collapsed >= 0.5)
 
 
-def _steepness(image: Image) -> list[float]:
-    """Steepest differences to the right, down, and along both diagonals."""
+def _steepness(image: Image, noise: float) -> list[float]:
+    """Steepest differences to the right, down, and along both diagonals, without the noise's."""
     corner = image[:-1, :-1]
     steps = (
         image[:-1, 1:] - corner,
@@ -55,4 +75,5 @@ def _steepness(image: Image) -> list[float]:
         image[1:, 1:] - corner,
         image[1:, :-1] - image[:-1, 1:],
     )
-    return [float(np.quantile(np.abs(step), _STRONGEST)) for step in steps]
+    steepest = (float(np.quantile(np.abs(step), _STRONGEST)) for step in steps)
+    return [math.sqrt(max(step**2 - (_OF_NOISE * noise) ** 2, 0.0)) for step in steepest]

@@ -42,7 +42,7 @@ def decode_avif(data: bytes) -> Decoded:
     """
     with decoding("AVIF"):
         picture = AvifImageFile(io.BytesIO(data))
-        check_size(picture.height, picture.width)
+        check_size(picture.height, picture.width, len(data))
         if getattr(picture, "n_frames", 1) > 1:
             raise PhotoError("an animated AVIF", hint="take one still picture out of it")
         properties = item_properties(data)

@@ -59,7 +59,7 @@ def converted(encoding: Encoding, form: Format) -> Encoding:
 
     More than 8 bits stay 16, or become 10 in an AVIF.
     """
-    deep = encoding.depth == 16 and form in {"PNG", "TIFF", "AVIF", "JPEG2000"}
+    deep = encoding.depth > 8 and form in {"PNG", "TIFF", "AVIF", "JPEG2000"}
     return Encoding(
         form,
         depth=16 if deep else 8,
@@ -94,4 +94,6 @@ def lost(encoding: Encoding, form: Format) -> list[str]:
     if encoding.format == "HEIF" and form == "JPEG":
         bits = f" of {encoding.bits} bits" if encoding.bits else ""
         return [f"a HEIC{bits}, written as a JPEG of quality 95 (-o NAME.tif loses nothing)"]
+    if encoding.depth == 32 and form != "TIFF":
+        return ["what lies beyond white is cut off (-o NAME.tif keeps it)"]
     return []

@@ -77,6 +77,9 @@ WRITTEN_AS: dict[Format, str] = {"HEIF": ".jpg", "RAW": ".tif"}
 MAX_PIXELS = 300_000_000
 """Pixels of the largest picture that is decoded: half as many again as a 200 MP camera's."""
 
+_LARGE = 16_000_000  # pixels
+_PIXELS_A_BYTE = 100
+
 
 @dataclass(frozen=True)
 class Encoding:
@@ -86,8 +89,9 @@ class Encoding:
     ----------
     format : {"JPEG", "PNG", "TIFF", "WEBP", "AVIF", "JPEG2000", "HEIF", "RAW"}
         The file format.
-    depth : {8, 16}
-        Bits a sample.
+    depth : {8, 16, 32}
+        Bits a sample; 32 are those of floating-point numbers, in linear light if no profile says
+        otherwise.
     bits : int
         Bits a sample that the file really has, where they are fewer than a depth of 16; 0: as many.
     grey : bool
@@ -138,7 +142,7 @@ class Decoded:
 
     Parameters
     ----------
-    codes : (H, W) or (H, W, 3) array of uint8 or uint16
+    codes : (H, W) or (H, W, 3) array of uint8, uint16 or float32
         The pixels.
     alpha : (H, W) array of the same type, or None
         The opacity.
@@ -161,13 +165,21 @@ class Decoded:
     notes: tuple[str, ...] = ()
 
 
-def check_size(height: int, width: int) -> None:
+def check_size(height: int, width: int, packed: int) -> None:
     """Refuse a picture that is empty or too large, before anything is allocated for it.
+
+    Parameters
+    ----------
+    height, width : int
+        What its header says.
+    packed : int
+        Bytes of the file. A small file that says to be a huge picture is damaged or made to harm.
 
     Raises
     ------
     PhotoError
-        If it has no pixels, or more than `MAX_PIXELS`.
+        If it has no pixels, more than `MAX_PIXELS`, or if it is large and has more than 100
+        pixels a byte, as no photo has.
 
     """
     if height < 1 or width < 1:
@@ -176,6 +188,8 @@ def check_size(height: int, width: int) -> None:
         raise PhotoError(
             f"{width} x {height} pixels are more than the {MAX_PIXELS // 10**6} million allowed"
         )
+    if height * width > max(_LARGE, _PIXELS_A_BYTE * packed):
+        raise PhotoError(f"{width} x {height} pixels in {packed} bytes: damaged, or no photo")
 
 
 def turned(array: NDArray[T], orientation: int) -> NDArray[T]:

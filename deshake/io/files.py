@@ -6,13 +6,13 @@ import contextlib
 import errno
 import hashlib
 import os
-import secrets
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from deshake.errors import OutputError
 from deshake.io.encoding import READ_ONLY, WRITTEN_AS
+from deshake.io.part_files import create_part
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -137,7 +137,8 @@ def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = False) -> It
 
     The bytes go to a hidden temporary file in the same folder, are flushed to the disk, and the
     file then takes its name in one step. On any exception, an interrupt included, the temporary
-    file is removed and an existing `path` stays as it was.
+    file is removed and an existing `path` stays as it was. What a killed process leaves of it,
+    `part_files.remove_stale_parts` knows.
 
     Parameters
     ----------
@@ -156,9 +157,8 @@ def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = False) -> It
     if not overwrite and os.path.lexists(target):
         raise OutputError("exists already", hint=_OVERWRITE_HINT, file=target)
     folder = os.path.dirname(target)  # noqa: PTH120
-    part = os.path.join(folder, f".deshake-{secrets.token_hex(8)}.part")  # noqa: PTH118
     try:
-        handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY, 0o666)
+        handle, part = create_part(folder)
     except OSError as error:
         raise _output_error(error, target) from error
     stream = os.fdopen(handle, "wb")
@@ -241,7 +241,6 @@ def read_bytes(path: str | os.PathLike[str], limit: int, error: type[DeshakeErro
 
 
 _PIECE = 1 << 20
-_BINARY: int = getattr(os, "O_BINARY", 0)  # Windows alone tells text from binary
 
 
 def _read_at_most(stream: BinaryIO, limit: int) -> bytes | None:

@@ -1,7 +1,9 @@
-"""The transfer curve in an ICC profile, where the profile has a simple one.
+"""The transfer curve in an ICC profile.
 
 Only the curve is read: the ``rTRC``, ``gTRC``, ``bTRC`` or ``kTRC`` tags of types ``curv`` and
-``para``. Colours are carried over as they are, with the profile.
+``para``. Where there is no such curve, or one for each channel, LittleCMS tells how light greys
+are, and the nearest of sRGB's curve and a power stands for that. Colours are carried over as they
+are, with the profile.
 
 References
 ----------
@@ -11,10 +13,12 @@ References
 
 from __future__ import annotations
 
+import io
 import struct
 from typing import TYPE_CHECKING
 
 import numpy as np
+from PIL import Image, ImageCms
 
 from deshake.io.transfer import LINEAR, SRGB, Power, Table
 
@@ -30,11 +34,12 @@ _MAX_TAGS = 256
 _PARAMETERS = ("g", "gab", "gabc", "gabcd", "gabcdef")  # of the functions 0 to 4
 _SAMPLES = 4096  # of a parametric curve that is neither sRGB nor a power
 _TOLERANCE = 5e-4  # in linear light: a profile's sRGB is a table or rounded numbers
+_ABOUT = 0.05  # in linear light: how far greys may be from the curve that stands for theirs
 _GAMMAS = (0.3, 4.0)  # the range in which 16-bit codes survive float32
 
 
 def profile_transfer(profile: bytes) -> Transfer | None:
-    """Return the one curve that all channels of a profile share, or None.
+    """Return the curve that the channels of a profile share, at least about; or None.
 
     Parameters
     ----------
@@ -44,15 +49,15 @@ def profile_transfer(profile: bytes) -> Transfer | None:
     Returns
     -------
     Transfer or None
-        None if the profile is damaged, has no curve, has different ones by channel, or has one
-        that cannot be undone exactly (flat stretches, falling, black or white far off).
+        None if the profile is damaged, is for neither grey nor RGB, or its curve has flat
+        stretches, falls, or has black or white far off.
 
     """
     try:
         tags = _read_tags(profile)
         curves = {tags[name] for name in (b"rTRC", b"gTRC", b"bTRC", b"kTRC") if name in tags}
         if len(curves) != 1:
-            return None
+            return _of_greys(profile)
         with np.errstate(all="ignore"):
             return _read_curve(curves.pop())
     except (struct.error, ValueError, OverflowError, ZeroDivisionError):
@@ -100,6 +105,40 @@ def _parametric(p: dict[str, float]) -> NDArray[np.float64]:
         return np.where(x >= -b / a, bent, 0) + p.get("c", 0.0)
     straight = p["c"] * x + p.get("f", 0.0)
     return np.where(x >= p["d"], bent + p.get("e", 0.0), straight)
+
+
+def _of_greys(profile: bytes) -> Transfer | None:
+    """Return the curve nearest to the greys of a profile, as LittleCMS takes them to Lab."""
+    if profile[16:20] != b"RGB ":
+        return None
+    ramp = np.arange(256, dtype=np.uint8)
+    try:
+        to_lab = ImageCms.buildTransform(
+            ImageCms.ImageCmsProfile(io.BytesIO(profile)),
+            ImageCms.createProfile("LAB"),
+            "RGB",
+            "LAB",
+            renderingIntent=ImageCms.Intent.RELATIVE_COLORIMETRIC,
+        )
+        lab = ImageCms.applyTransform(Image.fromarray(np.stack([ramp] * 3, -1)[None]), to_lab)
+    except (ImageCms.PyCMSError, OSError):
+        return None
+    if lab is None:
+        return None
+    lightness = np.asarray(lab)[0, :, 0] / 2.55
+    light = np.where(lightness > 8, ((lightness + 16) / 116) ** 3, lightness * 27 / 24389)
+    if light[-1] < 0.9 or light[0] > 0.02:
+        return None
+    light /= light[-1]
+    values = ramp / 255
+    middle = (values > 0.2) & (values < 0.9)
+    gamma = float(np.median(np.log(light[middle]) / np.log(values[middle])))
+    nearest = min(
+        (curve for curve in (SRGB, _power(round(gamma, 2))) if curve is not None),
+        key=lambda curve: float(np.abs(light - curve.to_linear(values)).max()),
+    )
+    near = np.abs(light - nearest.to_linear(values)).max() < _ABOUT
+    return nearest if near else None
 
 
 def _power(gamma: float) -> Transfer | None:

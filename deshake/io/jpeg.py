@@ -29,6 +29,7 @@ _XMP: Final = b"http://ns.adobe.com/xap/1.0/\0"
 _EXTENDED_XMP: Final = b"http://ns.adobe.com/xmp/extension/\0"
 _RESOURCES: Final = b"Photoshop 3.0\0"
 _ICC: Final = b"ICC_PROFILE\0"
+_GAIN_MAPS: Final = (b"hdrgm:Version", b"HDRGainMap")  # in the XMP of the second picture
 _QUALITY: Final = 95  # for photos that were no JPEG before
 _MAX_SEGMENT: Final = 65533
 
@@ -46,7 +47,7 @@ def decode_jpeg(data: bytes) -> Decoded:
     """
     with decoding("JPEG"):
         picture = JpegImageFile(io.BytesIO(data))
-        check_size(picture.height, picture.width)
+        check_size(picture.height, picture.width, len(data))
         if picture.mode not in {"L", "RGB"}:
             raise PhotoError(
                 f"a {picture.mode} JPEG: only grey and RGB photos can be deblurred",
@@ -64,8 +65,10 @@ def decode_jpeg(data: bytes) -> Decoded:
         )
         metadata = _metadata(picture.applist)
     lost = b"HasExtendedXMP" in metadata.xmp and not metadata.extended_xmp
-    notes = ("its extended XMP is damaged, and left out",) if lost else ()
-    return Decoded(codes, None, encoding, metadata, notes=notes)
+    notes = ["its extended XMP is damaged, and left out"] if lost else []
+    if any(mark in data for mark in _GAIN_MAPS):
+        notes.append("its gain map (HDR) is dropped")
+    return Decoded(codes, None, encoding, metadata, notes=tuple(notes))
 
 
 def encode_jpeg(picture: Decoded) -> bytes:

@@ -49,7 +49,7 @@ def decode_jpeg2000(data: bytes) -> Decoded:
         boxes = [(b"jp2c", data)] if data.startswith(_STREAM) else list(_boxes(data))
         stream = next((content for name, content in boxes if name == b"jp2c"), b"")
         height, width, bits, count = _size(stream)
-        check_size(height, width)
+        check_size(height, width, len(data))
         icc = b""
         for name, content in boxes:
             if name == b"colr":

@@ -21,11 +21,11 @@ from deshake.io.icc import profile_transfer
 from deshake.io.jpeg import decode_jpeg, encode_jpeg
 from deshake.io.jpeg2000 import decode_jpeg2000, encode_jpeg2000
 from deshake.io.png import decode_png, encode_png
-from deshake.io.profiles import linear_profile
+from deshake.io.profiles import linear_profile, power_profile
 from deshake.io.raw import decode_raw
 from deshake.io.signatures import photo_format
 from deshake.io.tiff import decode_tiff, encode_tiff
-from deshake.io.transfer import LINEAR, NAMED, decode, is_clipped
+from deshake.io.transfer import LINEAR, NAMED, Power, decode, is_clipped
 from deshake.io.webp import decode_webp, encode_webp
 
 if TYPE_CHECKING:
@@ -231,8 +231,12 @@ def encode_photo(photo: Photo, form: Format | None = None) -> bytes:
     encoding, alpha = photo.encoding, photo.alpha
     if encoding.format in WRITTEN_AS:
         form = form or SUFFIXES[WRITTEN_AS[encoding.format]]
+    metadata = photo.metadata
     if form is not None and form != encoding.format:
         encoding = converted(encoding, form)
+        if not metadata.icc and isinstance(encoding.transfer, Power):  # as a PNG may say otherwise
+            profile = power_profile(encoding.transfer.gamma, grey=encoding.grey)
+            metadata = replace(metadata, icc=profile)
         if alpha is not None and alpha.dtype == np.uint16 and encoding.depth == 8:
             alpha = np.rint(alpha / 257).astype(np.uint8)
     if alpha is not None and encoding.format == "JPEG":
@@ -244,7 +248,7 @@ def encode_photo(photo: Photo, form: Format | None = None) -> bytes:
             )
         alpha = None
     codes = encoded(photo.pixels, encoding)
-    metadata = carried(photo.metadata, encoding.format, *photo.shape).metadata
+    metadata = carried(metadata, encoding.format, *photo.shape).metadata
     try:
         return _ENCODERS[encoding.format](Decoded(codes, alpha, encoding, metadata))
     except PhotoError as error:

@@ -25,6 +25,7 @@ from deshake.io.encoding import Decoded, Encoding, check_size, decoding
 from deshake.io.image_resources import with_iptc
 from deshake.io.metadata import Metadata
 from deshake.io.opencv import imdecode
+from deshake.io.profiles import cicp_profile
 from deshake.io.raw_profiles import RAW_PROFILE, profile_text, raw_profile
 from deshake.io.transfer import SRGB, Power
 
@@ -63,7 +64,7 @@ def decode_png(data: bytes) -> Decoded:
     with decoding("PNG"):
         chunks = list(_chunks(data))
         width, height, bits, kind = struct.unpack_from(">IIBB", chunks[0][1])
-        check_size(height, width)
+        check_size(height, width, len(data))
         if any(name == b"acTL" for name, _ in chunks):
             raise PhotoError("an animated PNG", hint="take one still picture out of it")
         bare = SIGNATURE + b"".join(_pack(*chunk) for chunk in chunks if chunk[0] in _PIXEL_CHUNKS)
@@ -204,8 +205,11 @@ def _metadata(chunks: list[Chunk]) -> tuple[Metadata, Transfer, bytes]:
             raw = raw_profile(content, _inflate(text[1:]) if name == b"zTXt" else text) | raw
         elif name in _CARRIED:
             carried += _pack(name, content)
+    if len(found.get(b"cICP", b"")) == 4:  # comes before all others
+        numbers = cicp_profile(*found[b"cICP"][:2])
+        blocks["icc"] = numbers or blocks.get("icc", b"")
     transfer: Transfer = SRGB
-    if b"gAMA" in found and b"sRGB" not in found:
+    if b"gAMA" in found and b"sRGB" not in found and b"cICP" not in found:
         (gamma,) = struct.unpack(">I", found[b"gAMA"])
         if 25000 <= gamma <= 300000 and abs(gamma - _SRGB_GAMMA) > 100:
             transfer = Power(100000 / gamma)

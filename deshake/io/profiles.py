@@ -22,7 +22,14 @@ from deshake.errors import PhotoError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["GREY_PROFILE", "SRGB_PROFILE", "XYZ_FROM_SRGB", "cicp_profile", "linear_profile"]
+__all__ = [
+    "GREY_PROFILE",
+    "SRGB_PROFILE",
+    "XYZ_FROM_SRGB",
+    "cicp_profile",
+    "linear_profile",
+    "power_profile",
+]
 
 XYZ_FROM_SRGB: Final = np.array(
     [
@@ -76,6 +83,24 @@ def linear_profile(to_srgb: ArrayLike | None = None, *, grey: bool = False) -> b
         return _profile("Linear grey", {b"kTRC": _LINEAR}, grey=True)
     name = "Linear sRGB" if to_srgb is None else "Linear light of the camera"
     return _rgb_profile(name, np.eye(3) if to_srgb is None else np.asarray(to_srgb), _LINEAR)
+
+
+def power_profile(gamma: float, *, grey: bool = False) -> bytes:
+    """Make the profile of a pure power, with sRGB's primaries.
+
+    Parameters
+    ----------
+    gamma : float
+        Light = code ** gamma.
+    grey : bool, keyword-only
+        Whether the picture is grey.
+
+    """
+    curve = struct.pack(">4s4xH2xi", b"para", 0, round(gamma * 65536))
+    name = f"Gamma {gamma:.6g}"
+    if grey:
+        return _profile(name, {b"kTRC": curve}, grey=True)
+    return _rgb_profile(name, np.eye(3), curve)
 
 
 def cicp_profile(primaries: int, transfer: int) -> bytes:

@@ -26,8 +26,10 @@ from deshake.errors import PhotoError
 from deshake.io import exif
 from deshake.io.boxes import canon_exif
 from deshake.io.encoding import Decoded, Encoding, check_size, decoding
+from deshake.io.exif_editing import maker_note_at
 from deshake.io.jpeg import decode_jpeg
 from deshake.io.metadata import Metadata
+from deshake.io.native_output import silenced
 from deshake.io.profiles import GREY_PROFILE, SRGB_PROFILE, XYZ_FROM_SRGB
 
 if TYPE_CHECKING:
@@ -45,7 +47,7 @@ _LEAST_CROP: Final = 0.55  # of a side; less is no crop of the whole frame, as L
 _LEAST_MATRIX: Final = 0.125  # of the first element, by which LibRaw takes the file's matrix
 _PHOTO_TAGS: Final = 0x8000  # main tags below it are the photo's, most above it the sensor's
 _EXIF_TAGS: Final = (33434, 33437, 34850, 34855, *range(36864, 37389))  # also found in the main
-_KEPT_TAGS: Final = (33432, 33723, 34377)  # copyright, IPTC, Photoshop
+_COPYRIGHT: Final = 33432
 
 
 def decode_raw(data: bytes) -> Decoded:
@@ -65,8 +67,8 @@ def decode_raw(data: bytes) -> Decoded:
     import rawpy  # noqa: PLC0415 - needed for RAW files alone
 
     try:
-        with decoding("RAW file"), rawpy.imread(io.BytesIO(data)) as raw:
-            check_size(raw.sizes.raw_height, raw.sizes.raw_width)
+        with decoding("RAW file"), silenced(), rawpy.imread(io.BytesIO(data)) as raw:
+            check_size(raw.sizes.raw_height, raw.sizes.raw_width, len(data))
             return _decode(raw, data)
     except rawpy.LibRawError as error:
         reason = error.args[0] if error.args else error
@@ -185,12 +187,18 @@ def _metadata(raw: RawPy, data: bytes, turn: int, *, grey: bool) -> Metadata:
     tree = exif.read_tree(data) or canon_exif(data) or _of_preview(raw) or _of_libraw(raw)
     tree.exif = {tag: tree.main[tag] for tag in _EXIF_TAGS if tag in tree.main} | tree.exif
     tree.main = {
-        tag: value for tag, value in tree.main.items() if tag < _PHOTO_TAGS or tag in _KEPT_TAGS
+        tag: value for tag, value in tree.main.items() if tag < _PHOTO_TAGS or tag == _COPYRIGHT
     }
     tree.main[exif.ORIENTATION] = (3, 1, struct.pack(f"{tree.order}H", turn))
     first = exif.read_first(data)
-    xmp = b"" if first is None else first.values.get(exif.XMP, (0, 0, b""))[2]
-    return Metadata(exif.new_block(tree), xmp, GREY_PROFILE if grey else SRGB_PROFILE)
+    blocks = {} if first is None else first.values
+    return Metadata(
+        exif.new_block(tree, note_at=maker_note_at(data)),
+        blocks.get(exif.XMP, (0, 0, b""))[2],
+        GREY_PROFILE if grey else SRGB_PROFILE,
+        iptc=blocks.get(exif.IPTC, (0, 0, b""))[2],
+        resources=blocks.get(exif.IMAGE_RESOURCES, (0, 0, b""))[2],
+    )
 
 
 def _of_preview(raw: RawPy) -> exif.Tree:

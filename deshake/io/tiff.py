@@ -1,4 +1,4 @@
-"""TIFF in and out, 8 and 16 bits, with the tags of its directories.
+"""TIFF in and out, 8 and 16 bits and floating point, with the tags of its directories.
 
 Pixels are decoded by tifffile. What it cannot decompress alone (LZW, JPEG) is decoded by Pillow
 at 8 bits and by OpenCV at 16. Results are written uncompressed or by deflate.
@@ -15,17 +15,19 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import numpy as np
 import tifffile
 from PIL.TiffImagePlugin import TiffImageFile
-from tifffile import COMPRESSION, PHOTOMETRIC, TiffFile, TiffPage
+from tifffile import COMPRESSION, PHOTOMETRIC, SAMPLEFORMAT, TiffFile, TiffPage
 
 from deshake.errors import PhotoError
 from deshake.io import exif
 from deshake.io.encoding import Decoded, Encoding, check_size, decoding
 from deshake.io.exif_editing import maker_note_at, pointers
 from deshake.io.metadata import Metadata
+from deshake.io.native_output import silenced
 from deshake.io.opencv import imdecode
+from deshake.io.transfer import LINEAR, SRGB
 
 if TYPE_CHECKING:
-    from deshake.io.transfer import Codes
+    from deshake.io.transfer import Codes, Depth
 
 __all__ = ["decode_tiff", "encode_tiff"]
 
@@ -43,6 +45,8 @@ _ALONE: Final = {  # the methods that tifffile knows without further libraries
     COMPRESSION.DEFLATE,
     COMPRESSION.PACKBITS,
 }
+_FLOAT_PREDICTOR: Final = 3
+_DEPTHS: Final[dict[type, Depth]] = {np.uint8: 8, np.uint16: 16, np.float32: 32}
 _COLOURS: Final = {
     PHOTOMETRIC.MINISWHITE: 1,
     PHOTOMETRIC.MINISBLACK: 1,
@@ -59,12 +63,12 @@ def decode_tiff(data: bytes) -> Decoded:
     ------
     PhotoError
         If the file is damaged or cut short, too large, holds several pictures, or pixels that
-        are not 8- or 16-bit grey or RGB; if it is really a camera's RAW file.
+        are neither integers of 8 or 16 bits nor floating-point numbers, or neither grey nor RGB.
 
     """
     with decoding("TIFF"), TiffFile(io.BytesIO(data)) as file:
         page = _only_page(file)
-        check_size(page.imagelength, page.imagewidth)
+        check_size(page.imagelength, page.imagewidth, len(data))
         colours = _check_kind(page)
         pixels = _decode_page(page, data)
         if page.photometric == PHOTOMETRIC.MINISWHITE:
@@ -81,9 +85,12 @@ def decode_tiff(data: bytes) -> Decoded:
             iptc=values.get(exif.IPTC, (0, 0, b""))[2],
             resources=values.get(exif.IMAGE_RESOURCES, (0, 0, b""))[2],
         )
+        if page.sampleformat == SAMPLEFORMAT.IEEEFP:
+            pixels = _finite(pixels)
         encoding = Encoding(
             "TIFF",
-            depth=8 if pixels.dtype == np.uint8 else 16,
+            depth=_DEPTHS[pixels.dtype.type],
+            transfer=LINEAR if page.sampleformat == SAMPLEFORMAT.IEEEFP else SRGB,
             grey=colours == 1,
             compressed=page.compression != COMPRESSION.NONE,
             premultiplied=tuple(page.extrasamples) == (_ASSOCIATED,),
@@ -105,7 +112,7 @@ def encode_tiff(picture: Decoded) -> bytes:
         pixels = cast("Codes", np.dstack([pixels, picture.alpha]))
         options["extrasamples"] = [_ASSOCIATED if encoding.premultiplied else _UNASSOCIATED]
     if encoding.compressed:
-        options |= {"compression": "zlib", "predictor": True}
+        options |= {"compression": "zlib", "predictor": encoding.depth < 32}
     stream = io.BytesIO()
     tifffile.imwrite(
         stream,
@@ -192,16 +199,26 @@ def _check_kind(page: TiffPage) -> int:
             f"a {name} TIFF: only grey and RGB photos can be deblurred",
             hint="convert it to RGB with its colour profile first",
         )
-    if page.sampleformat != 1:
+    extra = page.samplesperpixel - colours
+    if page.sampleformat == SAMPLEFORMAT.IEEEFP and page.photometric in {
+        PHOTOMETRIC.MINISBLACK,
+        PHOTOMETRIC.RGB,
+    }:
+        if extra or page.compression not in _ALONE or page.predictor == _FLOAT_PREDICTOR:
+            raise PhotoError(
+                "an unusual kind of floating-point TIFF", hint="save it uncompressed, without alpha"
+            )
+        return colours
+    if page.sampleformat != SAMPLEFORMAT.UINT:
         raise PhotoError(
-            "its pixels are not unsigned integers", hint="convert it to 16 bits a channel first"
+            "its pixels are neither unsigned integers nor floating-point numbers",
+            hint="convert it to 16 bits a channel first",
         )
     allowed = {1, 2, 4, 8} if colours == 1 else {8}
     if page.bitspersample not in allowed | {16}:
         raise PhotoError(
             f"{page.bitspersample} bits a channel", hint="convert it to 8 or 16 bits a channel"
         )
-    extra = page.samplesperpixel - colours
     if not 0 <= extra <= 1 or page.imagedepth != 1:
         raise PhotoError(
             f"{page.samplesperpixel} channels", hint="keep grey or RGB, and at most one alpha"
@@ -235,11 +252,21 @@ def _decode_page(page: TiffPage, data: bytes) -> Codes:
     return cast("Codes", np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("=")))
 
 
+def _finite(pixels: Codes) -> Codes:
+    """Return floating-point pixels in single precision; refuse what is no number."""
+    with np.errstate(over="ignore"):
+        single = pixels.astype(np.float32)
+    if not np.isfinite(single).all():
+        raise PhotoError("some of its pixels are infinite or not numbers")
+    return cast("Codes", single)
+
+
 def _decode_by_pillow(data: bytes) -> Codes:
-    picture = TiffImageFile(io.BytesIO(data))
-    if picture.mode not in {"L", "LA", "P", "RGB", "RGBA"}:
-        raise _unusual()
-    return np.asarray(picture)
+    with silenced():
+        picture = TiffImageFile(io.BytesIO(data))
+        if picture.mode not in {"L", "LA", "P", "RGB", "RGBA"}:
+            raise _unusual()
+        return np.asarray(picture)
 
 
 def _unusual() -> PhotoError:

@@ -12,10 +12,13 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 __all__ = [
     "LINEAR",
@@ -32,8 +35,8 @@ __all__ = [
     "is_clipped",
 ]
 
-Codes = NDArray[np.unsignedinteger]
-Depth = Literal[8, 16]
+Codes = NDArray[np.unsignedinteger]  # or float32, which the files of few formats hold
+Depth = Literal[8, 16, 32]
 TransferName = Literal["srgb", "linear", "gamma22"]
 
 _BLOCK = 1 << 20  # values encoded at once, so that the intermediate floats stay small
@@ -156,24 +159,26 @@ def decode(codes: Codes, transfer: Transfer) -> NDArray[np.float32]:
 
     Parameters
     ----------
-    codes : array of uint8 or uint16
-        The file's values; the largest that the type holds is the file's white.
+    codes : array of uint8, uint16 or float32
+        The file's values; the largest that the type holds, or 1, is the file's white.
     transfer : Transfer
         The file's curve.
 
     Returns
     -------
     array of float32, same shape
-        Linear light in [0, 1].
+        Linear light, in [0, 1] of integers.
 
     """
+    if codes.dtype.kind == "f":
+        return _beyond(cast("NDArray[np.float32]", codes), transfer.to_linear)
     top = np.iinfo(codes.dtype).max
     table = transfer.to_linear(np.arange(top + 1) / top).astype(np.float32)
     return table[codes]
 
 
 def encode(light: NDArray[np.floating], transfer: Transfer, depth: Depth) -> Codes:
-    """Turn linear light into the nearest codes; what lies outside [0, 1] is clipped.
+    """Turn linear light into the nearest codes; of integers, what lies outside [0, 1] is clipped.
 
     Parameters
     ----------
@@ -181,12 +186,12 @@ def encode(light: NDArray[np.floating], transfer: Transfer, depth: Depth) -> Cod
         Linear light, 1 = the file's white.
     transfer : Transfer
         The file's curve.
-    depth : {8, 16}
-        Bits a sample.
+    depth : {8, 16, 32}
+        Bits a sample; 32 are those of a floating-point number.
 
     Returns
     -------
-    array of uint8 or uint16, same shape
+    array of uint8, uint16 or float32, same shape
         The codes. Those of an unchanged `decode` come back exactly.
 
     Raises
@@ -195,6 +200,8 @@ def encode(light: NDArray[np.floating], transfer: Transfer, depth: Depth) -> Cod
         If a value is not a number.
 
     """
+    if depth == 32:
+        return cast("Codes", _beyond(light, transfer.from_linear))
     kind = np.uint8 if depth == 8 else np.uint16
     top = np.float32((1 << depth) - 1)
     flat = np.ascontiguousarray(light, np.float32).reshape(-1)
@@ -212,6 +219,22 @@ def is_clipped(codes: Codes) -> NDArray[np.bool_]:
     """Tell where a code is at the top: 254 or 255 of 255, and the same share of 65535.
 
     One code below the top counts, since JPEG's rounding moves saturated pixels by that much.
+    Numbers in floating point have no top.
     """
+    if codes.dtype.kind == "f":
+        return np.zeros(codes.shape, bool)
     top = np.iinfo(codes.dtype).max
     return np.asarray(codes >= round(top * 254 / 255))
+
+
+def _beyond(
+    values: NDArray[np.floating], curve: Callable[[NDArray[Any]], NDArray[np.floating]]
+) -> NDArray[np.float32]:
+    """Apply a curve to numbers that may lie outside [0, 1].
+
+    Negative ones mirror the positive; above 1 a power goes on, and a table as a straight line.
+    """
+    size = np.abs(values).astype(np.float32)
+    straight = isinstance(getattr(curve, "__self__", None), Table)
+    bent = curve(np.minimum(size, 1)) + np.maximum(size - 1, 0) if straight else curve(size)
+    return np.asarray(np.copysign(bent, values), np.float32)

@@ -30,7 +30,7 @@ def decode_webp(data: bytes) -> Decoded:
     with decoding("WebP"):
         _check_length(data)
         picture = WebPImageFile(io.BytesIO(data))
-        check_size(picture.height, picture.width)
+        check_size(picture.height, picture.width, len(data))
         if picture.n_frames > 1:
             raise PhotoError("an animated WebP", hint="take one still picture out of it")
         pixels = np.asarray(picture)

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     Progress = Callable[[float, str], None]
 
 __all__ = [
+    "camera_name",
     "deblur_file",
     "estimate_file",
     "fix_file",
@@ -57,6 +58,11 @@ _ESTIMATE_PIXELS = 8e6
 def kernel_name(source: Path) -> str:
     """Return the default name of a photo's kernel: ``<stem>.kernel.npz``."""
     return f"{source.stem}.kernel.npz"
+
+
+def camera_name(source: Path) -> str:
+    """Return the default name of a photo's camera: ``<stem>.camera.npz``."""
+    return f"{source.stem}.camera.npz"
 
 
 def estimate_file(

@@ -198,11 +198,12 @@ def _provenance(
     found: PairEstimate,
 ) -> dict[str, Any]:
     """Tell what shaped the kernel, the camera aside."""
-    names = ("transfer", "blur_size", "max_angle", "uniform", "preview")
+    told = options.provenance()
+    goes_by = {name: value for name, value in told.items() if name not in {"region", "estimator"}}
     return {
         "deshake": __version__,
         "command": "estimate-pair",
-        "options": {name: getattr(options, name) for name in names},
+        "options": goes_by,
         "input_sha256": sha256(pair[0].source),
         "noisy_sha256": sha256(pair[1].source),
         "registration": {

@@ -18,6 +18,7 @@ from deshake.pipelines.finishing import AS_IT_IS, Finish
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
     from deshake.deconvolution.methods import RestorationOptions
     from deshake.io.kernel_file import KernelFile
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from deshake.io.transfer import TransferName
     from deshake.pipelines.pair_deblurring import PairRestorationOptions
 
-__all__ = ["photo_provenance", "with_photo_provenance"]
+__all__ = ["photo_origin", "photo_provenance", "with_photo_provenance"]
 
 _log = logging.getLogger(__name__)
 
@@ -59,14 +60,29 @@ def photo_provenance(
         What was wanted beside the deblurring.
 
     """
-    found: dict[str, Any] = {
+    other = None if noisy is None else noisy.source
+    known = photo_origin(photo.source, restoration, transfer=transfer, noisy=other, finish=finish)
+    return {
         "deshake": __version__,
         "command": "deblur",
-        "options": {"transfer": transfer} | asdict(restoration) | finish.provenance(),
-        "input_sha256": sha256(photo.source),
         "kernel": _short(content.provenance),
+    } | known
+
+
+def photo_origin(
+    source: Path,
+    restoration: RestorationOptions | PairRestorationOptions,
+    *,
+    transfer: TransferName | None = None,
+    noisy: Path | None = None,
+    finish: Finish = AS_IT_IS,
+) -> dict[str, Any]:
+    """Tell what a result comes from, as far as it is known before any work: inputs and options."""
+    found: dict[str, Any] = {
+        "options": {"transfer": transfer} | asdict(restoration) | finish.provenance(),
+        "input_sha256": sha256(source),
     }
-    return found if noisy is None else found | {"noisy_sha256": sha256(noisy.source)}
+    return found if noisy is None else found | {"noisy_sha256": sha256(noisy)}
 
 
 def with_photo_provenance(result: Photo, provenance: Mapping[str, Any]) -> Photo:

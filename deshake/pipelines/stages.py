@@ -16,6 +16,7 @@ import numpy as np
 from deshake import __version__
 from deshake.deconvolution.dark_halos import without_dark_halos
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions, restore
+from deshake.deconvolution.noise import noise_model
 from deshake.errors import DeshakeError
 from deshake.estimation.blind import blur_bound
 from deshake.estimation.methods import estimate_kernel
@@ -50,6 +51,7 @@ __all__ = [
 
 _log = logging.getLogger(__name__)
 
+_MID_GREY: Final = 0.18
 _LUMINANCE: Final = (0.2126, 0.7152, 0.0722)  # of linear sRGB, ITU-R BT.709
 
 
@@ -93,8 +95,9 @@ class EstimateOptions:
 
     def provenance(self) -> dict[str, Any]:
         """Return what shapes the kernel, for its file; the camera is told apart."""
-        names = ("transfer", "blur_size", "max_angle", "region", "uniform", "estimator", "preview")
-        return {name: getattr(self, name) for name in names}
+        names = ("transfer", "blur_size", "max_angle", "region", "uniform", "estimator")
+        told = {name: getattr(self, name) for name in names}
+        return told | {"preview": True} if self.preview else told
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +114,8 @@ class Estimate:
         In plain words.
     latent : (2, h, w) array of float32
         Gradients of the sharp photo, or region, as in `BlindEstimate`.
+    noise : float
+        Standard deviation of the photo's noise at a mid grey (18 % of white), in linear light.
 
     """
 
@@ -118,6 +123,7 @@ class Estimate:
     camera: CameraFile
     notes: list[str]
     latent: NDArray[np.float32]
+    noise: float
 
     def report(self) -> dict[str, Any]:
         """Return the figures of the estimate as JSON data."""
@@ -126,6 +132,7 @@ class Estimate:
             "rotations": len(kernel.weights),
             "extent_px": round(kernel.extent_px(), 2),
             "confidence": round(self.content.confidence, 4),
+            "noise": round(self.noise, 5),
             "notes": self.notes,
             "focal_px": round(self.camera.camera.focal_px, 2),
             "camera_source": self.camera.source,
@@ -168,9 +175,10 @@ def estimate(
     """
     camera, notes = camera_for(photo, options)
     check_region(photo, options.region)
+    grey = luminance(photo.pixels)
     try:
         found = estimate_kernel(
-            luminance(photo.pixels),
+            grey,
             camera.camera,
             estimator=options.estimator,
             clipped=photo.clipped,
@@ -188,7 +196,9 @@ def estimate(
         _log.warning("%s: %s", photo.source, note)
     provenance = _provenance(photo, options, camera, found) | {"notes": notes}
     content = KernelFile(found.kernel, found.confidence, provenance)
-    return Estimate(content, camera, notes, found.latent)
+    slope, floor = noise_model(grey)
+    noise = math.sqrt(slope * _MID_GREY + floor)
+    return Estimate(content, camera, notes, found.latent, noise)
 
 
 def deblur(

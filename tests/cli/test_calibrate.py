@@ -35,14 +35,17 @@ def test_writes_the_camera_of_the_upright_photo(deshake, photo, tmp_path):
 
 def test_json_is_one_line_and_writes_nothing_unasked(deshake, photo, tmp_path):
     outcome = deshake("calibrate", photo, "--json")
-    assert json.loads(outcome.out) == {
+    report = json.loads(outcome.out)
+    assert report.pop("seconds") >= 0
+    assert report == {
+        "status": "done",
         "input": str(photo),
         "output": None,
         "focal_px": 404.469,
         "focal_35mm": 35,
         "source": "EXIF FocalLengthIn35mmFilm = 35 mm",
         "confidence": 0.81,
-        "notes": [],
+        "warnings": [],
         "width": 300,
         "height": 400,
     }
@@ -118,7 +121,7 @@ def test_a_crop_is_told(deshake, tmp_path):
     found = json.loads(outcome.out)
     assert found["focal_px"] == pytest.approx(404.469)
     assert found["confidence"] == pytest.approx(0.63)
-    assert outcome.err == f"warning: {path}: {found['notes'][0]}\n"
+    assert outcome.err == f"warning: {path}: {found['warnings'][0]}\n"
     assert "taken to be a crop" in outcome.err
 
 

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from deshake.cli.context import Context, Progress, available_threads
+from deshake.cli.context import Context, Progress
 
 
 def test_a_bar_shows_nothing_unless_wanted(capsys):
@@ -16,10 +16,6 @@ def test_a_bar_shows_nothing_unless_wanted(capsys):
 
 def test_stderr_is_no_terminal_here():
     assert not Context().progress
-
-
-def test_threads_default_to_the_processors():
-    assert Context().threads == available_threads() >= 1
 
 
 def shown(capsys, fractions):

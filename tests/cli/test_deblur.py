@@ -7,6 +7,7 @@ import sys
 import cv2
 import numpy as np
 import pytest
+import tifffile
 from PIL import Image
 
 from deshake import __version__
@@ -199,7 +200,7 @@ def test_the_kernel_comes_from_standard_input_too(deshake, shaken, kernel, tmp_p
 
 def test_photos_do_not_go_to_standard_output(deshake, shaken, kernel):
     outcome = deshake("deblur", shaken("a.jpg"), kernel, "-o", "-")
-    assert outcome.code == 1
+    assert outcome.code == 2
     assert "standard output" in outcome.err
 
 
@@ -276,3 +277,18 @@ def test_methods_go_with_the_photos_they_need(deshake, shaken, kernel, args, wha
     outcome = deshake("deblur", shaken("a.png"), kernel, *args)
     assert outcome.code == 2
     assert what in outcome.err
+
+
+def test_light_beyond_white_stays_in_a_floating_point_tiff(deshake, kernel, tmp_path):
+    y, x = np.mgrid[:80, :100]
+    light = (4 + 3 * np.sin(x / 5) * np.cos(y / 7)).astype(np.float32)
+    path, png = tmp_path / "a.tif", tmp_path / "out.png"
+    tifffile.imwrite(path, np.stack([light] * 3, -1), photometric="rgb", metadata=None)
+    outcome = deshake("deblur", path, kernel)
+    assert (outcome.code, outcome.err) == (0, "")
+    found = tifffile.imread(tmp_path / "a.deshaken.tif")
+    assert found.dtype == np.float32
+    assert 6.5 < found.max() < 8
+    outcome = deshake("deblur", path, kernel, "-o", png)
+    assert "warning: " in outcome.err
+    assert "beyond white is cut off" in outcome.err

@@ -48,13 +48,14 @@ def test_writes_a_kernel_with_its_provenance(deshake, shaken, tmp_path):
         "region": None,
         "uniform": False,
         "estimator": "auto",
+        "preview": False,
     }
     assert provenance["input_sha256"] == hashlib.sha256(photo.read_bytes()).hexdigest()
     assert provenance["camera"] == "--focal-35mm 40"
-    assert provenance["notes"] == report["notes"]
+    assert provenance["notes"] == report["warnings"]
     assert provenance["estimated_by"] in {"fine", "medium", "level", "variational", "still"}
     assert str(tmp_path) not in json.dumps(provenance)
-    for note in report["notes"]:
+    for note in report["warnings"]:
         assert f"warning: {photo}: {note}" in outcome.err
 
 

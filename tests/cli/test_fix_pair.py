@@ -52,7 +52,7 @@ def test_it_is_sharper_and_the_report_says_all(deshake, pair, tmp_path):
     assert report["status"] == "done"
     assert report["scale"] == pytest.approx(4, rel=0.1)
     assert report["registration_confidence"] > 0.9
-    assert any("a 50 mm-equivalent is assumed" in note for note in report["notes"])
+    assert any("a 50 mm-equivalent is assumed" in note for note in report["warnings"])
     assert {path.name for path in tmp_path.iterdir()} == {
         "blurred.png",
         "noisy.png",

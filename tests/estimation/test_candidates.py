@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -79,7 +80,10 @@ def test_a_photo_is_at_rest_if_it_is_sharp_and_most_kernels_are_points(sharp, sh
     point = RotationKernel.delta(true.camera)
     mostly = {"a": point, "b": point, "c": true}
     assert is_at_rest(still, mostly)
-    assert not is_at_rest(still, {"a": point, "b": true})
+    assert is_at_rest(still, {"a": point, "b": true})
+    soft = cv2.GaussianBlur(still, (0, 0), 0.4)
+    assert is_at_rest(soft, mostly)
+    assert not is_at_rest(soft, {"a": point, "b": true, "c": true})
     assert not is_at_rest(grey, mostly)
 
 

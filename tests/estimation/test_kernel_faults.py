@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deshake.estimation.kernel_faults import COLLAPSED, SCATTERED, TOUCHING, faults
+from deshake.estimation.kernel_faults import COLLAPSED, FILLED, SCATTERED, TOUCHING, faults
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
@@ -62,3 +62,23 @@ def test_specks_all_over_are_noise() -> None:
     assert faults(kernel(gap)) == []
     heavy = np.concatenate([np.full(21, 0.1), np.full(30, 0.01)])
     assert faults(kernel(np.concatenate([path(20), specks - (0, 10, 0)]), heavy)) == []
+
+
+@pytest.mark.parametrize("radius", [1.6, 2.5, 4, 7])
+def test_a_filled_disk_is_a_photo_out_of_focus(radius: float) -> None:
+    x, y = np.meshgrid(np.arange(-8, 9), np.arange(-8, 9))
+    inside = x**2 + y**2 <= radius**2
+    disk = np.stack([x[inside], y[inside], 0 * x[inside]], 1)
+    assert faults(kernel(disk)) == [FILLED]
+    ring = inside & (x**2 + y**2 > (radius - 1.2) ** 2)
+    if radius > 2:
+        assert faults(kernel(np.stack([x[ring], y[ring], 0 * x[ring]], 1))) == []
+
+
+def test_paths_are_no_disks_however_they_wind() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(10):
+        steps = np.cumsum(np.cumsum(rng.normal(size=(60, 3)), 0), 0)
+        steps *= 6 / np.abs(steps - steps.mean(0)).max()
+        winding = np.rint(steps).astype(int)
+        assert FILLED not in faults(kernel(winding))

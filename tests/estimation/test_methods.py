@@ -11,7 +11,7 @@ from deshake.deconvolution.poisson import poisson_image
 from deshake.deconvolution.richardson_lucy import richardson_lucy
 from deshake.errors import EstimationError
 from deshake.estimation.candidates import STILL
-from deshake.estimation.kernel_faults import TOUCHING
+from deshake.estimation.kernel_faults import FILLED, TOUCHING
 from deshake.estimation.methods import (
     Estimator,
     best_estimate,
@@ -158,6 +158,35 @@ def test_a_photo_at_rest_is_left_as_it_is(
     assert not left.kernel.theta.any()
     assert left.confidence <= 0.1
     assert any("looks sharp" in note or "left as it is" in note for note in left.notes)
+
+
+@pytest.mark.parametrize(
+    ("coarser", "says"), [(1, "no shake was found"), (6, "wider than about 12")]
+)
+def test_how_small_a_shake_may_hide_is_said(
+    found: dict[str, BlindEstimate], truth: np.ndarray, coarser: float, says: str
+) -> None:
+    sharp = np.kron(truth[::4, ::4], np.ones((4, 4), np.float32))
+    steps = coarser * grid_steps(CAMERA)
+    point = RotationKernel.from_indices([[0, 0, 0]], [1], steps, CAMERA)
+    left = best_estimate(sharp, {"fine": replace(found["edges"], kernel=point)}, threads=2)
+    assert left.notes[0].startswith("no shake")
+    assert says in left.notes[0]
+    assert "looks sharp" in left.notes[0]
+
+
+def test_most_candidates_tell_a_photo_out_of_focus(
+    found: dict[str, BlindEstimate], photo: np.ndarray
+) -> None:
+    good = found["edges"]
+    theta, weights = 2.5 * good.kernel.theta, good.kernel.weights
+    worse = RotationKernel(theta, weights, good.kernel.steps, CAMERA)
+    filled = replace(good, kernel=worse, notes=[FILLED])
+    most = best_estimate(photo, {"good": good, "one": filled, "two": filled}, threads=2)
+    assert most.kernel is good.kernel
+    assert FILLED in most.notes
+    half = best_estimate(photo, {"good": good, "one": filled}, threads=2)
+    assert FILLED not in half.notes
 
 
 def test_what_is_wrong_with_a_kernel_is_noted(photo: np.ndarray) -> None:

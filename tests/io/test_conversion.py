@@ -72,3 +72,12 @@ def test_texts_of_the_format_are_lost_in_another():
     assert "left out of a PNG" in lost(comment, "PNG")[0]
     assert lost(Encoding("PNG", carried=b"\0\0\0\0pHYs"), "TIFF") == []
     assert "left out of a TIFF" in lost(Encoding("PNG", carried=b"\0\0\0\0tEXt"), "TIFF")[0]
+
+
+def test_what_lies_beyond_white_is_said_to_be_cut_off():
+    deep = Encoding("TIFF", depth=32)
+    assert lost(deep, "TIFF") == []
+    assert "beyond white" in lost(deep, "PNG")[0]
+    assert converted(deep, "PNG").depth == converted(deep, "AVIF").depth == 16
+    assert converted(deep, "AVIF").bits == 10
+    assert converted(deep, "JPEG").depth == 8

@@ -8,14 +8,21 @@ from deshake.errors import PhotoError
 from deshake.io.encoding import MAX_PIXELS, check_size, decoding
 
 
+def test_a_large_picture_in_a_small_file_is_refused():
+    check_size(4000, 4000, 100)
+    check_size(6000, 4000, 240_000)
+    with pytest.raises(PhotoError, match="6000 x 4000 pixels in 200000 bytes"):
+        check_size(4000, 6000, 200_000)
+
+
 def test_large_cameras_fit_and_bombs_do_not() -> None:
-    check_size(1, 1)
-    check_size(12240, 16320)  # 200 MP
+    check_size(1, 1, 1)
+    check_size(12240, 16320, 9_000_000)  # 200 MP
     assert MAX_PIXELS < 10**9
     with pytest.raises(PhotoError, match="pixels are more than"):
-        check_size(100_000, 10_000)
+        check_size(100_000, 10_000, 1 << 30)
     with pytest.raises(PhotoError, match="no pixels"):
-        check_size(0, 5)
+        check_size(0, 5, 100)
 
 
 @pytest.mark.parametrize("error", [OSError("a\nb"), struct.error("x"), KeyError(3), MemoryError()])

@@ -8,6 +8,7 @@ import pytest
 from PIL import ImageCms
 
 from deshake.io.icc import profile_transfer
+from deshake.io.profiles import power_profile
 from deshake.io.transfer import LINEAR, SRGB, Power, Table
 
 if TYPE_CHECKING:
@@ -82,3 +83,50 @@ def test_damaged_profiles_do_no_harm(make_icc: Callable[..., bytes]) -> None:
     profile = make_icc(curv(*range(0, 65536, 257)))
     for size in range(len(profile)):
         profile_transfer(profile[:size])
+
+
+def lut_profile(gamma: float) -> bytes:
+    """Make a profile that has a table in place of curves and primaries: sRGB's, with a power."""
+    tables = np.rint(65535 * np.linspace(0, 1, 256) ** gamma).astype(">u2").tobytes() * 3
+    corners = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(-1, 3)
+    d50 = [[0.4361, 0.3851, 0.1431], [0.2225, 0.7169, 0.0606], [0.0139, 0.0971, 0.7141]]
+    grid = np.rint(32768 * corners @ np.transpose(d50)).astype(">u2").tobytes()
+    lut = b"mft2" + bytes(4) + bytes([3, 3, 2, 0])
+    lut += np.rint(65536 * np.eye(3)).astype(">i4").tobytes() + struct.pack(">HH", 256, 2)
+    lut += tables + grid + struct.pack(">6H", 0, 65535, 0, 65535, 0, 65535)
+    white = b"XYZ " + bytes(4) + struct.pack(">3i", 63190, 65536, 54061)
+    text = "desc".encode("utf-16-be")
+    words = struct.pack(">4s4xII4sII", b"mluc", 1, 12, b"enUS", len(text), 28) + text
+    tags = {b"desc": words, b"cprt": words, b"wtpt": white, b"A2B0": lut}
+    table, body = b"", b""
+    for name, content in tags.items():
+        table += struct.pack(">4sII", name, 132 + 12 * len(tags) + len(body), len(content))
+        body += content + bytes(-len(content) % 4)
+    head = struct.pack(">I4xI4s4s4s12x4s28x", 132 + len(table) + len(body), 0x02400000, b"scnr",
+                       b"RGB ", b"XYZ ", b"acsp")  # fmt: skip
+    head += white[8:]
+    return head.ljust(128, b"\0") + struct.pack(">I", len(tags)) + table + body
+
+
+@pytest.mark.parametrize("gamma", [1.0, 1.8, 2.4])
+def test_a_table_of_colours_is_known_by_its_greys(gamma: float) -> None:
+    curve = profile_transfer(lut_profile(gamma))
+    assert isinstance(curve, Power)
+    assert curve.gamma == pytest.approx(gamma, abs=0.05)
+
+
+def test_greys_like_srgbs_are_srgbs() -> None:
+    assert profile_transfer(lut_profile(2.22)) in {SRGB, Power(2.22), Power(2.21), Power(2.23)}
+
+
+def test_curves_that_differ_by_channel_are_known_by_their_greys() -> None:
+    whole = power_profile(2.2)
+    curve = para(0, 2.2)
+    assert whole.count(curve) == 1  # shared by the channels
+    own = whole + para(0, 2.3) + bytes(2)
+    at = own.index(b"bTRC") + 4
+    own = own[:at] + struct.pack(">I", len(whole)) + own[at + 4 :]
+    own = struct.pack(">I", len(own)) + own[4:]
+    found = profile_transfer(own)
+    assert isinstance(found, Power)
+    assert 2.15 < found.gamma < 2.3

@@ -150,3 +150,15 @@ def test_extended_xmp_comes_back_whole_or_not_at_all() -> None:
     assert decode_jpeg(lost).metadata.extended_xmp == b""
     assert decode_jpeg(lost).notes == ("its extended XMP is damaged, and left out",)
     assert decode_jpeg(data).notes == ()
+
+
+def test_a_gain_map_is_dropped_with_a_word(make_codes: Callable[..., np.ndarray]) -> None:
+    stream = io.BytesIO()
+    Image.fromarray(make_codes(16, 16, 3)).save(stream, "JPEG")
+    assert decode_jpeg(stream.getvalue()).notes == ()
+    second = io.BytesIO()
+    packet = b'<x:xmpmeta xmlns:x="adobe:ns:meta/"><a hdrgm:Version="1.0"/></x:xmpmeta>'
+    Image.fromarray(make_codes(8, 8, 3)).save(second, "JPEG", xmp=packet)
+    both = stream.getvalue() + second.getvalue()
+    assert decode_jpeg(both).notes == ("its gain map (HDR) is dropped",)
+    assert decode_jpeg(both).codes.shape == (16, 16, 3)

@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import io
 import os
+import struct
+import zlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -124,7 +126,7 @@ def test_the_profile_gives_the_curve_and_the_option_overrides_it(
     codes = make_codes(9, 9, 3)
     source = save("a.png", codes, icc_profile=make_icc(LINEAR_CURVE))
     photo = read_photo(source)
-    assert photo.encoding.transfer is LINEAR
+    assert photo.encoding.transfer == LINEAR
     assert np.allclose(photo.pixels, codes / 255, atol=1e-7)
     assert read_photo(source, transfer="srgb").encoding.transfer is SRGB
     assert read_photo(source, transfer="gamma22").encoding.transfer == Power(2.2)
@@ -297,3 +299,33 @@ def test_a_damaged_file_is_read_or_refused_in_one_line(
             encode_photo(read_photo(path), form)
         except PhotoError as error:
             assert "\n" not in str(error)  # noqa: PT017
+
+
+def test_a_floating_point_tiff_is_linear_and_says_so_elsewhere(tmp_path: Path) -> None:
+    light = np.random.default_rng(0).random((40, 50, 3)).astype(np.float32) * 2
+    tifffile.imwrite(tmp_path / "a.tif", light, photometric="rgb", metadata=None)
+    photo = read_photo(tmp_path / "a.tif")
+    assert np.array_equal(photo.pixels, light)
+    assert not photo.clipped.any()
+    write_photo(tmp_path / "b.tif", photo)
+    assert np.array_equal(tifffile.imread(tmp_path / "b.tif"), light)
+    write_photo(tmp_path / "b.png", photo)
+    other = read_photo(tmp_path / "b.png")
+    assert other.encoding.transfer == LINEAR
+    assert np.abs(other.pixels - np.clip(light, 0, 1)).max() < 1e-5
+
+
+def test_a_curve_that_a_png_states_goes_along_as_a_profile(tmp_path: Path) -> None:
+    gamma = struct.pack(">I4sI", 4, b"gAMA", 100000)
+    gamma += struct.pack(">I", zlib.crc32(gamma[4:]))
+    stream = io.BytesIO()
+    Image.fromarray(np.full((40, 50, 3), 99, np.uint8)).save(stream, "PNG")
+    data = stream.getvalue()
+    (tmp_path / "a.png").write_bytes(data[:33] + gamma + data[33:])
+    photo = read_photo(tmp_path / "a.png")
+    assert photo.encoding.transfer == LINEAR
+    for name in ("b.tif", "b.jpg", "b.avif"):
+        write_photo(tmp_path / name, photo)
+        again = read_photo(tmp_path / name)
+        assert again.encoding.transfer == LINEAR
+        assert np.abs(again.pixels - photo.pixels).max() < 0.01

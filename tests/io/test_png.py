@@ -12,9 +12,10 @@ from PIL import Image, PngImagePlugin
 
 from deshake.errors import PhotoError
 from deshake.io.encoding import Decoded, Encoding
+from deshake.io.icc import profile_transfer
 from deshake.io.metadata import Metadata
 from deshake.io.png import SIGNATURE, decode_png, encode_png
-from deshake.io.transfer import SRGB, Power
+from deshake.io.transfer import LINEAR, SRGB, Power
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -226,3 +227,23 @@ def test_bombs_are_refused(make_codes: Callable[..., np.ndarray]) -> None:
     grown = chunk(b"iCCP", b"p\0\0" + zlib.compress(bytes(100 << 20), 9))
     with pytest.raises(PhotoError, match="metadata"):
         decode_png(plain_png(make_codes(4, 4), grown))
+
+
+def test_code_points_come_before_profile_and_gamma(make_icc: Callable[..., bytes]) -> None:
+    stream = io.BytesIO()
+    linear = make_icc(b"curv" + bytes(8))
+    Image.fromarray(np.full((4, 4, 3), 99, np.uint8)).save(stream, "PNG", icc_profile=linear)
+    data = stream.getvalue()
+
+    def with_chunk(name: bytes, content: bytes) -> bytes:
+        chunk = struct.pack(">I", len(content)) + name + content
+        return data[:33] + chunk + struct.pack(">I", zlib.crc32(chunk[4:])) + data[33:]
+
+    assert profile_transfer(decode_png(data).metadata.icc) is LINEAR
+    p3 = decode_png(with_chunk(b"cICP", bytes([12, 13, 0, 1])))
+    assert profile_transfer(p3.metadata.icc) is SRGB
+    assert p3.encoding.carried.count(b"cICP") == 1
+    with pytest.raises(PhotoError, match="HDR"):
+        decode_png(with_chunk(b"cICP", bytes([9, 16, 0, 1])))
+    odd = decode_png(with_chunk(b"cICP", b"\x0c"))  # too short to mean anything
+    assert profile_transfer(odd.metadata.icc) is LINEAR

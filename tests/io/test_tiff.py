@@ -17,6 +17,7 @@ from deshake.io.exif_editing import maker_note_at
 from deshake.io.image_resources import with_iptc
 from deshake.io.metadata import Metadata
 from deshake.io.tiff import decode_tiff, encode_tiff
+from deshake.io.transfer import LINEAR
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -228,8 +229,10 @@ def test_thumbnails_are_ignored_and_further_pictures_refused() -> None:
 @pytest.mark.parametrize(
     ("codes", "options", "match"),
     [
-        (np.zeros((4, 4, 3), np.float32), {}, "not unsigned integers"),
-        (np.zeros((4, 4), np.int16), {}, "not unsigned integers"),
+        (np.zeros((4, 4, 2), np.float32), {"extrasamples": [2]}, "floating-point TIFF"),
+        (np.full((4, 4), np.nan, np.float32), {}, "not numbers"),
+        (np.full((4, 4), 1e300), {}, "infinite"),
+        (np.zeros((4, 4), np.int16), {}, "neither unsigned integers"),
         (np.zeros((4, 4), np.uint32), {}, "32 bits"),
         (np.zeros((4, 4, 4), np.uint8), {"photometric": "separated"}, "SEPARATED"),
         (np.zeros((4, 4, 5), np.uint8), {"extrasamples": [2, 0]}, "5 channels"),
@@ -259,7 +262,7 @@ def test_missing_tiles_are_not_filled_in(make_codes: Callable[..., np.ndarray]) 
     data = bytearray(tiff(make_codes(32, 32), tile=(16, 16)))
     with tifffile.TiffFile(io.BytesIO(bytes(data))) as file:
         place = file.pages.first.tags["ImageLength"].valueoffset
-    struct.pack_into("<I", data, place, 5_000_000)
+    struct.pack_into("<I", data, place, 50_000)
     with pytest.raises(PhotoError, match="cut short"):
         decode_tiff(bytes(data))
 
@@ -271,3 +274,23 @@ def test_a_bomb_is_refused_by_its_header(make_codes: Callable[..., np.ndarray]) 
             struct.pack_into("<I", data, file.pages.first.tags[name].valueoffset, 40_000)
     with pytest.raises(PhotoError, match="40000 x 40000 pixels"):
         decode_tiff(bytes(data))
+
+
+@pytest.mark.parametrize("kind", [np.float16, np.float32, np.float64])
+@pytest.mark.parametrize("shape", [(30, 40), (30, 40, 3)])
+@pytest.mark.parametrize("options", [{}, {"compression": "zlib"}], ids=str)
+def test_floating_point_keeps_what_lies_beyond_white(
+    kind: type, shape: tuple[int, ...], options: dict[str, Any]
+) -> None:
+    light = (np.random.default_rng(0).random(shape) * 5 - 1).astype(kind)
+    photometric = "rgb" if len(shape) == 3 else "minisblack"
+    stream = io.BytesIO()
+    tifffile.imwrite(stream, light, photometric=photometric, metadata=None, **options)
+    picture = decode_tiff(stream.getvalue())
+    assert picture.encoding.depth == 32
+    assert picture.encoding.transfer is LINEAR
+    assert np.array_equal(picture.codes, light.astype(np.float32))
+    written = encode_tiff(picture)
+    again = tifffile.imread(io.BytesIO(written))
+    assert again.dtype == np.float32
+    assert np.array_equal(again, picture.codes)

@@ -3,7 +3,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deshake.io.transfer import NAMED, SRGB, Power, Table, Transfer, decode, encode, is_clipped
+from deshake.io.transfer import (
+    LINEAR,
+    NAMED,
+    SRGB,
+    Power,
+    Table,
+    Transfer,
+    decode,
+    encode,
+    is_clipped,
+)
 
 TABLE = Table(np.linspace(0, 1, 1024) ** 1.5 * 0.5 + np.linspace(0, 1, 1024) * 0.5)
 CURVES: list[Transfer] = [*NAMED.values(), Power(1.8), Power(563 / 256), Power(0.5), TABLE]
@@ -61,3 +71,15 @@ def test_tables_that_lose_codes_are_refused(light: list[float]) -> None:
 def test_clipping_counts_the_top_two_codes() -> None:
     assert is_clipped(np.array([253, 254, 255], np.uint8)).tolist() == [False, True, True]
     assert is_clipped(np.array([65277, 65278, 65535], np.uint16)).tolist() == [False, True, True]
+
+
+@pytest.mark.parametrize("curve", [SRGB, LINEAR, Power(1.8), Table(np.linspace(0, 1, 50) ** 1.5)])
+def test_floating_point_numbers_survive_beyond_black_and_white(curve: Transfer) -> None:
+    values = np.array([-3, -0.4, 0, 0.3, 1, 1.5, 20], np.float32)
+    light = decode(values, curve)
+    assert light.dtype == np.float32
+    assert np.all(np.diff(light) > 0)
+    assert light[2] == 0
+    assert light[4] == pytest.approx(1)
+    assert encode(light, curve, 32) == pytest.approx(values, rel=1e-5)
+    assert not is_clipped(values).any()

@@ -76,6 +76,7 @@ def test_an_assumed_lens_is_long_and_noted(shaken):
     assert found.camera.source == "assumed: 50 mm-equivalent"
     assert "50 mm-equivalent is assumed" in found.notes[0]
     assert found.content.provenance["notes"] == found.notes
+    assert 1e-4 < found.report()["noise"] < 0.05
 
 
 def test_a_camera_that_stood_still_leaves_the_photo_as_it_is(shaken):

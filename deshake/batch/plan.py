@@ -1,0 +1,271 @@
+"""Where the result of each photo goes, and whether it can go there: decided before any work."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal
+
+from deshake.batch.folders import Found, find_photos, identity
+from deshake.errors import DeshakeError, OutputError
+from deshake.io.files import STREAM, check_output, output_name
+from deshake.io.part_files import remove_stale_parts
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
+
+__all__ = ["Existing", "Extra", "Job", "PlanError", "plan"]
+
+Existing = Literal["refuse", "skip", "replace"]
+"""What is done about results that exist already."""
+
+
+class PlanError(DeshakeError):
+    """What was asked for contradicts itself."""
+
+
+@dataclass(frozen=True)
+class Extra:
+    """An output beside the result: where it goes, and what it is called.
+
+    Parameters
+    ----------
+    path : Path or None
+        A folder, made if it is missing; without `name`, a file for one photo. None: beside the
+        result.
+    name : callable, optional
+        Gives the name for a photo; for the name of the result if it lies beside that.
+
+    """
+
+    path: Path | None
+    name: Callable[[Path], str] | None = None
+
+    def place(self, found: Found, result: Path | None) -> Path:
+        """Return where it goes for a photo."""
+        if self.path is None:
+            beside = found.path if result is None else result
+            return beside.with_name(self.name(beside) if self.name else beside.name)
+        return self.path / found.below / self.name(found.path) if self.name else self.path
+
+
+@dataclass(frozen=True)
+class Job:
+    """One photo to work on.
+
+    Parameters
+    ----------
+    source : Path
+        The photo.
+    output : Path or None
+        Where its result goes.
+    others : mapping of str to Path
+        Where other outputs go, by what they are: ``kernel``, ``latent``, ``sheet``.
+    needs : mapping of str to Path
+        Other inputs, by what they are: ``noisy``, ``kernel``, ``mask``.
+    problem : DeshakeError or None
+        Why the outputs cannot go there.
+    existing : {"refuse", "skip", "replace"}
+        What is done about a result that exists already. Of skipped photos the result counts, and
+        other outputs are replaced where it is missing.
+
+    """
+
+    source: Path
+    output: Path | None
+    others: Mapping[str, Path] = field(default_factory=dict)
+    needs: Mapping[str, Path] = field(default_factory=dict)
+    problem: DeshakeError | None = None
+    existing: Existing = "refuse"
+
+    @property
+    def overwrite(self) -> bool:
+        """Whether an existing result may be replaced."""
+        return self.existing == "replace"
+
+    @property
+    def overwrite_others(self) -> bool:
+        """Whether other existing outputs may be replaced."""
+        return self.existing != "refuse"
+
+    @property
+    def skipped(self) -> bool:
+        """Whether the result is there already, and is to be left as it is."""
+        there = self.output is not None and os.path.lexists(self.output)
+        return there and self.existing == "skip" and self.problem is None
+
+    @property
+    def outputs(self) -> list[Path]:
+        """All files that it may write."""
+        return [*filter(None, [self.output]), *self.others.values()]
+
+    def files(self) -> dict[str, str | None]:
+        """Return the names of all files as JSON data."""
+        files = {"input": self.source, **self.needs, "output": self.output, **self.others}
+        return {name: None if path is None else str(path) for name, path in files.items()}
+
+
+def plan(
+    inputs: Sequence[Path],
+    output: Path | None = None,
+    *,
+    name: Callable[[Path], str] = output_name,
+    beside: bool = True,
+    extras: Mapping[str, Extra] | None = None,
+    needs: Mapping[str, Callable[[Found], Path | None]] | None = None,
+    recursive: bool = False,
+    existing: Existing = "refuse",
+    dry: bool = False,
+) -> list[Job]:
+    """Decide where the results for photos go, and check that they can go there.
+
+    Folders for results are made, and what killed runs left unfinished in them is removed.
+
+    Parameters
+    ----------
+    inputs : sequence of Path
+        Photos and folders of photos.
+    output : Path, optional
+        For one photo, a file or an existing folder. For several, or a folder of them, a folder,
+        which is made if it is missing and its parent is there; the folders that photos are found
+        in are made in it.
+    name : callable
+        Gives the name of a photo's result.
+    beside : bool
+        Whether results lie beside the photos where there is no `output`; else there are none.
+    extras : mapping of str to Extra, optional
+        Further outputs.
+    needs : mapping of str to callable, optional
+        Further inputs, which functions find for a photo; None: it has none.
+    recursive : bool
+        Whether folders in folders are searched, too.
+    existing : {"refuse", "skip", "replace"}
+        What is done about results that exist already.
+    dry : bool
+        Whether nothing is made or removed.
+
+    Returns
+    -------
+    list of Job
+        In the order of the inputs. What is wrong with a single job stands in it.
+
+    Raises
+    ------
+    PlanError
+        If two outputs would be the same file, or several photos have one file to go to.
+    PhotoError
+        For the reasons of `find_photos`.
+    OutputError
+        If a folder for the outputs is missing and cannot be made.
+
+    """
+    extras, needs = extras or {}, needs or {}
+    several = len(inputs) > 1 or inputs[0].is_dir()
+    _check_places(output, extras, several=several)
+    into = output is not None and (several or output.is_dir())
+    tops = [extra.path for extra in extras.values() if extra.path and extra.name]
+    if output is not None and into:
+        tops.insert(0, output)
+    own = [top for top in tops if identity(top) not in [identity(path) for path in inputs]]
+    jobs = []
+    for found in find_photos(inputs, recursive=recursive, without=own):
+        source = found.path
+        if output is None:
+            result = source.with_name(name(source)) if beside else None
+        else:
+            result = output / found.below / name(source) if into else output
+        others = {kind: extra.place(found, result) for kind, extra in extras.items()}
+        given: dict[str, Path] = {}
+        problem: DeshakeError | None = None
+        for kind, find in needs.items():
+            try:
+                path = find(found)
+            except DeshakeError as error:
+                problem = error
+            else:
+                given |= {} if path is None else {kind: path}
+        jobs.append(Job(source, result, others, given, problem, existing=existing))
+    _check_collisions(jobs)
+    if not dry:
+        _prepare_folders(tops, jobs)
+    known = {
+        mark: path
+        for job in jobs
+        for path in (job.source, *job.needs.values())
+        if (mark := identity(path))
+    }
+    return [_checked(job, known, dry=dry) for job in jobs]
+
+
+def _check_places(output: Path | None, extras: Mapping[str, Extra], *, several: bool) -> None:
+    """Refuse one file for the results of several photos."""
+    if not several:
+        return
+    files = {"-o": output}
+    files |= {f"--{kind}": extra.path for kind, extra in extras.items() if extra.name is None}
+    for option, path in files.items():
+        if path is not None and str(path) == STREAM:
+            raise PlanError(f"several results do not go to standard output ({option} -)")
+        if path is not None and path.exists() and not path.is_dir():
+            raise PlanError(f"{path} is a file; for several photos, {option} names a folder")
+
+
+def _check_collisions(jobs: Sequence[Job]) -> None:
+    """Refuse two outputs of one name."""
+    taken: dict[str, Job] = {}
+    folders: dict[Path, Path] = {}
+    for job in jobs:
+        for path in job.outputs:
+            if path.parent not in folders:
+                folders[path.parent] = path.parent.resolve()
+            # A symbolic link is replaced, not followed: its folder counts, and its own name.
+            key = os.path.normcase(folders[path.parent] / path.name)
+            other = taken.setdefault(key, job)
+            if other is not job:
+                raise PlanError(
+                    f"{other.source} and {job.source} would both be written to {path}",
+                    hint="name each photo once, or take them one by one",
+                )
+
+
+def _prepare_folders(tops: Sequence[Path], jobs: Sequence[Job]) -> None:
+    """Make the folders that are missing; clear the others of what killed runs left."""
+    for top in tops:
+        _make_folder(top)
+    outputs = [path for job in jobs for path in job.outputs if str(path) != STREAM]
+    for folder in dict.fromkeys(path.parent for path in outputs):
+        if any(folder.is_relative_to(top) for top in tops):
+            _make_folder(folder, parents=True)
+        remove_stale_parts(folder)
+
+
+def _make_folder(path: Path, *, parents: bool = False) -> None:
+    if path.is_dir():
+        return
+    try:
+        path.mkdir(parents=parents)
+    except FileExistsError as error:
+        raise OutputError("is not a folder", hint="name a folder", file=path) from error
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise OutputError(
+            f"the folder cannot be made: {reason}",
+            hint="make it first, or choose another",
+            file=path,
+        ) from error
+
+
+def _checked(job: Job, known: Mapping[tuple[int, int], Path], *, dry: bool) -> Job:
+    """Return a job with what is wrong with its outputs."""
+    if job.problem is not None:
+        return job
+    for path in job.outputs:
+        if dry and not path.parent.exists():
+            continue  # it would be made
+        try:
+            other = known.get(identity(path) or (0, 0), job.source)
+            check_output(path, job.source, other, overwrite=job.overwrite_others)
+        except DeshakeError as error:
+            return replace(job, problem=error)
+    return job

@@ -1,0 +1,225 @@
+"""Many photos at once, each in a process of its own, as far as processors and memory go.
+
+A process that is killed, or crashes, takes its own photo down and no other: a new one takes its
+place.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import signal
+import sys
+from collections import deque
+from multiprocessing import connection, get_context
+from typing import TYPE_CHECKING, Self
+
+from deshake.batch.footprint import memory_needed
+from deshake.batch.memory import gigabytes
+from deshake.batch.task import Result, failure
+from deshake.batch.worker import LogLevels, Said, Shown, serve
+from deshake.errors import DeshakeError, PhotoError
+from deshake.io.part_files import remove_stale_parts
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Generator, Iterator, Sequence
+    from multiprocessing.connection import Connection
+    from multiprocessing.context import BaseContext
+    from multiprocessing.process import BaseProcess
+    from types import TracebackType
+
+    from deshake.batch.memory import Budget
+    from deshake.batch.plan import Job
+    from deshake.batch.work import Work
+
+__all__ = ["run_in_processes"]
+
+_log = logging.getLogger(__name__)
+
+_GRACE = 3.0
+"""Seconds that a process has to remove what it has not finished, when it is told to end."""
+
+
+def run_in_processes(
+    jobs: Sequence[Job],
+    work: Work,
+    *,
+    processes: int,
+    threads: int,
+    budget: Budget,
+    progress: Callable[[int, float, str], None],
+) -> Generator[tuple[int, Result], None, None]:
+    """Do the work on many photos, and yield what came of each, with its number, as it is done.
+
+    Photos are begun in their order, each when a process is free and the memory that it is expected
+    to need fits beside what the others do. Closing the iterator ends all processes.
+
+    Parameters
+    ----------
+    jobs : sequence of Job
+        The photos.
+    work : Work
+        What to do with them.
+    processes : int
+        Photos at once, at most.
+    threads : int
+        Threads in each process.
+    budget : Budget
+        Memory of all processes together.
+    progress : callable
+        Told the number of a job, the fraction of it that is done, and what comes next.
+
+    """
+    waiting = deque(enumerate(jobs))
+    taken: dict[int, int] = {}
+    with _Pool(work, threads) as pool:
+        while waiting or taken:
+            while waiting and len(taken) < processes:
+                number, job = waiting[0]
+                need = memory_needed(job, work)
+                if not budget.admits(need, taken.values()):
+                    break
+                waiting.popleft()
+                try:
+                    budget.check(need, job)
+                except DeshakeError as error:
+                    yield number, failure(job, error)
+                    continue
+                if need > budget.limit:
+                    _log.warning(
+                        "%s: needs about %s of memory, and %s are free to use; worked on alone",
+                        job.source,
+                        gigabytes(need),
+                        gigabytes(budget.limit),
+                    )
+                pool.start(number, job)
+                taken[number] = need
+            if not taken:
+                continue  # all that waited were refused
+            for number, message in pool.heard():
+                if isinstance(message, Shown):
+                    progress(number, message.share, message.text)
+                    continue
+                del taken[number]
+                yield number, message
+
+
+class _Worker:
+    """A process, and this end of the line to it."""
+
+    def __init__(self, context: BaseContext, work: Work, threads: int) -> None:
+        self.line: Connection
+        self.line, other = context.Pipe()
+        self.process: BaseProcess = context.Process(  # type: ignore[attr-defined]
+            target=serve, args=(other, work, threads, LogLevels.here()), daemon=True
+        )
+        self.process.start()
+        other.close()
+        self.number = -1
+        self.job: Job | None = None
+
+    def begin(self, number: int, job: Job) -> None:
+        """Begin with a job; that the process has gone meanwhile is heard of later."""
+        self.number, self.job = number, job
+        with contextlib.suppress(OSError):
+            self.line.send(job)
+
+
+class _Pool:
+    """The processes, as a context manager that leaves none behind."""
+
+    def __init__(self, work: Work, threads: int) -> None:
+        self._work = work
+        self._threads = threads
+        self._idle: list[_Worker] = []
+        self._busy: dict[Connection, _Worker] = {}
+        # A server that has loaded everything once makes a process in no time; elsewhere than on
+        # Linux forking is not safe with the systems' own libraries.
+        self._context: BaseContext
+        if sys.platform == "linux":
+            self._context = get_context("forkserver")
+            self._context.set_forkserver_preload(["deshake.batch.worker", "deshake.batch.work"])
+        else:
+            self._context = get_context("spawn")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        workers = [*self._idle, *self._busy.values()]
+        for worker in workers:
+            worker.process.terminate()
+        for worker in workers:
+            worker.process.join(_GRACE)
+            if worker.process.is_alive():
+                worker.process.kill()
+                worker.process.join()
+            worker.line.close()
+            _clear(worker.job)
+
+    def start(self, number: int, job: Job) -> None:
+        """Give a job to a process that is free, or to a new one."""
+        worker = (
+            self._idle.pop() if self._idle else _Worker(self._context, self._work, self._threads)
+        )
+        self._busy[worker.line] = worker
+        worker.begin(number, job)
+
+    def heard(self) -> Iterator[tuple[int, Shown | Result]]:
+        """Wait for word from the processes, log what is to be logged, and yield the rest."""
+        for line in connection.wait(list(self._busy)):
+            worker = self._busy[line]  # type: ignore[index]
+            try:
+                message: Shown | Said | Result = worker.line.recv()
+            except (EOFError, OSError):
+                yield worker.number, self._lost(worker)
+                continue
+            if isinstance(message, Said):
+                logging.getLogger(message.name).log(message.level, "%s", message.text)
+                continue
+            if isinstance(message, Result):
+                worker.job = None
+                self._idle.append(self._busy.pop(worker.line))
+            yield worker.number, message
+
+    def _lost(self, worker: _Worker) -> Result:
+        """Return the result of the job whose process has ended."""
+        job = worker.job
+        assert job is not None  # noqa: S101 - it is among the busy ones
+        del self._busy[worker.line]
+        worker.line.close()
+        worker.process.join()
+        _clear(job)
+        code = worker.process.exitcode or 0
+        return failure(job, _ended(code, job))
+
+
+def _ended(code: int, job: Job) -> PhotoError:
+    """Say how a process ended in the middle of a photo."""
+    if code == -signal.SIGKILL:
+        return PhotoError(
+            "its process was killed, as happens where memory runs out",
+            hint="try it again with fewer --jobs, or a smaller --memory",
+            file=job.source,
+        )
+    how = f"exit code {code}"
+    if code < 0:
+        with contextlib.suppress(ValueError):
+            how = signal.Signals(-code).name
+    return PhotoError(
+        f"its process ended unexpectedly ({how})",
+        hint="try the photo alone, or converted to another format",
+        file=job.source,
+    )
+
+
+def _clear(job: Job | None) -> None:
+    """Remove what a job left unfinished."""
+    if job is not None:
+        for folder in {path.parent for path in job.outputs}:
+            remove_stale_parts(folder)

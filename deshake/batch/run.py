@@ -1,0 +1,114 @@
+"""A whole batch: here, in processes, or on a cluster, whichever was asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from deshake.batch.memory import Budget
+from deshake.batch.processes import run_in_processes
+from deshake.batch.task import run_job
+from deshake.operators.strips import available_threads
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Generator, Sequence
+
+    from deshake.batch.plan import Job
+    from deshake.batch.task import Result
+    from deshake.batch.work import Work
+
+    Progress = Callable[[float, str], None]
+
+__all__ = ["Resources", "run_jobs"]
+
+
+@dataclass(frozen=True)
+class Resources:
+    """What a run may take.
+
+    Parameters
+    ----------
+    jobs : int, optional
+        Photos at once; by default as many as there are processors for their threads.
+    threads : int, optional
+        Threads for each of them; by default the processors are shared out.
+    memory : int, optional
+        Bytes of memory for all of them; by default a share of what is available.
+
+    """
+
+    jobs: int | None = None
+    threads: int | None = None
+    memory: int | None = None
+
+    def shared(self, photos: int) -> tuple[int, int]:
+        """Return how many photos at once, and the threads for each."""
+        processors = available_threads()
+        jobs = self.jobs or max(1, processors // (self.threads or 1))
+        jobs = max(1, min(jobs, photos))
+        return jobs, self.threads or max(1, processors // jobs)
+
+
+def run_jobs(
+    jobs: Sequence[Job],
+    work: Work,
+    resources: Resources,
+    progress: Progress,
+) -> Generator[Result, None, None]:
+    """Do the work on photos, and yield what came of each as it is done.
+
+    A single photo is worked on in this process, several in processes of their own: what brings one
+    down leaves the others.
+
+    Parameters
+    ----------
+    jobs : sequence of Job
+        The photos.
+    work : Work
+        What to do with them.
+    resources : Resources
+        What the run may take.
+    progress : callable
+        Told the fraction done of all of it, and what is being done.
+
+    """
+    processes, threads = resources.shared(len(jobs))
+    if len(jobs) == 1 and resources.memory is None:
+        [job] = jobs
+        yield run_job(job, work, threads=threads, progress=progress)
+        return
+    overall = _Overall(jobs, progress)
+    for number, result in run_in_processes(
+        jobs,
+        work,
+        processes=processes,
+        threads=threads,
+        budget=Budget.of(resources.memory),
+        progress=overall.part,
+    ):
+        overall.part(number, 1.0)
+        yield result
+
+
+class _Overall:
+    """Adds up how far the photos are. Those that take no work do not count."""
+
+    def __init__(self, jobs: Sequence[Job], progress: Progress) -> None:
+        self._shares = {
+            number: 0.0
+            for number, job in enumerate(jobs)
+            if job.problem is None and not job.skipped
+        }
+        self._sum = 0.0
+        self._done = 0
+        self._progress = progress
+
+    def part(self, number: int, share: float, text: str = "") -> None:  # noqa: ARG002
+        """Tell how far one photo is."""
+        if number not in self._shares:
+            return
+        self._sum += share - self._shares[number]
+        self._done += share == 1.0 > self._shares[number]
+        self._shares[number] = share
+        count = len(self._shares)
+        self._progress(self._sum / count, f"{self._done} of {count} photos")

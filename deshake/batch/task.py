@@ -1,0 +1,141 @@
+"""One photo of many: its work done, and whatever comes of it told as data."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+import traceback
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+from deshake.batch.resume import doubt
+from deshake.errors import DeshakeError, describe
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from deshake.batch.plan import Job
+    from deshake.batch.work import Work
+
+    Progress = Callable[[float, str], None]
+
+__all__ = ["Result", "failure", "run_job"]
+
+_OURS = logging.getLogger("deshake")
+
+
+@dataclass(frozen=True)
+class Result:
+    """What came of one photo.
+
+    Parameters
+    ----------
+    job : Job
+        The job.
+    status : {"done", "skipped", "failed"}
+        Skipped: its result was there already.
+    seconds : float
+        Time that it took.
+    figures : dict
+        What the work found, as JSON data.
+    warnings : tuple of str
+        What was warned of on the way.
+    error, hint : str or None
+        What is wrong, and what to try, if it failed.
+    trace : str or None
+        Where in the program, if it failed.
+
+    """
+
+    job: Job
+    status: Literal["done", "skipped", "failed"]
+    seconds: float = 0.0
+    figures: dict[str, Any] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    error: str | None = None
+    hint: str | None = None
+    trace: str | None = None
+
+    def report(self) -> dict[str, Any]:
+        """Return all of it as JSON data."""
+        report: dict[str, Any] = {"status": self.status, "seconds": round(self.seconds, 2)}
+        report |= self.job.files() | self.figures | {"warnings": list(self.warnings)}
+        if self.status == "failed":
+            report |= {"error": self.error, "hint": self.hint}
+        return report
+
+
+def run_job(
+    job: Job, work: Work, *, threads: int | None = None, progress: Progress | None = None
+) -> Result:
+    """Do the work on one photo; whatever goes wrong with it is told in the result.
+
+    Parameters
+    ----------
+    job : Job
+        The photo.
+    work : Work
+        What to do with it.
+    threads : int, optional
+        Threads to use; by default all processors.
+    progress : callable, optional
+        Told the fraction done and what is being done.
+
+    """
+    start = time.perf_counter()
+    with _warnings(job) as warnings:
+        if job.problem is not None:
+            return failure(job, job.problem)
+        try:
+            if job.skipped:
+                _tell_skipped(job, work)
+                return Result(job, "skipped", time.perf_counter() - start, {}, tuple(warnings))
+            figures = work(job, threads=threads, progress=progress)
+        except Exception as error:  # noqa: BLE001  one bad photo never stops the rest
+            return failure(job, error, time.perf_counter() - start, warnings)
+    # What was noted was warned of as well, unless nothing but errors is wanted.
+    told = dict.fromkeys([*warnings, *figures.pop("notes", [])])
+    return Result(job, "done", time.perf_counter() - start, figures, tuple(told))
+
+
+def failure(
+    job: Job, error: Exception, seconds: float = 0.0, warnings: list[str] | None = None
+) -> Result:
+    """Return the result of a photo that failed."""
+    message, hint = describe(error)
+    if str(job.source) not in message and not getattr(error, "file", None):
+        message = f"{job.source}: {message}"
+    expected = isinstance(error, DeshakeError) and error.__cause__ is None
+    trace = None if expected else "".join(traceback.format_exception(error))
+    told = tuple(warnings or ())
+    return Result(job, "failed", seconds, {}, told, message, hint, trace)
+
+
+def _tell_skipped(job: Job, work: Work) -> None:
+    """Say that the result is there already, and warn if it is not what the work would make."""
+    found = doubt(job, work)
+    if found is None:
+        _OURS.info("%s: skipped, %s exists already", job.source, job.output)
+    else:
+        _OURS.warning("%s: skipped, %s (--overwrite makes it anew)", job.source, found)
+
+
+@contextmanager
+def _warnings(job: Job) -> Iterator[list[str]]:
+    """Collect what is warned of in this thread, without the photo's name."""
+    found: list[str] = []
+    thread = threading.get_ident()
+
+    class Collector(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            if record.thread == thread:
+                found.append(record.getMessage().removeprefix(f"{job.source}: "))
+
+    collector = Collector(logging.WARNING)
+    _OURS.addHandler(collector)
+    try:
+        yield found
+    finally:
+        _OURS.removeHandler(collector)

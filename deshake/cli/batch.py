@@ -1,0 +1,249 @@
+"""Commands that take many photos: their options, and how a run of them goes and is told."""
+
+from __future__ import annotations
+
+import json
+import logging
+import time
+from collections import Counter
+from contextlib import closing
+from dataclasses import dataclass, fields
+from functools import wraps
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+import click
+
+from deshake.cli.messages import print_error, print_note
+from deshake.cli.options import FILE, json_option, overwrite_option
+from deshake.cli.values import Size
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from deshake.batch.folders import Found
+    from deshake.batch.plan import Existing, Job
+    from deshake.batch.task import Result
+    from deshake.batch.work import Work
+    from deshake.cli.context import Context
+
+__all__ = [
+    "Batch",
+    "batch_options",
+    "for_masks",
+    "photos_argument",
+    "planned",
+    "refuse_stdout",
+    "run_batch",
+]
+
+F = TypeVar("F", bound="Callable[..., Any]")
+
+_log = logging.getLogger(__name__)
+
+_NAMED = 10
+"""Failed photos that the summary names."""
+
+photos_argument = click.argument(
+    "photos", type=FILE, nargs=-1, required=True, metavar="PHOTO|DIR..."
+)
+
+
+@dataclass(frozen=True)
+class Batch:
+    """The options that all commands for many photos have."""
+
+    recursive: bool
+    jobs: int | None
+    memory: int | None
+    as_json: bool
+    overwrite: bool
+    skip_existing: bool
+    fail_fast: bool
+    dry_run: bool
+
+    def __post_init__(self) -> None:
+        if self.overwrite and self.skip_existing:
+            raise click.UsageError("--overwrite and --skip-existing cannot both be given.")
+
+    @property
+    def existing(self) -> Existing:
+        """What is done about results that exist already."""
+        return "replace" if self.overwrite else "skip" if self.skip_existing else "refuse"
+
+
+def batch_options(command: F) -> F:
+    """Add the options of `Batch`, and hand them over as one argument named ``batch``."""
+
+    @wraps(command)
+    def collected(*args: Any, **values: Any) -> Any:  # noqa: ANN401
+        given = {each.name: values.pop(each.name) for each in fields(Batch)}
+        return command(*args, batch=Batch(**given), **values)
+
+    for option in (
+        click.option(
+            "--dry-run", is_flag=True, help="Say what would be done for each photo; do nothing."
+        ),
+        click.option("--fail-fast", is_flag=True, help="Stop at the first photo that fails."),
+        click.option(
+            "--skip-existing",
+            is_flag=True,
+            help="Leave out the photos whose output exists already.",
+        ),
+        overwrite_option,
+        json_option,
+        click.option(
+            "--memory",
+            type=Size(),
+            help="Memory for all photos at once, as in 4G.  [default: 70 % of what is available]",
+        ),
+        click.option(
+            "-j",
+            "--jobs",
+            type=click.IntRange(1, 1024),
+            metavar="N",
+            help="Photos at once, memory permitting.  [default: processors / threads]",
+        ),
+        click.option(
+            "-r", "--recursive", is_flag=True, help="Also take the photos of folders in folders."
+        ),
+    ):
+        collected = option(collected)
+    return cast("F", collected)
+
+
+def for_masks(mask: Path, photos: Sequence[Path]) -> Callable[[Found], Path | None]:
+    """Return what finds the mask of a photo: the one, or that of its stem in the folder."""
+    if not mask.is_dir():
+        if len(photos) > 1 or photos[0].is_dir():
+            raise click.UsageError(
+                "one mask goes with one photo; for several, --mask names a folder"
+            )
+        return lambda _: mask
+    from deshake.pipelines.blending import find_mask
+
+    return lambda found: find_mask(mask / found.below, found.path)
+
+
+def refuse_stdout(output: Path | None) -> None:
+    """Refuse ``-o -`` for photos."""
+    if str(output) == "-":
+        raise click.UsageError("photos are not written to standard output: name a file with -o")
+
+
+def planned(
+    photos: Sequence[Path],
+    output: Path | None,
+    batch: Batch,
+    **more: Any,  # noqa: ANN401 - what `plan` takes
+) -> list[Job]:
+    """Plan the jobs; contradictions in what was asked for are wrong usage."""
+    from deshake.batch.plan import PlanError, plan
+
+    try:
+        return plan(
+            photos,
+            output,
+            recursive=batch.recursive,
+            existing=batch.existing,
+            dry=batch.dry_run,
+            **more,
+        )
+    except PlanError as error:
+        hint = f" ({error.hint})" if error.hint else ""
+        raise click.UsageError(f"{error}{hint}") from None
+
+
+def run_batch(
+    context: Context,
+    jobs: Sequence[Job],
+    work: Work,
+    batch: Batch,
+    line: Callable[[Result], str] | None = None,
+) -> int:
+    """Do the work on all photos, tell what comes of each, and return the exit code.
+
+    Parameters
+    ----------
+    context : Context
+        The general options.
+    jobs : sequence of Job
+        The photos.
+    work : Work
+        What to do with them.
+    batch : Batch
+        How.
+    line : callable, optional
+        Gives what is printed to standard output for a photo that is done, where ``--json`` is not
+        given.
+
+    """
+    from deshake.batch.run import Resources, run_jobs
+
+    if batch.dry_run:
+        return _tell_plan(jobs, batch)
+    start = time.monotonic()
+    resources = Resources(batch.jobs, context.threads, batch.memory)
+    results: list[Result] = []
+    title = jobs[0].source.name if len(jobs) == 1 else f"0 of {len(jobs)} photos"
+
+    def progress(share: float, text: str) -> None:
+        bar(share, f"{title}: {text}" if len(jobs) == 1 else text)
+
+    with context.bar(title) as bar, closing(run_jobs(jobs, work, resources, progress)) as running:
+        for result in running:
+            results.append(result)
+            if batch.as_json:
+                click.echo(json.dumps(result.report()))
+            elif line is not None and result.status == "done":
+                click.echo(line(result))
+            if result.status == "failed":
+                _tell_failure(result, context)
+                if batch.fail_fast:
+                    break
+    if len(jobs) > 1 and context.verbosity >= 0:
+        _tell_summary(results, len(jobs), time.monotonic() - start)
+    return 1 if any(result.status == "failed" for result in results) else 0
+
+
+def _tell_plan(jobs: Sequence[Job], batch: Batch) -> int:
+    """Print what would be done for each photo."""
+    from deshake.batch.task import failure
+
+    for job in jobs:
+        status = "skip" if job.skipped else "do"
+        failed = None if job.problem is None else failure(job, job.problem)
+        if batch.as_json:
+            report = {"status": status} | job.files() if failed is None else failed.report()
+            click.echo(json.dumps(report))
+        elif failed is None:
+            to = "" if job.output is None else f" -> {job.output}"
+            click.echo(f"{status} {job.source}{to}")
+        if failed is not None:
+            print_error(failed.error or "", hint=failed.hint)
+    return 1 if any(job.problem for job in jobs) else 0
+
+
+def _tell_failure(result: Result, context: Context) -> None:
+    """Print what went wrong with a photo."""
+    print_error(result.error or "", hint=result.hint)
+    if context.verbosity > 1 and result.trace:
+        _log.debug("traceback\n%s", result.trace)
+
+
+def _tell_summary(results: Sequence[Result], photos: int, seconds: float) -> None:
+    """Print how many photos came to what, and the names of the failed ones."""
+    count = Counter(result.status for result in results)
+    parts = [f"{count[status]} {status}" for status in ("done", "skipped", "failed")]
+    if photos > len(results):
+        parts.append(f"{photos - len(results)} not begun")
+    warned = sum(bool(result.warnings) for result in results)
+    notes = f"; {warned} with warnings" if warned else ""
+    minutes, rest = divmod(round(seconds), 60)
+    took = f"{minutes // 60}:{minutes % 60:02}:{rest:02}"
+    print_note(f"{photos} photos: {', '.join(parts)}{notes}; {took}")
+    failed = [str(result.job.source) for result in results if result.status == "failed"]
+    for name in failed[:_NAMED]:
+        print_note(f"  failed: {name}")
+    if len(failed) > _NAMED:
+        print_note(f"  and {len(failed) - _NAMED} more")

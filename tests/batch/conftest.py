@@ -1,0 +1,77 @@
+"""Work of the tests' own, which other processes can load."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+import pytest
+
+from deshake.batch.plan import Job
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+# What it does with a photo stands in the photo.
+WORK = """
+import logging, os, signal, time
+from pathlib import Path
+from deshake.errors import PhotoError
+from deshake.io.files import atomic_write
+
+class Trial:
+    def __init__(self, need=1):
+        self.need = need
+
+    def __call__(self, job, *, threads, progress):
+        word, _, rest = job.source.read_text().partition(" ")
+        if word == "fail":
+            raise PhotoError("is bad", hint="drop it", file=job.source)
+        if word == "bug":
+            raise ZeroDivisionError("by zero")
+        with atomic_write(job.output, overwrite=job.overwrite) as stream:
+            if word == "kill":
+                os.kill(os.getpid(), getattr(signal, rest))
+            if word == "sleep":
+                Path(str(job.output) + ".begun").touch()
+                time.sleep(float(rest))
+            stream.write(b"done")
+        if word == "warn":
+            logging.getLogger("deshake.trial").warning("%s: mind", job.source)
+        progress(0.5, "half")
+        return {"pid": os.getpid(), "threads": threads}
+
+    def memory(self, size):
+        return self.need * max(size.pixels, 1)
+
+    def origin(self, job):
+        return {}
+"""
+
+
+@pytest.fixture
+def trial(
+    tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., object]:
+    """Make work, in a module on the path, that does what the photos say."""
+    folder = tmp_path_factory.mktemp("work")
+    name = f"trial_{folder.name}"
+    (folder / f"{name}.py").write_text(WORK)
+    monkeypatch.syspath_prepend(folder)
+    return import_module(name).Trial
+
+
+@pytest.fixture
+def jobs(tmp_path: Path) -> Callable[..., list[Job]]:
+    """Write photos that say what is to be done with them, and plan their results."""
+
+    def make(*words: str, existing: str = "refuse") -> list[Job]:
+        made = []
+        for number, word in enumerate(words):
+            source = tmp_path / f"{number}.jpg"
+            source.write_text(word)
+            made.append(Job(source, tmp_path / f"{number}.out", existing=existing))
+        return made
+
+    return make

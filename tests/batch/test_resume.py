@@ -1,0 +1,86 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from deshake.batch.plan import Job
+from deshake.batch.resume import differences, doubt
+from deshake.batch.task import run_job
+from deshake.batch.work import Deblur, EstimateBlind, Fix
+from deshake.deconvolution.methods import RestorationOptions
+from deshake.pipelines.finishing import Finish
+from deshake.pipelines.stages import EstimateOptions
+
+OPTIONS = EstimateOptions(focal_35mm=40, blur_size=3, uniform=True, estimator="edges")
+FIX = Fix(OPTIONS)
+
+
+@pytest.fixture
+def job(tmp_path):
+    path = tmp_path / "a.png"
+    codes = np.random.default_rng(5).integers(0, 256, (8, 10, 3), np.uint8)
+    Image.fromarray(codes).resize((100, 80), Image.Resampling.BICUBIC).save(path)
+    outputs = tmp_path / "out.jpg", tmp_path / "a.kernel.npz"
+    job = Job(path, outputs[0], {"kernel": outputs[1]}, existing="skip")
+    assert run_job(job, FIX, threads=1).status == "done"
+    return job
+
+
+def test_what_this_work_made_is_not_doubted(job):
+    kernel = job.others["kernel"]
+    assert doubt(job, FIX) is None
+    assert doubt(replace(job, needs={"kernel": kernel}), Deblur()) is None
+    assert doubt(replace(job, output=kernel), EstimateBlind(OPTIONS)) is None
+
+
+@pytest.mark.parametrize(
+    ("work", "words"),
+    [
+        (replace(FIX, options=replace(OPTIONS, blur_size=5)), "blur_size 3, now 5"),
+        (replace(FIX, options=replace(OPTIONS, blur_size=None)), "blur_size 3, now by default"),
+        (replace(FIX, options=replace(OPTIONS, focal_35mm=50)), "--focal-35mm 40, now --focal"),
+        (replace(FIX, restoration=RestorationOptions("rl")), "method sparse, now rl"),
+        (replace(FIX, finish=Finish(0.5)), "strength by default, now 0.5"),
+    ],
+)
+def test_other_options_are_said(job, work, words):
+    found = doubt(job, work)
+    assert f"{job.output} exists already, but was made with other options (" in found
+    assert words in found
+    before = job.output.read_bytes()
+    result = run_job(job, work)
+    assert result.status == "skipped"
+    assert words in result.warnings[0]
+    assert job.output.read_bytes() == before
+
+
+def test_another_input_and_another_kernel_are_said(job, tmp_path):
+    kernel = job.others["kernel"]
+    Image.new("L", (100, 80), 99).save(job.source)
+    assert "made from another input" in doubt(job, FIX)
+    assert "options" not in doubt(job, FIX)
+    other = tmp_path / "other.npz"
+    again = replace(job, output=other, others={})
+    EstimateBlind(replace(OPTIONS, blur_size=4))(
+        replace(again, source=job.output), threads=1, progress=None
+    )
+    found = doubt(replace(job, needs={"kernel": other}), Deblur())
+    assert "from another input and with other options (blur_size 3, now 4)" in found
+    assert doubt(replace(job, output=kernel), EstimateBlind(OPTIONS)).endswith("another input")
+
+
+def test_what_tells_nothing_is_not_doubted(job):
+    Image.new("L", (100, 80), 99).save(job.output)
+    assert doubt(job, FIX) is None
+    job.others["kernel"].write_bytes(b"damaged")
+    assert doubt(replace(job, output=job.others["kernel"]), EstimateBlind(OPTIONS)) is None
+
+
+def test_options_left_out_are_by_default():
+    told = {"options": {"mask_sha256": "x", "a": [1, 2]}, "more": 1}
+    assert differences(told, {"options": {"a": (1, 2)}}) == ["with another mask"]
+    assert differences(told, {}) == []
+    assert differences({}, {"options": {"a": None}, "input_sha256": "x"}) == ["from another input"]

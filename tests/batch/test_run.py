@@ -1,0 +1,39 @@
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from deshake.batch.run import Resources, run_jobs
+from deshake.operators.strips import available_threads
+
+
+def test_processors_are_shared_out():
+    processors = available_threads()
+    assert Resources().shared(1) == (1, processors)
+    assert Resources().shared(1000) == (processors, 1)
+    assert Resources(jobs=2).shared(1000) == (2, max(1, processors // 2))
+    assert Resources(threads=processors).shared(1000) == (1, processors)
+    assert Resources(jobs=3, threads=5).shared(1000) == (3, 5)
+    assert Resources(jobs=3).shared(2)[0] == 2
+
+
+def test_one_photo_is_worked_on_here(trial, jobs):
+    told = []
+    [result] = run_jobs(jobs("x"), trial(), Resources(), lambda *word: told.append(word))
+    assert result.figures["pid"] == os.getpid()
+    assert told == [(0.5, "half")]
+
+
+def test_many_are_not_and_how_far_they_are_adds_up(trial, jobs):
+    made = jobs("x", "x", "skipped", "x", existing="skip")
+    made[2].output.touch()
+    told = []
+    resources = Resources(jobs=1, threads=1)
+    results = list(run_jobs(made, trial(), resources, lambda *word: told.append(word)))
+    assert [result.status for result in results] == ["done", "done", "skipped", "done"]
+    assert os.getpid() not in {result.figures.get("pid") for result in results}
+    shares = [share for share, _ in told]
+    assert shares == sorted(shares)
+    assert shares[0] == pytest.approx(1 / 6)
+    assert told[-1] == (pytest.approx(1), "3 of 3 photos")

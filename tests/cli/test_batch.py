@@ -1,0 +1,135 @@
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+FAST = ("--focal-35mm", 40, "--blur-size", 3, "--uniform", "--estimator", "edges", "-q")
+
+
+@pytest.fixture
+def folder(shaken, tmp_path):
+    """Make a folder of three photos, of which one is bad, and one in a folder in it."""
+    place = tmp_path / "in"
+    (place / "sub").mkdir(parents=True)
+    photo = shaken("p.jpg").rename(place / "p2.jpg")
+    shutil.copy(photo, place / "sub" / "q.jpg")
+    (place / "p10.jpg").write_text("no photo")
+    return place
+
+
+def test_a_tree_of_photos(deshake, folder, tmp_path):
+    out = tmp_path / "out"
+    args = ("-r", "-j", 2, "--threads", 1, "--json", "-o", out, *FAST)
+    outcome = deshake("fix", folder, *args)
+    assert outcome.code == 1
+    lines = {line["input"]: line for line in map(json.loads, outcome.out.splitlines())}
+    assert set(lines) == {str(folder / name) for name in ("p2.jpg", "p10.jpg", "sub/q.jpg")}
+    good = lines[str(folder / "p2.jpg")]
+    assert good["status"] == "done"
+    assert {"output", "seconds", "extent_px", "confidence", "noise", "warnings"} <= set(good)
+    assert (out / "sub" / "q.deshaken.jpg").read_bytes() == (out / "p2.deshaken.jpg").read_bytes()
+    assert outcome.err.count("error: ") == 1
+    assert "photos:" not in outcome.err  # said with -q: nothing but errors
+
+
+def test_a_dry_run_tells_and_does_nothing(deshake, folder, tmp_path, contents):
+    (folder / "p2.deshaken.jpg").touch()
+    before = contents(tmp_path)
+    outcome = deshake("fix", folder, "-r", "--dry-run", "--skip-existing")
+    assert outcome.code == 0
+    assert outcome.out.splitlines() == [
+        f"skip {folder}/p2.jpg -> {folder}/p2.deshaken.jpg",
+        f"do {folder}/p10.jpg -> {folder}/p10.deshaken.jpg",
+        f"do {folder}/sub/q.jpg -> {folder}/sub/q.deshaken.jpg",
+    ]
+    outcome = deshake("fix", folder, "--dry-run", "--json")
+    assert outcome.code == 1
+    status = [json.loads(line)["status"] for line in outcome.out.splitlines()]
+    assert status == ["failed", "do"]
+    assert "exists already" in outcome.err
+    assert contents(tmp_path) == before
+
+
+def test_stages_take_folders_and_give_the_bytes_of_fix(deshake, folder, tmp_path):
+    cameras, kernels, sharp, fixed = (tmp_path / name for name in ("c", "k", "s", "f"))
+    (folder / "p10.jpg").unlink()
+    many = (folder, "-r", "-j", 2, "--threads", 1)
+    outcome = deshake("calibrate", *many, "--focal-35mm", 40, "-o", cameras)
+    assert outcome.code == 0
+    assert [line.count("40.0 mm-equivalent") for line in outcome.out.splitlines()] == [1, 1]
+    assert (cameras / "sub" / "q.camera.npz").exists()
+    assert deshake("estimate-blind", *many, "-o", kernels, *FAST).code == 0
+    assert deshake("deblur", *many, "--kernel", kernels, "-o", sharp).code == 0
+    assert deshake("fix", *many, "-o", fixed, *FAST).code == 0
+    for name in ("p2.deshaken.jpg", "sub/q.deshaken.jpg"):
+        assert (sharp / name).read_bytes() == (fixed / name).read_bytes()
+    (kernels / "sub" / "q.kernel.npz").unlink()
+    outcome = deshake("deblur", *many, "--kernel", kernels, "-o", sharp, "--overwrite", "--json")
+    assert outcome.code == 1
+    lines = {line["input"]: line for line in map(json.loads, outcome.out.splitlines())}
+    assert lines[str(folder / "p2.jpg")]["kernel"] == str(kernels / "p2.kernel.npz")
+    assert "no such file" in lines[str(folder / "sub" / "q.jpg")]["error"]
+
+
+def test_a_folder_is_not_deblurred_without_kernels(deshake, folder, pan, tmp_path):
+    for words in ((folder,), (folder, pan), (folder / "p2.jpg",)):
+        outcome = deshake("deblur", *words)
+        assert outcome.code == 2
+        assert "name one photo and its kernel, or the kernels with --kernel" in outcome.err
+    photo, noisy = folder / "p2.jpg", folder / "sub" / "q.jpg"
+    assert deshake("deblur", photo, noisy, "--kernel", pan, "--noisy", noisy).code == 2
+    assert deshake("fix", folder, "--mask", noisy).code == 2
+    out = tmp_path / "out"
+    assert deshake("deblur", photo, noisy, "--kernel", pan, "-o", out, "-q").code == 0
+    assert len(list(out.iterdir())) == 2
+
+
+def test_results_of_other_options_are_said_and_kept(deshake, folder, pan, tmp_path):
+    (folder / "p10.jpg").unlink()
+    args = ("deblur", folder, "-r", "--kernel", pan, "-o", tmp_path / "out", "-j", 2)
+    assert deshake(*args, "--method", "rl", "--iterations", 2).code == 0
+    outcome = deshake(*args, "--method", "rl", "--iterations", 3, "--skip-existing")
+    assert outcome.code == 0
+    assert outcome.err.count("made with other options (iterations 2, now 3)") == 2
+    assert "2 photos: 0 done, 2 skipped, 0 failed; 2 with warnings" in outcome.err
+    args = (*args, "--method", "rl", "--iterations", 2, "--skip-existing")
+    assert "warning" not in deshake(*args).err
+
+
+def test_too_little_memory_is_told_for_the_photo(deshake, folder):
+    outcome = deshake("fix", folder / "p2.jpg", "--memory", "20M", *FAST)
+    assert outcome.code == 1
+    assert "of memory, more than --memory 20 MB" in outcome.err
+    assert "hint: " in outcome.err
+    assert deshake("fix", folder, "--memory", "much").code == 2
+
+
+def test_the_bar_counts_the_photos(deshake, folder):
+    (folder / "p10.jpg").unlink()
+    outcome = deshake("fix", folder, "-r", "--progress", *FAST[:-1])
+    assert outcome.code == 0
+    assert "of 2 photos" in outcome.err
+    assert " left" in outcome.err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_run_of_many_ends_at_once_and_leaves_nothing(folder, tmp_path, number):
+    out = tmp_path / "out"
+    words = ("fix", folder, "-r", "-o", out, "-j", 2, "--threads", 1, "--blur-size", 20, "-v")
+    with subprocess.Popen(
+        [sys.executable, "-m", "deshake", *map(str, words)], stderr=subprocess.PIPE
+    ) as process:
+        line = process.stderr.readline()  # of the bad photo, while the others are under way
+        assert b"not a photo" in line
+        start = time.monotonic()
+        process.send_signal(number)
+        assert process.wait(20) == 128 + number
+    assert time.monotonic() - start < 8
+    assert [path for path in out.rglob("*") if path.is_file()] == []
