@@ -88,8 +88,8 @@ def own_frame(
     else:
         turned = RegisteredPair(blurred.with_pixels(g), noisy, back, noisy.pixels, seen)
         f_N = turned.on_curves().f_reg
-    denoised = noisy_photo(g, f_N, np.ones_like(seen), threads=1).denoised
-    return f_N, np.ascontiguousarray(np.moveaxis(denoised, 0, -1))
+    own, _ = noisy_photo(g, f_N, lambda image: (image, np.ones_like(seen)), threads=1)
+    return f_N, np.ascontiguousarray(np.moveaxis(own.denoised, 0, -1))
 
 
 def blind(case: PairCase, logs: Sequence[Path]) -> Score:

@@ -6,12 +6,26 @@ import io
 import struct
 import zlib
 
+import cv2
 import numpy as np
+from heic_writer import heic
 from PIL import Image, ImageCms
 
-__all__ = ["CITY", "ICC", "IPTC", "KINDS", "NOTE", "TITLE", "codes", "photo", "written"]
+__all__ = [
+    "CITY",
+    "HEIGHT",
+    "ICC",
+    "IPTC",
+    "KINDS",
+    "NOTE",
+    "TITLE",
+    "WIDTH",
+    "codes",
+    "photo",
+    "written",
+]
 
-WIDTH, HEIGHT = 24, 16  # of the photo turned upright
+WIDTH, HEIGHT = 48, 32  # of the photo turned upright
 KINDS = ("EXIF", "maker note", "GPS", "XMP", "IPTC", "profile")
 """Kinds of metadata."""
 
@@ -106,7 +120,7 @@ def codes(depth: int, channels: int) -> np.ndarray:
     """Make pixels that are all different, opaque, and lie on their left side."""
     kind = np.uint8 if depth == 8 else np.uint16
     y, x = np.mgrid[:WIDTH, :HEIGHT]  # turned upright: WIDTH x HEIGHT
-    ramp = [(7 * x + 3 * y + 40 + 20 * c) * (np.iinfo(kind).max // 255) for c in range(channels)]
+    ramp = [(2 * x + 2 * y + 20 + 20 * c) * (np.iinfo(kind).max // 255) for c in range(channels)]
     picture = np.stack(ramp, -1).astype(kind)
     if channels in {2, 4}:
         picture[..., -1] = np.iinfo(kind).max
@@ -141,9 +155,43 @@ def _png(picture: np.ndarray, exif: bytes, xmp: bytes, iptc: bytes, icc: bytes) 
     )
 
 
+def _jp2(picture: np.ndarray, exif: bytes, xmp: bytes) -> bytes:
+    """Write a JP2 with boxes for EXIF and XMP."""
+    order = [2, 1, 0, 3][: picture.shape[2]] if picture.shape[2] > 2 else [0]
+    bare = cv2.imencode(".jp2", picture[..., order], [cv2.IMWRITE_JPEG2000_COMPRESSION_X1000, 1000])
+    data = bare[1].tobytes()
+    at = data.index(b"jp2c") - 4
+    keys = b"JpgTiffExif->JP2", bytes.fromhex("be7acfcb97a942e89c71999491e3afac")
+    boxes = b"".join(
+        struct.pack(">I", 24 + len(block)) + b"uuid" + key + block
+        for key, block in zip(keys, (exif, xmp), strict=True)
+        if block
+    )
+    return data[:at] + boxes + data[at:]
+
+
+def _avif(picture: np.ndarray, exif: bytes, xmp: bytes, icc: bytes) -> bytes:
+    """Write an AVIF with OpenCV, which leaves the EXIF as it is, other than Pillow."""
+    order = [2, 1, 0, 3][: picture.shape[2]] if picture.shape[2] > 2 else [0]
+    blocks = {
+        cv2.IMAGE_METADATA_EXIF: exif,
+        cv2.IMAGE_METADATA_XMP: xmp,
+        cv2.IMAGE_METADATA_ICCP: icc,
+    }
+    kept = {kind: np.frombuffer(block, np.uint8) for kind, block in blocks.items() if block}
+    shown, how = np.ascontiguousarray(picture[..., order]), [cv2.IMWRITE_AVIF_QUALITY, 95]
+    return cv2.imencodeWithMetadata(".avif", shown, list(kept), list(kept.values()), how)[
+        1
+    ].tobytes()
+
+
 def photo(form: str, depth: int, channels: int, kinds: tuple[str, ...], turn: int) -> bytes:
-    """Write a photo of the ramps of `codes` that carries these kinds of metadata."""
-    return written(form, codes(depth, channels), kinds, turn)
+    """Write a photo of the ramps of `codes` that carries these kinds of metadata.
+
+    Orientation 6 says that it lies on its left side, as the ramps do; 1 is for ramps upright.
+    """
+    picture = codes(depth, channels)
+    return written(form, picture if turn == 6 else np.rot90(picture, -1), kinds, turn)
 
 
 def written(form: str, picture: np.ndarray, kinds: tuple[str, ...], turn: int) -> bytes:
@@ -174,6 +222,15 @@ def written(form: str, picture: np.ndarray, kinds: tuple[str, ...], turn: int) -
         more |= {34675: (7, len(icc), icc)} if icc else {}
         more[273] = _number(4, len(_tree(kinds, turn, more)))
         return _tree(kinds, turn, more) + picture.tobytes()
+    if form == "JPEG 2000":
+        return _jp2(picture, _tree(kinds, turn), xmp)
+    if form == "AVIF":
+        return _avif(picture, _tree(kinds, turn), xmp, icc)
+    if form == "HEIC":
+        turns = {1: 0, 8: 1, 3: 2, 6: 3}[turn]  # which counts, and not what EXIF says
+        shown = picture if depth == 8 else picture >> 6
+        bits = 8 if depth == 8 else 10
+        return heic(shown, depth=bits, exif=_tree(kinds, turn), xmp=xmp, icc=icc, turns=turns)
     options = {"exif": b"Exif\0\0" + _tree(kinds, turn)} | ({"icc_profile": icc} if icc else {})
     options |= {"xmp": xmp} if xmp else {}
     if form == "JPEG" and iptc:

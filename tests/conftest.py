@@ -1,16 +1,19 @@
-"""What every room's tests share: the command line as a function, and a camera's RAW file."""
+"""What every room's tests share: the command line, a camera's RAW file, photos of a chessboard."""
 
 from __future__ import annotations
 
 import os
 import struct
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 import pytest
 
 from deshake.cli.main import main
+from deshake.geometry.camera import Camera
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -147,3 +150,56 @@ def deshake(
 @pytest.fixture
 def make_dng() -> Callable[..., bytes]:
     return _dng
+
+
+BOARD_CORNERS = (7, 5)
+BOARD_CAMERA = Camera(
+    np.array([[330.0, 0, 205.0], [0, 330.0, 147.0], [0, 0, 1]]), 300, 400
+).with_lens(np.array([-0.2, 0.05, 0.001, -0.001, 0.0]))
+BOARD_POSES = [
+    ((0.5, 0.1, 0.0), (-3.2, -2.4, 9.5)),
+    ((-0.5, 0.2, 0.1), (-3.0, -1.8, 10.0)),
+    ((0.1, 0.6, 0.0), (-2.6, -2.2, 10.5)),
+    ((0.1, -0.6, -0.1), (-3.4, -2.0, 10.0)),
+    ((0.4, 0.4, 0.3), (-2.0, -2.9, 9.5)),
+    ((-0.3, -0.4, -0.3), (-4.0, -1.0, 9.0)),
+]
+
+
+_RAYS_A_SIDE = 2
+
+
+@cache
+def _rays(camera: Camera) -> np.ndarray:
+    height, width = (_RAYS_A_SIDE * side for side in camera.shape)
+    fine = camera.scaled(height, width)
+    y, x = np.mgrid[0:height, 0:width].astype(np.float64)
+    points = np.stack([x, y], -1).reshape(-1, 1, 2)
+    rays = cv2.undistortPoints(points, fine.matrix, fine.distortion, criteria=(3, 15, 1e-7))
+    return np.column_stack([rays.reshape(-1, 2), np.ones(len(points))])
+
+
+def _photo_of_board(
+    turn: tuple[float, float, float], place: tuple[float, float, float]
+) -> np.ndarray:
+    """Make the photo (h, w) uint8 of a board of unit squares, each pixel the mean of some rays."""
+    height, width = BOARD_CAMERA.shape
+    rays = _rays(BOARD_CAMERA)
+    rotation = cv2.Rodrigues(np.array(turn))[0]
+    origin = -rotation.T @ np.array(place)
+    along = rays @ rotation
+    board = origin[:2] - along[:, :2] * (origin[2] / along[:, 2])[:, None]
+    columns, rows = BOARD_CORNERS
+    inside = (board > -1).all(1) & (board < (columns, rows)).all(1)
+    square = np.floor(board).astype(int).sum(1) % 2
+    grey = np.where(inside & (square == 0), 25.0, 235.0).reshape(
+        _RAYS_A_SIDE * height, _RAYS_A_SIDE * width
+    )
+    small = cv2.resize(grey, (width, height), interpolation=cv2.INTER_AREA)
+    return np.rint(cv2.GaussianBlur(small, (0, 0), 0.6)).astype(np.uint8)
+
+
+@pytest.fixture(scope="session")
+def boards() -> tuple[list[np.ndarray], tuple[int, int], Camera]:
+    """Make photos of a chessboard; with its inner corners and the camera, whose lens bends."""
+    return [_photo_of_board(*pose) for pose in BOARD_POSES], BOARD_CORNERS, BOARD_CAMERA

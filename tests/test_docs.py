@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import re
 import shlex
+import shutil
+import subprocess
+import tomllib
 from pathlib import Path
 
 import click
@@ -60,6 +64,26 @@ def test_every_option_is_in_the_man_page(pages: dict[str, str], name: str) -> No
     for param in cli.get_command(None, name).params:
         if isinstance(param, click.Option):
             assert all(option in page for option in param.opts), param.opts
+
+
+@pytest.mark.skipif(shutil.which("man") is None, reason="needs man")
+def test_man_finds_the_pages_of_an_installation_and_can_set_them(tmp_path: Path) -> None:
+    shared = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+    shared = shared["tool"]["hatch"]["build"]["targets"]["wheel"]["shared-data"]
+    shutil.copytree(ROOT / "man", tmp_path / shared["man"])
+    (tmp_path / "bin").mkdir()
+    env = os.environ | {"PATH": f"{tmp_path / 'bin'}:{os.environ['PATH']}", "LC_ALL": "C.UTF-8"}
+    env.pop("MANPATH", None)
+    for name in ("deshake", *(f"deshake-{name}" for name in COMMANDS)):
+        where = subprocess.run(
+            ["man", "-w", name], env=env, capture_output=True, text=True, check=True
+        )
+        assert where.stdout == f"{tmp_path}/share/man/man1/{name}.1\n"
+        page = subprocess.run(
+            ["man", "--warnings", name], env=env, capture_output=True, text=True, check=True
+        )
+        assert page.stderr == ""
+        assert "SYNOPSIS" in page.stdout
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from deshake.batch.cluster import run_on_cluster
 from deshake.batch.memory import Budget
 from deshake.batch.processes import run_in_processes
 from deshake.batch.task import run_job
 from deshake.operators.strips import available_threads
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Sequence
+    from collections.abc import Callable, Generator, Iterator, Sequence
 
     from deshake.batch.plan import Job
     from deshake.batch.task import Result
@@ -34,12 +35,15 @@ class Resources:
         Threads for each of them; by default the processors are shared out.
     memory : int, optional
         Bytes of memory for all of them; by default a share of what is available.
+    scheduler : str, optional
+        Address of a cluster's scheduler; then the cluster decides how many photos at once.
 
     """
 
     jobs: int | None = None
     threads: int | None = None
     memory: int | None = None
+    scheduler: str | None = None
 
     def shared(self, photos: int) -> tuple[int, int]:
         """Return how many photos at once, and the threads for each."""
@@ -57,8 +61,8 @@ def run_jobs(
 ) -> Generator[Result, None, None]:
     """Do the work on photos, and yield what came of each as it is done.
 
-    A single photo is worked on in this process, several in processes of their own: what brings one
-    down leaves the others.
+    A single photo is worked on in this process, several in processes of their own, or on a cluster:
+    what brings one down leaves the others.
 
     Parameters
     ----------
@@ -72,22 +76,33 @@ def run_jobs(
         Told the fraction done of all of it, and what is being done.
 
     """
-    processes, threads = resources.shared(len(jobs))
-    if len(jobs) == 1 and resources.memory is None:
+    if len(jobs) == 1 and resources.memory is None and resources.scheduler is None:
         [job] = jobs
+        threads = resources.shared(1)[1]
         yield run_job(job, work, threads=threads, progress=progress)
         return
     overall = _Overall(jobs, progress)
-    for number, result in run_in_processes(
+    for number, result in _elsewhere(jobs, work, resources, overall):
+        overall.part(number, 1.0)
+        yield result
+
+
+def _elsewhere(
+    jobs: Sequence[Job], work: Work, resources: Resources, overall: _Overall
+) -> Iterator[tuple[int, Result]]:
+    """Do the work in processes, or on a cluster."""
+    if resources.scheduler is not None:
+        threads = resources.threads or 1
+        return run_on_cluster(jobs, work, resources.scheduler, threads=threads)
+    processes, threads = resources.shared(len(jobs))
+    return run_in_processes(
         jobs,
         work,
         processes=processes,
         threads=threads,
         budget=Budget.of(resources.memory),
         progress=overall.part,
-    ):
-        overall.part(number, 1.0)
-        yield result
+    )
 
 
 class _Overall:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from deshake.batch.plan import Job
     from deshake.batch.work import Work
 
-__all__ = ["LogLevels", "Said", "Shown", "serve"]
+__all__ = ["LogLevels", "Said", "Shown", "bind_opencv", "serve"]
 
 _INTERVAL = 0.1
 """Seconds between two words on how far the work is."""
@@ -67,7 +67,7 @@ def serve(line: Connection, work: Work, threads: int, levels: LogLevels) -> None
     warnings.simplefilter("ignore")  # what libraries warn of is meant for programmers
     send = _Sender(line)
     _log_to(send, levels)
-    _bind_opencv(threads)
+    bind_opencv(threads)
     while True:
         try:
             job: Job = line.recv()
@@ -122,8 +122,8 @@ def _log_to(send: _Sender, levels: LogLevels) -> None:
     logging.getLogger("deshake").setLevel(levels.deshake)
 
 
-def _bind_opencv(threads: int) -> None:
-    """Keep OpenCV to so many threads: its own setting dates from before they were known."""
+def bind_opencv(threads: int) -> None:
+    """Keep OpenCV in this process to so many threads, whatever it was told when it was loaded."""
     import cv2  # noqa: PLC0415 - that it is loaded here is this process's business
 
     cv2.setNumThreads(threads)

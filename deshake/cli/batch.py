@@ -56,6 +56,7 @@ class Batch:
     recursive: bool
     jobs: int | None
     memory: int | None
+    scheduler: str | None
     as_json: bool
     overwrite: bool
     skip_existing: bool
@@ -65,6 +66,10 @@ class Batch:
     def __post_init__(self) -> None:
         if self.overwrite and self.skip_existing:
             raise click.UsageError("--overwrite and --skip-existing cannot both be given.")
+        if self.scheduler is not None and (self.jobs is not None or self.memory is not None):
+            raise click.UsageError(
+                "--jobs and --memory do not go with --scheduler: the cluster's workers decide."
+            )
 
     @property
     def existing(self) -> Existing:
@@ -92,6 +97,12 @@ def batch_options(command: F) -> F:
         ),
         overwrite_option,
         json_option,
+        click.option(
+            "--scheduler",
+            metavar="ADDRESS",
+            help="Hand the photos to the dask.distributed cluster of this scheduler, as in "
+            "tcp://host:8786, whose machines share the folders. --threads is then 1 by default.",
+        ),
         click.option(
             "--memory",
             type=Size(),
@@ -183,7 +194,9 @@ def run_batch(
     if batch.dry_run:
         return _tell_plan(jobs, batch)
     start = time.monotonic()
-    resources = Resources(batch.jobs, context.threads, batch.memory)
+    if batch.scheduler is not None:
+        _check_files(jobs)
+    resources = Resources(batch.jobs, context.threads, batch.memory, batch.scheduler)
     results: list[Result] = []
     title = jobs[0].source.name if len(jobs) == 1 else f"0 of {len(jobs)} photos"
 
@@ -204,6 +217,13 @@ def run_batch(
     if len(jobs) > 1 and context.verbosity >= 0:
         _tell_summary(results, len(jobs), time.monotonic() - start)
     return 1 if any(result.status == "failed" for result in results) else 0
+
+
+def _check_files(jobs: Sequence[Job]) -> None:
+    """Refuse standard input and output, which other machines do not have."""
+    for job in jobs:
+        if "-" in map(str, (job.source, *job.needs.values(), *job.outputs)):
+            raise click.UsageError("--scheduler does not go with standard input or output.")
 
 
 def _tell_plan(jobs: Sequence[Job], batch: Batch) -> int:

@@ -58,7 +58,7 @@ __all__ = ["command"]
     help="Registration file written by register, for --noisy.  [default: register the photos]",
 )
 @restoration_options
-@finish_options(folder=True)
+@finish_options
 @transfer_option
 @linear_option
 @provenance_option
@@ -80,6 +80,7 @@ def command(
     preview: bool,
     compare: bool,
     linear: bool,
+    keep_geometry: bool,
     no_provenance: bool,
     batch: Batch,
     **choices: Any,  # noqa: ANN401 - how to deblur
@@ -89,7 +90,8 @@ def command(
     KERNEL is a kernel file (.npz), or - for standard input. It may have been made from PHOTO at
     another size. With --noisy it is that of estimate-pair: where nothing else is said, the photos
     are registered as they were there. The result has the format, depth and metadata of PHOTO,
-    and tells in them how it came about.
+    and tells in them how it came about. Where the kernel's camera has a lens that bends, the result
+    is straight, unless its geometry is kept.
 
     With --kernel all arguments are photos, or folders of them: those of a folder are taken in
     natural order, with -r also those of the folders in it. If one fails, the others go on.
@@ -119,7 +121,7 @@ def command(
     work = Deblur(
         chosen,
         transfer,
-        Finish(strength, preview=preview, compare=compare),
+        Finish(strength, None, preview, compare, keep_geometry),
         linear=linear,
         provenance=not no_provenance,
     )

@@ -14,6 +14,7 @@ from deshake.cli.options import (
     focal_options,
     general_options,
     json_option,
+    lens_options,
     one_to_stdout,
     output_option,
     overwrite_option,
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 __all__ = ["command"]
 
-_NOT_WITH_REGISTRATION = ("camera", "focal_px", "focal_35mm")
+_NOT_WITH_REGISTRATION = ("camera", "focal_px", "focal_35mm", "lens", "lens_model")
 
 
 @click.command("estimate-pair")
@@ -44,6 +45,7 @@ _NOT_WITH_REGISTRATION = ("camera", "focal_px", "focal_35mm")
 )
 @camera_option
 @focal_options
+@lens_options
 @blur_options
 @uniform_option
 @transfer_option

@@ -17,11 +17,15 @@ __all__ = ["finish_options"]
 F = TypeVar("F", bound="Callable[..., Any]")
 
 
-def finish_options(*, folder: bool = False) -> Callable[[F], F]:
-    """Add --strength, --mask, --preview and --compare; `folder`: --mask also takes a folder."""
-    kept = "A grey picture of the photo's size: white where the photo is to stay as it is"
-    several = "; for several photos, a folder of such pictures, of the photos' names"
-    options = (
+def finish_options(command: F) -> F:
+    """Add --strength, --mask, --preview, --compare and --keep-geometry."""
+    for option in (
+        click.option(
+            "--keep-geometry",
+            is_flag=True,
+            help="Bend the result again as the photo was, where a lens is undone.  [default: leave "
+            "it straight]",
+        ),
         click.option(
             "--compare",
             is_flag=True,
@@ -37,8 +41,10 @@ def finish_options(*, folder: bool = False) -> Callable[[F], F]:
         click.option(
             "--mask",
             type=FILE,
-            metavar="FILE|DIR" if folder else "FILE",
-            help=f"{kept}{several if folder else ''}.  [default: nowhere]",
+            metavar="FILE|DIR",
+            help="A grey picture of the photo's size: white where the photo is to stay as it is; "
+            "for several photos, a folder of such pictures, of the photos' names.  "
+            "[default: nowhere]",
         ),
         click.option(
             "--strength",
@@ -47,11 +53,6 @@ def finish_options(*, folder: bool = False) -> Callable[[F], F]:
             show_default=True,
             help="How much of the result to take, from 0 to 1; the rest is the photo.",
         ),
-    )
-
-    def add(command: F) -> F:
-        for option in options:
-            command = option(command)
-        return command
-
-    return add
+    ):
+        command = option(command)
+    return command

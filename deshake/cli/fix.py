@@ -50,7 +50,7 @@ __all__ = ["command"]
 @noisy_option
 @estimate_options
 @restoration_options
-@finish_options(folder=True)
+@finish_options
 @linear_option
 @provenance_option
 @batch_options
@@ -73,6 +73,7 @@ def command(
     preview: bool,
     compare: bool,
     linear: bool,
+    keep_geometry: bool,
     no_provenance: bool,
     batch: Batch,
     **choices: Any,  # noqa: ANN401 - the fields of EstimateOptions
@@ -111,7 +112,7 @@ def command(
     work = Fix(
         EstimateOptions(camera=known, **choices),
         chosen,
-        Finish(strength, preview=preview, compare=compare),
+        Finish(strength, None, preview, compare, keep_geometry),
         linear=linear,
         provenance=not no_provenance,
     )

@@ -31,6 +31,7 @@ __all__ = [
     "general_options",
     "json_option",
     "kernel_argument",
+    "lens_options",
     "linear_option",
     "one_to_stdout",
     "output_option",
@@ -176,6 +177,25 @@ def focal_options(command: F) -> F:
     return px(film(command))
 
 
+def lens_options(command: F) -> F:
+    """Add --lens and --lens-model."""
+    found = click.option(
+        "--lens",
+        is_flag=True,
+        default=None,
+        callback=_only_one_of("camera"),
+        help="Undo the distortion of the lens, by its profile in lensfun's database "
+        "(deshake[lens]).",
+    )
+    named = click.option(
+        "--lens-model",
+        metavar="NAME",
+        callback=_only_one_of("camera"),
+        help="The same, with the lens that has this name there.  [default: by the photo's EXIF]",
+    )
+    return found(named(command))
+
+
 def blur_options(command: F) -> F:
     """Add --max-angle and --blur-size, of which one may be given."""
     angle = click.option(
@@ -219,8 +239,9 @@ camera_option = click.option(
     "--camera",
     type=FILE,
     metavar="FILE.npz",
-    callback=_only_one_of(*_FOCAL_SOURCES),
-    help="Camera file written by calibrate.  [default: calibrate from the photo]",
+    callback=_only_one_of(*_FOCAL_SOURCES, "lens", "lens_model"),
+    help="Camera file written by calibrate, whose lens is undone if it bends.  [default: "
+    "calibrate from the photo]",
 )
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print the result to stdout, one JSON object a line."
@@ -254,6 +275,7 @@ def estimate_options(command: F) -> F:
         uniform_option,
         region_option,
         blur_options,
+        lens_options,
         focal_options,
         camera_option,
     ):

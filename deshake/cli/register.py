@@ -13,6 +13,7 @@ from deshake.cli.options import (
     focal_options,
     general_options,
     json_option,
+    lens_options,
     one_to_stdout,
     output_option,
     overwrite_option,
@@ -46,6 +47,7 @@ __all__ = ["command"]
 )
 @camera_option
 @focal_options
+@lens_options
 @transfer_option
 @json_option
 @overwrite_option

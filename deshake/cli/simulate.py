@@ -11,6 +11,7 @@ from deshake.cli.options import (
     camera_option,
     focal_options,
     general_options,
+    lens_options,
     output_option,
     overwrite_option,
     photo_argument,
@@ -90,6 +91,7 @@ _BLUR_PX = 20.0
     help="Cut off the borders, whose blur reaches beyond the photo, or continue the photo there.",
 )
 @focal_options
+@lens_options
 @camera_option
 @transfer_option
 @overwrite_option
@@ -110,7 +112,8 @@ def command(
 
     Blurs PHOTO as a camera does that turns while the shutter is open, and writes the shaken
     photo and the true blur kernel: a test case whose answer is known. The light is blurred, then
-    exposed with noise and clipping; the output has PHOTO's format, depth and metadata.
+    exposed with noise and clipping; the output has PHOTO's format, depth and metadata. With a lens
+    that bends, PHOTO is taken to be straight, and is bent after the shake.
     """
     if path is not None and blur_px is not None:
         raise click.UsageError("--path and --blur-size cannot both be given.")

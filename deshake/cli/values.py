@@ -80,9 +80,8 @@ class Region(_Typed[tuple[int, int, int, int]]):
         """Read the four whole numbers; fail unless the rectangle holds a pixel."""
         if isinstance(value, tuple):
             return value  # converted before
-        found = re.fullmatch(
-            r"(\d{1,9}),(\d{1,9}),(\d{1,9}),(\d{1,9})", str(value).replace(" ", "")
-        )
+        text = ",".join(map(str, value)) if isinstance(value, list) else str(value)
+        found = re.fullmatch(r"(\d{1,9}),(\d{1,9}),(\d{1,9}),(\d{1,9})", text.replace(" ", ""))
         if not found:
             self.fail(f"{value!r} is not four whole numbers X,Y,W,H", param, ctx)
         x, y, width, height = (int(part) for part in found.groups())
@@ -92,9 +91,11 @@ class Region(_Typed[tuple[int, int, int, int]]):
 
 
 class Grid(_Typed[tuple[int, int]]):
-    """Rows and columns, as in 5x7; at most 99 of each."""
+    """Two counts, as in 5x7, of `least` to 99 each, shown as `name` in the help."""
 
-    name = "ROWSxCOLS"
+    def __init__(self, name: str = "ROWSxCOLS", least: int = 1) -> None:
+        self.name = name
+        self.least = least
 
     def convert(
         self,
@@ -106,8 +107,11 @@ class Grid(_Typed[tuple[int, int]]):
         if isinstance(value, tuple):
             return value  # converted before
         found = re.fullmatch(r"([1-9]\d?)[xX]([1-9]\d?)", str(value))
-        if not found:
-            self.fail(f"{value!r} is not ROWSxCOLS with 1 to 99 of each, such as 5x7", param, ctx)
+        if not found or min(int(found[1]), int(found[2])) < self.least:
+            limits = f"{self.least} to 99"
+            self.fail(
+                f"{value!r} is not {self.name} with {limits} of each, such as 5x7", param, ctx
+            )
         return int(found[1]), int(found[2])
 
 

@@ -24,12 +24,14 @@ from scipy.ndimage import gaussian_filter
 
 from deshake.deconvolution.non_local_means import non_local_means
 from deshake.deconvolution.pair_noise import noise_of_pair
-from deshake.operators.planes import channels_first
+from deshake.operators.planes import channels_first, fitted, image_like
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
-__all__ = ["NoisyPhoto", "check_pair", "denoised_tones", "noisy_photo"]
+    Resample = Callable[[NDArray[np.float32]], tuple[NDArray[np.float32], NDArray[np.float32]]]
+
+__all__ = ["NoisyPhoto", "denoised_tones", "noisy_photo"]
 
 Image = NDArray[np.float32]
 
@@ -48,9 +50,9 @@ class NoisyPhoto:
 
     Parameters
     ----------
-    pixels : (C, h, w) array of float32
-        The noisy photo f_N; where it sees nothing, the blurred one.
-    denoised : (C, h, w) array of float32
+    pixels : (C, H, W) array of float32
+        The noisy photo f_N, registered; where it sees nothing, the blurred one.
+    denoised : (C, H, W) array of float32
         The same denoised, f_D, >= 0.
     slope, floor : float
         The variance of the noise is ``slope x + floor`` at the light x.
@@ -63,41 +65,36 @@ class NoisyPhoto:
     floor: float
 
     def variance(self) -> Image:
-        """Return the variance of the noise, averaged over the colours, (h, w)."""
+        """Return the variance of the noise, averaged over the colours, (H, W)."""
         variance: Image = self.denoised.mean(0)
         variance *= np.float32(self.slope)
         variance += np.float32(self.floor)
         return variance
 
 
-def check_pair(g: Image, f_N: Image, valid: Image) -> None:
-    """Refuse photos that are no pair.
-
-    Raises
-    ------
-    ValueError
-        If they differ in shape, the noisy one is not finite, or trust does not fit them.
-
-    """
-    if f_N.shape != g.shape or valid.shape != g.shape[:2]:
-        raise ValueError(f"a noisy photo of shape {f_N.shape} does not fit one of {g.shape}")
-    if not (np.isfinite(f_N.min()) and np.isfinite(f_N.max())):
-        raise ValueError("a photo's pixels are finite")
-
-
-def noisy_photo(g: Image, f_N: Image, valid: Image, *, threads: int | None = None) -> NoisyPhoto:
-    """Denoise the noisy photo of a pair.
+def noisy_photo(
+    g: Image, f_N: Image, resample: Resample, *, threads: int | None = None
+) -> tuple[NoisyPhoto, Image]:
+    """Denoise the noisy photo of a pair, then register it: its noise is white in its own frame.
 
     Parameters
     ----------
     g : (h, w) or (h, w, C) array of float32
         The blurred photo, linear light.
-    f_N : (h, w) or (h, w, C) array of float32
-        The noisy one, registered, as bright as the blurred one.
-    valid : (h, w) array of float32
-        1 where f_N sees the scene, else 0.
+    f_N : (h', w') or (h', w', C) array of float32
+        The noisy one as bright as the blurred one, not registered.
+    resample : callable
+        Takes it to the blurred one's frame, or further by the same on all sides, and tells where
+        it is seen there, 1 or 0.
     threads : int, optional
         Threads to use; by default all processors. The result does not depend on it.
+
+    Returns
+    -------
+    noisy : NoisyPhoto
+        Registered.
+    valid : (h + 2 r, w + 2 r) array of float32
+        Where it is seen.
 
     Raises
     ------
@@ -105,11 +102,26 @@ def noisy_photo(g: Image, f_N: Image, valid: Image, *, threads: int | None = Non
         If the photos do not fit each other.
 
     """
-    check_pair(g, f_N, valid)
-    slope, floor = noise_of_pair(f_N, g, valid)
-    filled = np.where(valid > 0, channels_first(f_N), channels_first(g)).astype(np.float32)
+    if not (np.isfinite(f_N.min()) and np.isfinite(f_N.max())):
+        raise ValueError("a photo's pixels are finite")
+    f_reg, valid = resample(f_N)
+    unseen = fitted(channels_first(g), valid.shape)
+    if f_reg.shape[2:] != g.shape[2:] or f_reg.shape[:2] != valid.shape:
+        raise ValueError(f"a noisy photo of shape {f_reg.shape} does not fit one of {g.shape}")
+    pixels = np.where(valid > 0, channels_first(f_reg), unseen).astype(np.float32)
+    within = fitted(pixels, g.shape[:2])
+    slope, floor = noise_of_pair(image_like(within, g), g, fitted(valid, g.shape[:2]))
+    finer = f_N.shape[0] * f_N.shape[1] / (g.shape[0] * g.shape[1])  # pixels for one
+    f_D = channels_first(resample(_denoised(f_N, finer * slope, finer * floor, threads))[0])
+    denoised = np.where(valid > 0, np.maximum(f_D, 0), unseen).astype(np.float32)
+    return NoisyPhoto(pixels, denoised, slope, floor), valid
+
+
+def _denoised(f_N: Image, slope: float, floor: float, threads: int | None) -> Image:
+    """Denoise a photo whose noise has the variance ``slope x + floor`` at the light x."""
+    filled = channels_first(f_N)
     a = max(slope, floor / _STEEPEST)
-    root = np.empty_like(filled)
+    root = np.empty(filled.shape, np.float32)
     least = floor + 0.375 * a * a
     for rows in _bands(filled):
         part = np.maximum(a * filled[:, rows] + np.float32(least), 0)
@@ -120,7 +132,7 @@ def noisy_photo(g: Image, f_N: Image, valid: Image, *, threads: int | None = Non
         part = np.square(f_D[:, rows] * np.float32(a / 2))
         part -= np.float32(least)
         f_D[:, rows] = np.maximum(part, 0) / np.float32(a)
-    return NoisyPhoto(filled, f_D, slope, floor)
+    return image_like(f_D, f_N)
 
 
 def denoised_tones(u: Image, *, threads: int | None = None) -> tuple[Image, Image]:

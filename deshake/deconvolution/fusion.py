@@ -22,13 +22,13 @@ Graphics 26, 2007, https://doi.org/10.1145/1276377.1276379, do without.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from deshake.deconvolution.denoising import NoisyPhoto, noisy_photo
 from deshake.deconvolution.half_quadratic import HalfQuadratic
 from deshake.deconvolution.lights import trust
 from deshake.deconvolution.noise import smoothed
@@ -36,18 +36,18 @@ from deshake.deconvolution.pair_weights import (
     agreement,
     blurred_variance,
     denoising_error,
-    padded,
 )
 from deshake.deconvolution.restoration import Restoration, check_photo
 from deshake.deconvolution.richardson_lucy import latent_start
 from deshake.operators.filter_flow import reach
 from deshake.operators.patch_inverse import approximate_inverse
-from deshake.operators.planes import channels_first
+from deshake.operators.planes import channels_first, fitted
 from deshake.operators.shake_blur import blur_filters
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from deshake.deconvolution.denoising import NoisyPhoto
     from deshake.deconvolution.sparse_gradients import Quality
     from deshake.geometry.kernel import RotationKernel
     from deshake.operators.shake_blur import Filters
@@ -65,6 +65,7 @@ _TAU = 0.25
 _DENOISED = np.float32(0.08)  # r_0
 _PRECISION_PX = 15  # over which the noisy photo's precision is averaged for s
 _WHITE = 0.9  # light that is displayed as white or nearly so, even if it was clipped
+_BLACK = 0.003  # light of a noisy photo that may be shadows which a camera cut off
 _CLIPPED_PX, _CLIPPED_SHARE = 5, 0.5  # noise clips a few pixels of bright parts: that is no harm
 _BEYOND = 1.05  # light that a clipped pixel does not tell: below, it is about as bright as it looks
 _ALONE = 6  # iterations of Richardson-Lucy, to begin with where the noisy photo sees nothing
@@ -73,7 +74,7 @@ _PREPARING = 8.0  # effort of all before the first stage, in stages
 
 def fuse(
     g: Image,
-    f_N: Image | NoisyPhoto,
+    noisy: NoisyPhoto,
     valid: Image,
     kernel: RotationKernel,
     *,
@@ -93,15 +94,15 @@ def fuse(
     ----------
     g : (h, w) or (h, w, C) array of float32
         The blurred photo in linear light, 1 where it clips, after `unclipped_mean`.
-    f_N : (h, w) or (h, w, C) array of float32, or NoisyPhoto
-        The noisy photo, registered, and as bright as the blurred one; or the same denoised, which
-        is changed.
-    valid : (h, w) array of float32
+    noisy : NoisyPhoto
+        The noisy photo, registered and as bright as the blurred one: in its frame, or further on
+        all sides, which tells what lies over the blurred one's border. It may be changed.
+    valid : (h + 2 r, w + 2 r) array of float32
         1 where the noisy photo sees the scene, else 0.
     kernel : RotationKernel
         The blur, for a camera of the photo's size, as seen from the registered photo.
-    clipped, noisy_clipped : (h, w) arrays of bool, optional
-        Where the photos clipped; the second one registered.
+    clipped, noisy_clipped : arrays of bool, optional
+        Where the photos clipped, (h, w); the second one registered, of the shape of valid.
     quality : {"fast", "default", "high"}
         5, 10 or 16 stages.
     iterations : int, optional
@@ -123,23 +124,27 @@ def fuse(
 
     """
     check_photo(g, kernel, clipped, iterations)
+    if valid.shape != noisy.pixels.shape[1:] or g.shape[2:] not in {(), noisy.pixels.shape[:1]}:
+        raise ValueError(f"a noisy photo of {noisy.pixels.shape} does not fit one of {g.shape}")
     stages = iterations or _STAGES[quality]
 
     def tell(done: float, text: str) -> None:
         if progress is not None:
             progress(1.0 if done == stages else (_PREPARING + done) / (_PREPARING + stages), text)
 
-    noisy = _denoised(g, f_N, valid, threads)
-    tell(-_PREPARING / 2, "denoising")
     margin = reach(kernel.camera, kernel.theta[kernel.weights > 0])
     blur = blur_filters(kernel, margin=margin, channels=len(noisy.pixels), threads=threads)
     v = np.array(valid, np.float32)
     if noisy_clipped is not None:
         share = uniform_filter(noisy_clipped.astype(np.float32), _CLIPPED_PX)
         v[(share > _CLIPPED_SHARE) & (noisy.denoised.max(0) < _WHITE)] = 0
+    latent = g.shape[0] + 2 * margin, g.shape[1] + 2 * margin
+    v = fitted(v, latent, beyond=0)
+    pixels, denoised = (fitted(planes, latent) for planes in (noisy.pixels, noisy.denoised))
+    noisy = replace(noisy, pixels=pixels, denoised=denoised)
     alone = latent_start(
         g,
-        kernel,
+        blur,
         clipped=clipped,
         iterations=_ALONE,
         threads=threads,
@@ -158,30 +163,26 @@ def fuse(
     return Restoration(out, stages, descent.residual(clipped))
 
 
-def _denoised(g: Image, f_N: Image | NoisyPhoto, valid: Image, threads: int | None) -> NoisyPhoto:
-    """Denoise the noisy photo, unless that was done before."""
-    if isinstance(f_N, NoisyPhoto):
-        return f_N
-    return noisy_photo(g, f_N, valid, threads=threads)
-
-
 class _Start(NamedTuple):
-    """The first estimate with its margin, the same blurred, and the trust in the noisy photo."""
+    """The first estimate with its margin, the same blurred, and the trust in either photo."""
 
     f: Image
     Af: Image
+    m: Image
     v: Image
 
 
 def _start(g: Image, noisy: NoisyPhoto, v: Image, alone: Image, blur: Filters) -> _Start:
-    """Take the denoised photo where the photos agree, else the blurred one, deblurred alone."""
-    margin = (alone.shape[1] - len(g)) // 2
-    f = padded(noisy.denoised, margin)
-    v = v * agreement(g, blur.forward(f))
-    doubt = 1 - np.pad(v, margin)
+    """Take the denoised photo where it tells anything, else the blurred one, deblurred alone."""
+    f = noisy.denoised.copy()
+    Af = blur.forward(f)
+    noise = fitted(noisy.variance(), g.shape[:2])
+    apart = 1 - agreement(g, Af, noise, (f.shape[1] - len(g)) // 2)
+    v = v * (1 - fitted(apart * (Af.max(0) < _BLACK), v.shape))
+    doubt = 1 - v
     for c, plane in enumerate(alone):
         f[c] += doubt * (plane - f[c])
-    return _Start(f, blur.forward(f), v)
+    return _Start(f, blur.forward(f), 1 - apart * fitted(v, apart.shape), v)
 
 
 def _descent(
@@ -194,18 +195,19 @@ def _descent(
     threads: int | None,
 ) -> HalfQuadratic:
     """Weigh all terms against each other; the noisy photo becomes f_M."""
-    f, Af, v = start
+    f, Af, m, v = start
     margin = (f.shape[1] - len(g)) // 2
-    variance = blurred_variance(g, Af, noisy, v, blur=blur, margin=margin)
+    frame, latent = g.shape[:2], v.shape
+    compared = m * fitted(v, frame)
+    variance = blurred_variance(g, Af, noisy, compared, blur=blur, margin=margin)
     noise = noisy.variance()
-    r = np.sqrt(variance / noise)
+    r = np.sqrt(fitted(variance, latent) / noise)
     b = r / (r + _DENOISED)
-    m = np.ones_like(v)
     if clipped is not None and clipped.any():
-        m = trust(f, blur, clipped & (Af.max(0) > _BEYOND), variance)
+        m *= trust(f, blur, clipped & (Af.max(0) > _BEYOND), variance)
     known = smoothed(np.reciprocal(noise), _PRECISION_PX)
-    known += np.reciprocal(variance)  # s^2
-    m /= variance * known
+    known += fitted(np.reciprocal(variance), latent)  # s^2
+    m /= variance * fitted(known, frame)
     q = v / (noise * (1 - b + b * denoising_error(noisy)) * known)
     f_M = noisy.pixels
     for c, plane in enumerate(noisy.denoised):
@@ -216,9 +218,9 @@ def _descent(
         np.ascontiguousarray(channels_first(g)),
         approximate_inverse(blur),
         m=m,
-        s=padded(np.sqrt(known), margin),
-        f_N=padded(f_M, margin),
-        q=np.pad(q, margin),
+        s=np.sqrt(known),
+        f_N=f_M,
+        q=q,
         tau=_TAU,
         threads=threads,
     )

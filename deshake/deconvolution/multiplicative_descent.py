@@ -17,13 +17,12 @@ from scipy.special import expit
 from deshake.deconvolution.noise import pair_means
 from deshake.deconvolution.total_variation import less_varied, variation_weight
 from deshake.operators.planes import channels_first
-from deshake.operators.shake_blur import ShakeBlur
 from deshake.operators.strips import available_threads
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from deshake.geometry.kernel import RotationKernel
+    from deshake.operators.shake_blur import Filters
 
 __all__ = ["MultiplicativeDescent"]
 
@@ -49,8 +48,8 @@ class MultiplicativeDescent:
     ----------
     g : (h, w) or (h, w, C) array of float32
         The blurred photo in linear light, 1 where it clips; values below 0 count as 0.
-    kernel : RotationKernel
-        The blur, for a camera of the photo's size.
+    blur : Filters
+        The blur A.
     clipped : (h, w) array of bool, optional
         Where the photo clipped. If anywhere, the model has the sensor's response in it.
     fastest : float
@@ -65,7 +64,7 @@ class MultiplicativeDescent:
     def __init__(
         self,
         g: Image,
-        kernel: RotationKernel,
+        blur: Filters,
         clipped: NDArray[np.bool_] | None,
         *,
         fastest: float,
@@ -78,11 +77,12 @@ class MultiplicativeDescent:
         self.g = np.maximum(channels_first(g), 0, order="C", dtype=np.float32)
         self.clipped = clipped if clipped is not None and clipped.any() else None
         self.unclipped = g.size - (0 if self.clipped is None else self.clipped.sum() * len(self.g))
-        self.blur = ShakeBlur(kernel, channels=len(self.g), threads=threads)
-        self.seen = self.blur.adjoint(np.ones(self.blur.observed_shape, np.float32))
+        self.blur = blur
+        self.seen = blur.adjoint(np.ones_like(self.g[:1]))[0]
         np.maximum(self.seen, _UNSEEN, out=self.seen)
-        self.weight = variation_weight(g, self.blur.margin) if smooth else None
-        self.f = np.empty((len(self.g), *self.blur.latent_shape), np.float32)
+        self.margin = (len(self.seen) - len(g)) // 2
+        self.weight = variation_weight(g, self.margin) if smooth else None
+        self.f = np.empty((len(self.g), *self.seen.shape), np.float32)
         self._blur_backwards()
         self.fastest = fastest
         self.point = self.f.copy() if fastest else self.f
@@ -91,8 +91,8 @@ class MultiplicativeDescent:
 
     def _blur_backwards(self) -> None:
         """Begin with the photo blurred backwards, which takes its noise off; continue its edges."""
-        m = self.blur.margin
-        back = channels_first(self.blur.adjoint(np.moveaxis(self.g, 0, -1)))
+        m = self.margin
+        back = self.blur.adjoint(self.g)
         for plane, f in zip(back, self.f, strict=True):
             inner = (plane / self.seen)[m:-m, m:-m]
             np.maximum(np.pad(inner, m, mode="edge"), _DARK, out=f)
@@ -103,12 +103,12 @@ class MultiplicativeDescent:
         The first is of the pixels, the second of means of 2 x 2 of them, times four.
         """
         squared = coarse = along = strength = 0.0
-        ratio = self.blur.forward(np.moveaxis(self.point, 0, -1))
-        for c, plane in enumerate(channels_first(ratio)):
+        ratio = self.blur.forward(self.point)
+        for c, plane in enumerate(ratio):
             for part in self._each_band(len(plane), partial(self._compare, plane, c)):
                 squared += part[0]
                 coarse += part[1]
-        factor = channels_first(self.blur.adjoint(ratio))
+        factor = self.blur.adjoint(ratio)
         del ratio
         for part in self._each_band(self.f.shape[1], partial(self._update, factor)):
             along += part[0]
@@ -125,7 +125,7 @@ class MultiplicativeDescent:
 
     def frame(self) -> Image:
         """Return the estimate within the frame."""
-        m = self.blur.margin
+        m = self.margin
         out = np.empty_like(self.like, np.float32, order="C")
         channels_first(out)[...] = self.f[:, m:-m, m:-m]
         return out

@@ -10,7 +10,8 @@ detail was taken for noise: where f_N - f_D has the power that noise has, its er
 it has less, noise is left in it, and where more, detail is missing from it.
 
 Where both photos saw the scene, A f_D and g agree but for small errors. Where something moved
-between them, or one of them clipped, they do not, and the noisy one is not gone by.
+between them, or the kernel or the registration is wrong, they do not, and the noisy one is gone by,
+which is at least sharp; unless it is black there, as where a camera cut its shadows off.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from deshake.deconvolution.denoising import NoisyPhoto
     from deshake.operators.shake_blur import Filters
 
-__all__ = ["agreement", "blurred_variance", "denoising_error", "padded"]
+__all__ = ["agreement", "blurred_variance", "denoising_error"]
 
 Image = NDArray[np.float32]
 
@@ -40,18 +41,15 @@ _PATCH = 7  # pixels a side over which that is judged
 _DISAGREEMENT = 0.12  # in display values, from which on two photos do not agree
 _OUTLYING = 3.0  # or so many of its median
 _AGREEMENT_PX = 2.0
+_NOISE = 0.3  # share of the noise, with which faint detail was lost, that is tolerated beside
+_STRICT = 0.25  # share of that, near pixels that are farther apart
+_SPREADING, _LEAST_REACH = 4.0, 8  # how near: times their share within so many pixels
 _DARKEST = np.float32(0.003)
 _BAND = 512
 
 
-def padded(planes: Image, margin: int) -> Image:
-    """Continue planes (..., h, w) by their edges to the latent image."""
-    around = [(0, 0)] * (planes.ndim - 2) + [(margin, margin)] * 2
-    return np.pad(planes, around, mode="edge")
-
-
 def blurred_variance(
-    g: Image, Af: Image, noisy: NoisyPhoto, valid: Image, *, blur: Filters, margin: int
+    g: Image, Af: Image, noisy: NoisyPhoto, trusted: Image, *, blur: Filters, margin: int
 ) -> Image:
     """Tell how far off the blurred photo may be: by its noise and by the kernel's errors.
 
@@ -62,9 +60,9 @@ def blurred_variance(
     Af : (C, h, w) array of float32
         A f_D: the denoised photo, blurred.
     noisy : NoisyPhoto
-        The noisy photo.
-    valid : (h, w) array of float32
-        How far it is trusted, 0..1.
+        The noisy photo, with the blur's margin.
+    trusted : (h, w) array of float32
+        How far the photos can be compared, 0..1.
     blur : Filters
         The blur A.
     margin : int
@@ -78,18 +76,18 @@ def blurred_variance(
     """
     planes = channels_first(g)
     count = len(planes)
-    misfit, left = np.zeros_like(valid), np.zeros_like(valid)
+    misfit, left = np.zeros_like(trusted), np.zeros_like(trusted)
     for c in range(count):
         misfit += np.square(planes[c] - Af[c])
-        left += np.square(planes[c] - blur.forward(padded(noisy.pixels[c : c + 1], margin))[0])
-    misfit /= np.float32(count)
+        left += np.square(planes[c] - blur.forward(noisy.pixels[c : c + 1])[0])
+    misfit *= trusted / np.float32(count)
     left /= np.float32(count)
-    twin = _white(valid.shape)
+    twin = _white(noisy.pixels.shape[1:])
     twin *= np.sqrt(noisy.variance())
-    left -= np.square(blur.forward(padded(twin[None], margin))[0])
+    left -= np.square(blur.forward(twin[None])[0])
     left -= noise_variance(g, margin)
     side = 2 * margin + 1
-    inner = minimum_filter(valid, side, mode="constant").astype(np.float32)
+    inner = minimum_filter(trusted, side, mode="constant").astype(np.float32)
     reach = max(margin, 8)
     support = smoothed(inner, reach)
     total = max(float((misfit * inner).sum(dtype=np.float64)), 1e-12)
@@ -102,7 +100,7 @@ def blurred_variance(
 
 
 def denoising_error(noisy: NoisyPhoto) -> Image:
-    """Tell the variance of f_D about the scene, over that of the noise of f_N, (h, w)."""
+    """Tell the variance of f_D about the scene, over that of the noise of f_N, (H, W)."""
     power = np.zeros(noisy.pixels.shape[1:], np.float32)
     for one, other in zip(noisy.pixels, noisy.denoised, strict=True):
         noise = other * np.float32(noisy.slope) + np.float32(noisy.floor)
@@ -113,8 +111,10 @@ def denoising_error(noisy: NoisyPhoto) -> Image:
     return error
 
 
-def agreement(g: Image, Af: Image) -> Image:
-    """Tell where the photos agree: the trust v in the noisy one, (h, w), 0..1.
+def agreement(g: Image, Af: Image, noise: Image, reach: int) -> Image:
+    """Tell where the photos agree, (h, w), 0..1.
+
+    Near what clearly disagrees, such as the outline of a thing that moved, less is tolerated.
 
     Parameters
     ----------
@@ -122,6 +122,10 @@ def agreement(g: Image, Af: Image) -> Image:
         The blurred photo.
     Af : (C, h, w) array of float32
         A f_D: the denoised photo, blurred.
+    noise : (h, w) array of float32
+        Variance of the noise of f_N.
+    reach : int
+        Of the blur in pixels.
 
     """
     apart = np.zeros(Af.shape[1:], np.float32)
@@ -129,9 +133,13 @@ def agreement(g: Image, Af: Image) -> Image:
         difference = cv2.GaussianBlur(_shown(one) - _shown(other), (0, 0), _AGREEMENT_PX)
         apart = np.maximum(apart, np.abs(difference))
     tolerance = max(_DISAGREEMENT, _OUTLYING * float(np.median(apart)) / 0.6745)
-    apart /= np.float32(tolerance)
-    v: Image = np.exp(-np.square(np.square(apart)))
-    return v
+    shown = noise / np.clip(Af.mean(0), _DARKEST, 1)  # of the root's noise, times 4
+    apart /= np.sqrt(np.float32(tolerance**2) + np.float32(_NOISE**2) * shown)
+    clearly = 1 - np.exp(-np.square(np.square(apart)))
+    near = np.minimum(_SPREADING * smoothed(clearly, max(reach, _LEAST_REACH)), 1)
+    apart /= 1 - np.float32(1 - _STRICT) * near
+    agreeing: Image = np.exp(-np.square(np.square(apart)))
+    return agreeing
 
 
 def _shown(light: Image) -> Image:

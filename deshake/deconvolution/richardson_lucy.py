@@ -42,11 +42,14 @@ from numpy.typing import NDArray
 from deshake.deconvolution.multiplicative_descent import MultiplicativeDescent
 from deshake.deconvolution.noise import coarse_noise
 from deshake.deconvolution.restoration import Restoration, check_photo
+from deshake.operators.planes import channels_first
+from deshake.operators.shake_blur import blur_filters
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from deshake.geometry.kernel import RotationKernel
+    from deshake.operators.shake_blur import Filters
 
 __all__ = ["latent_start", "richardson_lucy", "richardson_lucy_tv"]
 
@@ -109,7 +112,8 @@ def richardson_lucy(
     """
     check_photo(g, kernel, clipped, iterations)
     fastest = _FASTEST if accelerated else 0.0
-    descent = MultiplicativeDescent(g, kernel.centred(), clipped, fastest=fastest, threads=threads)
+    blur = blur_filters(kernel.centred(), channels=len(channels_first(g)), threads=threads)
+    descent = MultiplicativeDescent(g, blur, clipped, fastest=fastest, threads=threads)
     noise = _NOISE * coarse_noise(g) if iterations is None else 0.0
     stalled = _STALLED[accelerated] if iterations is None else None
     return _descended(descent, iterations or _MOST, stalled, noise, progress)
@@ -150,8 +154,9 @@ def richardson_lucy_tv(
 
     """
     check_photo(g, kernel, clipped, iterations)
+    blur = blur_filters(kernel.centred(), channels=len(channels_first(g)), threads=threads)
     descent = MultiplicativeDescent(
-        g, kernel.centred(), clipped, fastest=_FASTEST_TV, smooth=True, threads=threads
+        g, blur, clipped, fastest=_FASTEST_TV, smooth=True, threads=threads
     )
     # where lights clip, the residual is that of darker pixels than the noise is estimated from
     early = iterations is None and descent.clipped is None
@@ -185,7 +190,7 @@ def _descended(
 
 def latent_start(
     g: Image,
-    kernel: RotationKernel,
+    blur: Filters,
     *,
     clipped: NDArray[np.bool_] | None,
     iterations: int,
@@ -196,8 +201,10 @@ def latent_start(
 
     Parameters
     ----------
-    g, kernel, clipped, threads
-        As for `richardson_lucy`, but the kernel is centred already.
+    g, clipped, threads
+        As for `richardson_lucy`.
+    blur : Filters
+        The blur A.
     iterations : int
         How many accelerated ones to do.
     progress : callable
@@ -206,10 +213,10 @@ def latent_start(
     Returns
     -------
     (C, H, W) array of float32
-        The latent image with its margin, which is the reach of the kernel.
+        The latent image with the margin of the blur.
 
     """
-    descent = MultiplicativeDescent(g, kernel, clipped, fastest=_FASTEST, threads=threads)
+    descent = MultiplicativeDescent(g, blur, clipped, fastest=_FASTEST, threads=threads)
     for done in range(1, iterations + 1):
         descent.step()
         progress(done / iterations, f"deblurring lights, iteration {done}")

@@ -117,11 +117,10 @@ def sparse_gradients(
     efforts = (level.start, level.behind * lit, stages, _EFFORT * level.fine)
     starting, behind, splitting, finely = _shares(progress, efforts)
 
-    centred = kernel.centred()
     planes = channels_first(g)
-    blur = blur_filters(centred, channels=len(planes), threads=threads)
+    blur = blur_filters(kernel.centred(), channels=len(planes), threads=threads)
     f = latent_start(
-        g, centred, clipped=clipped, iterations=level.start, threads=threads, progress=starting
+        g, blur, clipped=clipped, iterations=level.start, threads=threads, progress=starting
     )
     margin = (f.shape[1] - len(g)) // 2
     m = np.ones(g.shape[:2], np.float32)

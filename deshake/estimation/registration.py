@@ -141,7 +141,7 @@ def register(
     )
 
 
-def registered(f_N: Image, registration: Registration) -> tuple[Image, Image]:
+def registered(f_N: Image, registration: Registration, *, margin: int = 0) -> tuple[Image, Image]:
     """Resample the noisy photo in the blurred photo's frame: ``f_reg(x) = f_N(H_0^-1 x)``.
 
     Parameters
@@ -150,13 +150,15 @@ def registered(f_N: Image, registration: Registration) -> tuple[Image, Image]:
         The noisy photo, or anything of its size, such as noise.
     registration : Registration
         Its registration.
+    margin : int
+        Pixels m around that frame which are wanted, too: what the blurred photo saw a part of.
 
     Returns
     -------
-    f_reg : (h, w) or (h, w, C) array of float32
-        By bicubic interpolation, linear in `f_N`; beyond it, its nearest pixels. A larger photo is
+    f_reg : (h + 2 m, w + 2 m) or (h + 2 m, w + 2 m, C) array of float32
+        By Lanczos interpolation, linear in `f_N`; beyond it, its nearest pixels. A larger photo is
         first reduced to the blurred one's size.
-    valid : (h, w) array of float32
+    valid : (h + 2 m, w + 2 m) array of float32
         1 where the noisy photo was there to be seen, else 0.
 
     """
@@ -171,12 +173,13 @@ def registered(f_N: Image, registration: Registration) -> tuple[Image, Image]:
     stored = camera.scaled(*upright.shape[:2])
     # Where a pixel of the blurred photo lies in the noisy one.
     h = stored.matrix @ np.linalg.inv(camera.matrix) @ homographies(camera, -theta)
-    out = np.empty(camera.shape + f_N.shape[2:], np.float32)
-    valid = np.empty(camera.shape, np.float32)
-    for top in range(0, camera.height, _BAND):
-        for left in range(0, camera.width, _BAND):
+    valid = np.empty((camera.height + 2 * margin, camera.width + 2 * margin), np.float32)
+    out = np.empty(valid.shape + f_N.shape[2:], np.float32)
+    for top in range(0, valid.shape[0], _BAND):
+        for left in range(0, valid.shape[1], _BAND):
             tile = np.s_[top : top + _BAND, left : left + _BAND]
-            out[tile], valid[tile] = _sampled(upright, h, top, left, valid[tile].shape)
+            corner = top - margin, left - margin
+            out[tile], valid[tile] = _sampled(upright, h, *corner, valid[tile].shape)
     return out, valid
 
 
@@ -248,7 +251,7 @@ def _sampled(
             np.ascontiguousarray(plane),
             x,
             y,
-            cv2.INTER_CUBIC,
+            cv2.INTER_LANCZOS4,
             borderMode=cv2.BORDER_REPLICATE,
         )
         for plane in planes

@@ -24,7 +24,8 @@ Image = NDArray[np.float32]
 _STRONGEST = 0.99  # quantile
 _OF_NOISE = 2.576 * math.sqrt(2)  # that quantile of differences between two pixels of unit noise
 _SHARP = 0.72  # real shaken photos: 0.52 to 0.71, one 0.76; sharp ones: from 0.73
-_SURELY_SHARP = 0.85
+_SURELY_SHARP = 0.8
+_HARDLY_SHARP = 0.65  # with all kernels mere points there is nothing to gain
 _FLAT = 1e-6
 
 
@@ -59,11 +60,12 @@ def looks_sharp(grey: Image, *, collapsed: float = 1.0) -> bool:
         The photo in linear light, at the size that kernels were estimated at.
     collapsed : float
         Share of the kernels that were estimated from it, 0..1, that are mere points. Unless the
-        photo is surely sharp, half of them must be.
+        photo is surely sharp, half of them must be; if all are, less is asked of the photo.
 
     """
     found = sharpness(grey)
-    return found > _SURELY_SHARP or (found > _SHARP and collapsed >= 0.5)
+    least = _HARDLY_SHARP if collapsed == 1 else _SHARP if collapsed >= 0.5 else _SURELY_SHARP
+    return found > least
 
 
 def _steepness(image: Image, noise: float) -> list[float]:

@@ -26,21 +26,25 @@ import numpy as np
 from deshake.geometry.camera import Camera
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     Points = NDArray[np.float64]
 
-__all__ = ["distorted", "fit_distortion", "pinhole", "undistorted"]
+__all__ = ["bent_camera", "distorted", "fit_distortion", "pinhole", "undistorted"]
 
 _STEPS: Final = 12
 _POLE: Final = 0.2  # the least denominator
 _FINE: Final = 1e-5  # of the farthest distance: a fit that is good enough
 _BORDER: Final = 257  # points a side of the frame
 _ITERATIONS: Final = (3, 40, 1e-10)  # at most 40, or until nothing moves: TermCriteria
+_SAME: Final = 0.1  # px: what does not come back to where it was, folds
+_ROUNDING: Final = 1e-6
 _ZOOM: Final = (0.2, 5.0)
 
 
-def distorted(points: Points, camera: Camera, distortion: Points, seen: Camera) -> Points:
+def distorted(points: Points, camera: Camera, seen: Camera) -> Points:
     """Tell where points of the pinhole's picture lie in the photo.
 
     Parameters
@@ -48,9 +52,7 @@ def distorted(points: Points, camera: Camera, distortion: Points, seen: Camera) 
     points : (N, 2) array
         Pixels (x, y) of the pinhole's picture.
     camera : Camera
-        That of the photo.
-    distortion : (k,) array
-        In OpenCV's order.
+        That of the photo, with its distortion.
     seen : Camera
         The pinhole.
 
@@ -62,16 +64,16 @@ def distorted(points: Points, camera: Camera, distortion: Points, seen: Camera) 
     """
     rays = _rays(points, seen)
     nowhere = np.zeros(3)
-    there, _ = cv2.projectPoints(rays, nowhere, nowhere, camera.matrix, distortion)
+    there, _ = cv2.projectPoints(rays, nowhere, nowhere, camera.matrix, camera.distortion)
     return np.asarray(there, np.float64).reshape(-1, 2)
 
 
-def undistorted(points: Points, camera: Camera, distortion: Points, seen: Camera) -> Points:
+def undistorted(points: Points, camera: Camera, seen: Camera) -> Points:
     """Tell where points of the photo lie in the pinhole's picture: the inverse of `distorted`."""
     there = cv2.undistortPoints(
         np.ascontiguousarray(points, np.float64).reshape(-1, 1, 2),
         camera.matrix,
-        distortion,
+        camera.distortion,
         R=np.eye(3),
         P=seen.matrix,
         criteria=_ITERATIONS,
@@ -79,15 +81,13 @@ def undistorted(points: Points, camera: Camera, distortion: Points, seen: Camera
     return np.asarray(there, np.float64).reshape(-1, 2)
 
 
-def pinhole(camera: Camera, distortion: Points, *, whole: bool = False) -> Camera:
+def pinhole(camera: Camera, *, whole: bool = False) -> Camera:
     """Return the camera of the picture without distortion.
 
     Parameters
     ----------
     camera : Camera
-        That of the photo.
-    distortion : (k,) array
-        In OpenCV's order.
+        That of the photo, with its distortion.
     whole : bool, keyword-only
         The picture shows all of the photo, and is no smaller than it; by default it has the
         photo's size, and the photo shows all of it: its focal length is the least for which no
@@ -101,25 +101,51 @@ def pinhole(camera: Camera, distortion: Points, *, whole: bool = False) -> Camer
     """
     height, width = camera.shape
     if whole:
-        border = undistorted(_border(camera), camera, distortion, camera)
-        again = distorted(border, camera, distortion, camera)
+        border = undistorted(_border(camera), camera, camera)
+        again = distorted(border, camera, camera)
         if not np.abs(again - _border(camera)).max() < 0.01:
             raise ValueError("the distortion folds the picture")
         low, high = np.floor(border.min(0)).astype(int), np.ceil(border.max(0)).astype(int)
         if (high - low >= _ZOOM[1] * np.array([width, height])).any():
             raise ValueError("the distortion is too strong")
-        whole_size = camera.cropped(int(low[0]), int(low[1]), *(int(n) + 1 for n in high - low))
+        straight = Camera(camera.matrix, height, width)
+        whole_size = straight.cropped(int(low[0]), int(low[1]), *(int(n) + 1 for n in high - low))
         zoom = max(1.0, width / whole_size.width, height / whole_size.height)
         return whole_size.scaled(*(math.ceil(zoom * side) for side in whole_size.shape))
-    inside, outside = _ZOOM[1], _ZOOM[0]
-    if not _sees(camera, distortion, inside):
-        raise ValueError("the distortion is too strong")
-    for _ in range(40):
-        middle = np.sqrt(inside * outside)
-        inside, outside = (
-            (middle, outside) if _sees(camera, distortion, middle) else (inside, middle)
-        )
-    return _zoomed(camera, inside)
+    zoom = _least_zoom(lambda zoom: _sees(camera, _zoomed(camera, zoom)))
+    return _zoomed(camera, zoom)
+
+
+def bent_camera(seen: Camera, distortion: Points) -> Camera:
+    """Return the camera of a photo that shows nothing beyond a pinhole's picture.
+
+    Parameters
+    ----------
+    seen : Camera
+        The pinhole.
+    distortion : (k,) array
+        Of the lens that the photo is taken through, in OpenCV's order.
+
+    Returns
+    -------
+    Camera
+        Of the same size; its focal length is the least possible.
+
+    Raises
+    ------
+    ValueError
+        If the distortion is too strong.
+
+    """
+
+    def shows(zoom: float) -> bool:
+        camera = _zoomed(seen, zoom).with_lens(distortion)
+        border = _border(camera)
+        there = undistorted(border, camera, seen)
+        back = distorted(there, camera, seen)
+        return _inside(there, seen) and float(np.abs(back - border).max()) < _SAME
+
+    return _zoomed(seen, _least_zoom(shows)).with_lens(distortion)
 
 
 def fit_distortion(straight: Points, bent: Points) -> tuple[Points, float]:
@@ -190,17 +216,30 @@ def _fit(straight: Points, bent: Points, terms: int) -> tuple[Points, float]:
     return np.array([k[0], k[1], 0, 0, k[2], *m]), float(left.max())
 
 
-def _sees(camera: Camera, distortion: Points, zoom: float) -> bool:
-    """Tell whether a pinhole of some zoom shows nothing beyond the photo."""
-    seen = _zoomed(camera, zoom)
-    border = _border(camera)
-    there = distorted(border, camera, distortion, seen)
-    if not np.isfinite(there).all():
+def _least_zoom(fits: Callable[[float], bool]) -> float:
+    """Find the least zoom that fits, between two that do and do not."""
+    inside, outside = _ZOOM[1], _ZOOM[0]
+    if not fits(inside):
+        raise ValueError("the distortion is too strong")
+    for _ in range(40):
+        middle = float(np.sqrt(inside * outside))
+        inside, outside = (middle, outside) if fits(middle) else (inside, middle)
+    return inside
+
+
+def _sees(camera: Camera, seen: Camera) -> bool:
+    """Tell whether a pinhole shows nothing beyond the photo."""
+    border = _border(seen)
+    there = distorted(border, camera, seen)
+    if not _inside(there, camera):
         return False
-    inside = (there >= -1e-6).all() and (there <= np.array(camera.shape[::-1]) - 1 + 1e-6).all()
-    return (
-        bool(inside) and np.abs(undistorted(there, camera, distortion, seen) - border).max() < 0.1
-    )
+    return float(np.abs(undistorted(there, camera, seen) - border).max()) < _SAME
+
+
+def _inside(points: Points, camera: Camera) -> bool:
+    """Tell whether pixels lie in the frame, and are numbers."""
+    last = np.array(camera.shape[::-1]) - 1
+    return bool(((points >= -_ROUNDING) & (points <= last + _ROUNDING)).all())
 
 
 def _zoomed(camera: Camera, zoom: float) -> Camera:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 import struct
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
@@ -17,11 +17,14 @@ from PIL.AvifImagePlugin import AvifImageFile
 
 from deshake.errors import PhotoError
 from deshake.io import exif
-from deshake.io.boxes import item_properties
+from deshake.io.boxes import item_properties, metadata_items
 from deshake.io.encoding import Decoded, Encoding, check_size, decoding, turned
 from deshake.io.metadata import Metadata
-from deshake.io.opencv import imdecode_with_metadata, imencode
+from deshake.io.opencv import imdecode, imencode
 from deshake.io.profiles import cicp_profile
+
+if TYPE_CHECKING:
+    from deshake.io.boxes import Item
 
 __all__ = ["decode_avif", "encode_avif"]
 
@@ -49,12 +52,9 @@ def decode_avif(data: bytes) -> Decoded:
         bits, grey, subsampling = _configuration(properties)
         icc = picture.info.get("icc_profile", b"") or _profile_by_numbers(properties)
         turn = picture.getexif().get(exif.ORIENTATION, 1)
-        decoded, blocks = imdecode_with_metadata(data)
-        block = blocks.get(cv2.IMAGE_METADATA_EXIF, b"")  # to the byte: Pillow writes it anew
-        metadata = Metadata(
-            block.removeprefix(b"Exif\0\0"), picture.info.get("xmp", b""), icc
-        ).upright()
-        pixels = np.atleast_3d(decoded)
+        items = metadata_items(data)
+        metadata = Metadata(_exif(items), picture.info.get("xmp", b""), icc).upright()
+        pixels = np.atleast_3d(imdecode(_without(data, items)))
         if pixels.shape[:2] != (picture.height, picture.width):
             raise PhotoError("the AVIF is damaged")
     if bits > 8:
@@ -122,6 +122,23 @@ class _Block(Image.Exif):
     def tobytes(self, offset: int = 8) -> bytes:  # noqa: ARG002 - Pillow's own signature
         """Return the block."""
         return self.block
+
+
+def _exif(items: list[Item]) -> bytes:
+    """Return the EXIF block to the byte: Pillow may write it anew."""
+    for item in items:
+        if item.kind == b"Exif":
+            block = item.content[4:]  # behind the length of what precedes the TIFF header
+            return block[int.from_bytes(item.content[:4], "big") :]
+    return b""
+
+
+def _without(data: bytes, items: list[Item]) -> bytes:
+    """Hide the metadata: OpenCV takes a file for damaged in which they lie behind the picture."""
+    hidden = bytearray(data)
+    for item in items:
+        hidden[item.at : item.at + 4] = b"skip"
+    return bytes(hidden)
 
 
 def _configuration(properties: list[tuple[bytes, bytes]]) -> tuple[int, bool, int]:

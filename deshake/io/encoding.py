@@ -154,6 +154,9 @@ class Decoded:
         Of a RAW file, whose codes are in linear light: where the sensor was at its white level.
     notes : tuple of str
         What else the file holds that a result will lack, in plain words.
+    frame : bytes
+        The compressed picture of a JPEG (`jpeg_frame`), to be written instead of the codes where
+        they are still its own; empty: there is none.
 
     """
 
@@ -163,6 +166,7 @@ class Decoded:
     metadata: Metadata
     saturated: NDArray[np.bool_] | None = None
     notes: tuple[str, ...] = ()
+    frame: bytes = b""
 
 
 def check_size(height: int, width: int, packed: int) -> None:

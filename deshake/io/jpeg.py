@@ -14,6 +14,7 @@ from PIL.JpegImagePlugin import JpegImageFile, get_sampling
 from deshake.errors import PhotoError
 from deshake.io.encoding import Decoded, Encoding, check_size, decoding
 from deshake.io.image_resources import iptc_of, with_iptc
+from deshake.io.jpeg_frame import frame_of, with_frame
 from deshake.io.metadata import Metadata
 from deshake.io.xmp import guid
 
@@ -68,11 +69,11 @@ def decode_jpeg(data: bytes) -> Decoded:
     notes = ["its extended XMP is damaged, and left out"] if lost else []
     if any(mark in data for mark in _GAIN_MAPS):
         notes.append("its gain map (HDR) is dropped")
-    return Decoded(codes, None, encoding, metadata, notes=tuple(notes))
+    return Decoded(codes, None, encoding, metadata, notes=tuple(notes), frame=frame_of(data))
 
 
 def encode_jpeg(picture: Decoded) -> bytes:
-    """Encode 8-bit codes as JPEG; alpha must be gone.
+    """Encode 8-bit codes as JPEG, or take the frame if there is one; alpha must be gone.
 
     Raises
     ------
@@ -99,8 +100,10 @@ def encode_jpeg(picture: Decoded) -> bytes:
     if metadata.icc:
         options["icc_profile"] = metadata.icc
     stream = io.BytesIO()
-    Image.fromarray(picture.codes).save(stream, "JPEG", **options)
-    return stream.getvalue()
+    codes = picture.codes[:8, :8] if picture.frame else picture.codes
+    Image.fromarray(codes).save(stream, "JPEG", **options)
+    data = stream.getvalue()
+    return with_frame(data, picture.frame) if picture.frame else data
 
 
 def _tables(codes: Codes, encoding: Encoding) -> list[list[int]]:

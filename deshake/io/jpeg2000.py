@@ -89,7 +89,8 @@ def encode_jpeg2000(picture: Decoded) -> bytes:
     codes, metadata = picture.codes, picture.metadata
     if min(codes.shape[:2]) < _LEAST:
         raise PhotoError(
-            f"a JPEG 2000 has at least {_LEAST} pixels a side", hint="write a PNG or TIFF"
+            f"a JPEG 2000 is written with at least {_LEAST} pixels a side",
+            hint="write a PNG or TIFF",
         )
     if picture.alpha is not None:
         colours = codes if codes.ndim == 3 else np.dstack([codes] * 3)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import os
+import tempfile
 import threading
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from typing import BinaryIO
 
 __all__ = ["silenced"]
 
@@ -16,24 +18,33 @@ _STDERR = 2
 _lock = threading.Lock()
 _depth = 0
 _saved = -1
+_caught: BinaryIO | None = None
 
 
 @contextlib.contextmanager
-def silenced() -> Iterator[None]:
+def silenced() -> Iterator[list[str]]:
     """Keep all that is printed on file descriptor 2 from being seen, in every thread.
 
     For short calls of libraries that print what they find wrong in a file. May be nested, and used
     by several threads at once. Without a stderr nothing is done.
+
+    Yields
+    ------
+    list of str
+        The lines that were printed meanwhile; it is filled at the end.
+
     """
-    _enter()
+    lines: list[str] = []
+    start = _enter()
     try:
-        yield
+        yield lines
     finally:
-        _leave()
+        lines += _leave(start)
 
 
-def _enter() -> None:
-    global _depth, _saved  # noqa: PLW0603 - a file descriptor is the process's own
+def _enter() -> int:
+    """Send what is printed to a file, if it does not go there yet; return the file's length."""
+    global _caught, _depth, _saved  # noqa: PLW0603 - a file descriptor is the process's own
     with _lock:
         if _depth == 0:
             try:
@@ -41,16 +52,24 @@ def _enter() -> None:
             except OSError:  # there is none
                 _saved = -1
             else:
-                nowhere = os.open(os.devnull, os.O_WRONLY)
-                os.dup2(nowhere, _STDERR)
-                os.close(nowhere)
+                _caught = tempfile.TemporaryFile()  # noqa: SIM115 - closed by the last to leave
+                os.dup2(_caught.fileno(), _STDERR)
         _depth += 1
+        return 0 if _caught is None else os.fstat(_caught.fileno()).st_size
 
 
-def _leave() -> None:
-    global _depth  # noqa: PLW0603 - as above
+def _leave(start: int) -> list[str]:
+    """Return the lines that were printed since; the last one restores what was before."""
+    global _caught, _depth  # noqa: PLW0603 - as above
     with _lock:
+        printed = b""
+        if _caught is not None:
+            _caught.seek(start)
+            printed = _caught.read()  # to the end, where printing goes on
         _depth -= 1
-        if _depth == 0 and _saved >= 0:
+        if _depth == 0 and _caught is not None:
             os.dup2(_saved, _STDERR)
             os.close(_saved)
+            _caught.close()
+            _caught = None
+        return printed.decode("utf-8", "replace").splitlines()

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from deshake.io.transfer import Codes
 
-__all__ = ["imdecode", "imdecode_with_metadata", "imencode"]
+__all__ = ["imdecode", "imencode"]
 
 _SWAPPED = [2, 1, 0, 3]  # from RGB to BGR, and back
 
@@ -40,17 +40,9 @@ def imdecode(data: bytes) -> Codes:
         If OpenCV cannot decode it.
 
     """
-    return imdecode_with_metadata(data)[0]
-
-
-def imdecode_with_metadata(data: bytes) -> tuple[Codes, dict[int, bytes]]:
-    """Decode a picture as `imdecode` does, and its blocks of metadata by OpenCV's kinds of them."""
     with _silent():  # a damaged file is reported once, by the error raised here
         try:
-            pixels: Any
-            pixels, kinds, blocks = cv2.imdecodeWithMetadata(
-                np.frombuffer(data, np.uint8), flags=cv2.IMREAD_UNCHANGED
-            )
+            pixels: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
         except cv2.error as error:
             raise PhotoError("the picture is damaged or of an unknown kind") from error
     if pixels is None or pixels.dtype not in {np.dtype(np.uint8), np.dtype(np.uint16)}:
@@ -58,8 +50,7 @@ def imdecode_with_metadata(data: bytes) -> tuple[Codes, dict[int, bytes]]:
     codes = cast("Codes", pixels)
     if codes.ndim == 3:
         codes = np.ascontiguousarray(codes[..., _SWAPPED[: codes.shape[2]]])
-    found = {kind: np.asarray(block).tobytes() for kind, block in zip(kinds, blocks, strict=True)}
-    return codes, found
+    return codes
 
 
 def imencode(

@@ -20,6 +20,7 @@ from deshake.io.heif import decode_heif
 from deshake.io.icc import profile_transfer
 from deshake.io.jpeg import decode_jpeg, encode_jpeg
 from deshake.io.jpeg2000 import decode_jpeg2000, encode_jpeg2000
+from deshake.io.jpeg_frame import Frame
 from deshake.io.png import decode_png, encode_png
 from deshake.io.profiles import linear_profile, power_profile
 from deshake.io.raw import decode_raw
@@ -37,13 +38,7 @@ if TYPE_CHECKING:
     from deshake.io.metadata import Metadata
     from deshake.io.transfer import Codes, TransferName
 
-__all__ = [
-    "Photo",
-    "encode_photo",
-    "read_pair",
-    "read_photo",
-    "write_photo",
-]
+__all__ = ["Photo", "encode_photo", "read_pair", "read_photo", "write_photo"]
 
 _log = logging.getLogger(__name__)
 
@@ -75,8 +70,8 @@ class Photo:
     Parameters
     ----------
     pixels : (H, W) or (H, W, 3) array of float32
-        Linear light; 1 is the file's white, where it clips. Results may exceed [0, 1]: they are
-        clipped when they are encoded. Of a RAW file, the sensor's colours, white-balanced.
+        Linear light; 1 is the file's white, where it clips, as results beyond it do when they are
+        encoded. Of a RAW file, the sensor's colours, white-balanced.
     clipped : (H, W) array of bool
         Where any channel of the input was at the top (see `transfer.is_clipped`), or at the
         sensor's white level.
@@ -90,6 +85,8 @@ class Photo:
         The file.
     notes : tuple of str
         What the file holds that a result will lack, in plain words.
+    frame : Frame, optional
+        The compressed picture of a JPEG that was stored upright.
 
     """
 
@@ -100,6 +97,12 @@ class Photo:
     metadata: Metadata
     source: Path
     notes: tuple[str, ...] = ()
+    frame: Frame | None = None
+
+    @property
+    def is_sensors(self) -> bool:
+        """Whether the pixels are a sensor's own light, which no tone curve has bent."""
+        return self.encoding.format == "RAW"
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -118,7 +121,7 @@ class Photo:
         if pixels.shape != self.pixels.shape:
             msg = f"pixels of shape {pixels.shape} for a photo of shape {self.pixels.shape}"
             raise ValueError(msg)
-        return replace(self, pixels=np.asarray(pixels, np.float32))
+        return replace(self, pixels=np.asarray(pixels, np.float32), frame=None)
 
     def in_linear_light(self) -> Photo:
         """Return a RAW photo that is encoded in linear light and the sensor's colours.
@@ -147,9 +150,7 @@ class Photo:
 
 
 def read_photo(path: str | os.PathLike[str], *, transfer: TransferName | None = None) -> Photo:
-    """Read a photo, whatever its name says.
-
-    The EXIF orientation is applied to the pixels and set to 1.
+    """Read a photo, whatever its name says, and turn it upright.
 
     Parameters
     ----------
@@ -179,14 +180,16 @@ def read_photo(path: str | os.PathLike[str], *, transfer: TransferName | None = 
     codes = turned(decoded.codes, turn)
     raw = encoding.format == "RAW"
     clipped = is_clipped(codes) if decoded.saturated is None else turned(decoded.saturated, turn)
+    pixels = decode(codes, LINEAR if raw else encoding.transfer)
     return Photo(
-        pixels=decode(codes, LINEAR if raw else encoding.transfer),
+        pixels=pixels,
         clipped=clipped if encoding.grey else np.any(clipped, axis=-1),
         alpha=None if decoded.alpha is None else turned(decoded.alpha, turn),
         encoding=encoding,
         metadata=decoded.metadata.upright(),
         source=Path(path),
         notes=decoded.notes,
+        frame=Frame(decoded.frame, pixels) if decoded.frame and turn == 1 else None,
     )
 
 
@@ -196,13 +199,9 @@ def read_pair(
     *,
     transfer: TransferName | None = None,
 ) -> tuple[Photo, Photo]:
-    """Read two photos of one scene; of two RAW files, the second in the first one's white balance.
+    """Read two photos of one scene as `read_photo` does.
 
-    Raises
-    ------
-    PhotoError
-        For the reasons of `read_photo`.
-
+    Of two RAW files, the second is taken to the first one's white balance.
     """
     one, other = (read_photo(path, transfer=transfer) for path in (first, second))
     if one.encoding.balance and len(one.encoding.balance) == len(other.encoding.balance):
@@ -217,7 +216,7 @@ def encode_photo(photo: Photo, form: Format | None = None) -> bytes:
     Parameters
     ----------
     photo : Photo
-        The photo.
+        The photo. A JPEG's own pixels are written as the bytes that they were read from.
     form : Format, optional
         Another format. JPEG and WebP hold 8 bits; WebP holds grey as RGB. A format that is only
         read becomes another by default: RAW a TIFF, HEIC a JPEG.
@@ -247,10 +246,11 @@ def encode_photo(photo: Photo, form: Format | None = None) -> bytes:
                 file=photo.source,
             )
         alpha = None
+    frame = photo.frame.of(photo.pixels) if photo.frame and encoding.format == "JPEG" else b""
     codes = encoded(photo.pixels, encoding)
     metadata = carried(metadata, encoding.format, *photo.shape).metadata
     try:
-        return _ENCODERS[encoding.format](Decoded(codes, alpha, encoding, metadata))
+        return _ENCODERS[encoding.format](Decoded(codes, alpha, encoding, metadata, frame=frame))
     except PhotoError as error:
         error.file = str(photo.source)
         raise

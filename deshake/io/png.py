@@ -200,9 +200,8 @@ def _metadata(chunks: list[Chunk]) -> tuple[Metadata, Transfer, bytes]:
             packed, rest = content[len(_XMP)], content[len(_XMP) + 2 :]
             text = rest.split(b"\0", 2)[2]
             blocks.setdefault("xmp", _inflate(text) if packed else text)
-        elif name in {b"tEXt", b"zTXt"} and content.startswith(RAW_PROFILE):
-            text = content.split(b"\0", 1)[1]
-            raw = raw_profile(content, _inflate(text[1:]) if name == b"zTXt" else text) | raw
+        elif content.startswith(RAW_PROFILE) and (profile := _raw_profile(name, content)):
+            raw = profile | raw
         elif name in _CARRIED:
             carried += _pack(name, content)
     if len(found.get(b"cICP", b"")) == 4:  # comes before all others
@@ -214,6 +213,17 @@ def _metadata(chunks: list[Chunk]) -> tuple[Metadata, Transfer, bytes]:
         if 25000 <= gamma <= 300000 and abs(gamma - _SRGB_GAMMA) > 100:
             transfer = Power(100000 / gamma)
     return Metadata(**(raw | blocks)), transfer, carried
+
+
+def _raw_profile(name: bytes, content: bytes) -> dict[str, bytes]:
+    """Read a text that holds metadata; what cannot be read is none, and a text like others."""
+    text = content.partition(b"\0")[2]
+    if name == b"zTXt":
+        try:
+            text = _inflate(text[1:])
+        except (PhotoError, zlib.error):
+            return {}
+    return raw_profile(content, text)
 
 
 def _inflate(packed: bytes) -> bytes:

@@ -47,6 +47,10 @@ _LEAST_CROP: Final = 0.55  # of a side; less is no crop of the whole frame, as L
 _LEAST_MATRIX: Final = 0.125  # of the first element, by which LibRaw takes the file's matrix
 _PHOTO_TAGS: Final = 0x8000  # main tags below it are the photo's, most above it the sensor's
 _EXIF_TAGS: Final = (33434, 33437, 34850, 34855, *range(36864, 37389))  # also found in the main
+_DNG_VERSION: Final = 50706
+_SUB_IFDS: Final = 330
+_PIXELS: Final = ((273, 279), (324, 325))  # where strips, and tiles, lie, and their lengths
+_COMPLAINTS: Final = ("Unexpected end of file", "data corrupted at")  # LibRaw goes on after them
 _COPYRIGHT: Final = 33432
 
 
@@ -66,10 +70,15 @@ def decode_raw(data: bytes) -> Decoded:
     """
     import rawpy  # noqa: PLC0415 - needed for RAW files alone
 
+    _check_length(data)
     try:
-        with decoding("RAW file"), silenced(), rawpy.imread(io.BytesIO(data)) as raw:
+        with (
+            silenced() as printed,
+            decoding("RAW file"),
+            rawpy.imread(io.BytesIO(data)) as raw,
+        ):
             check_size(raw.sizes.raw_height, raw.sizes.raw_width, len(data))
-            return _decode(raw, data)
+            decoded = _decode(raw, data)
     except rawpy.LibRawError as error:
         reason = error.args[0] if error.args else error
         reason = reason.decode("ascii", "replace") if isinstance(reason, bytes) else str(reason)
@@ -77,6 +86,21 @@ def decode_raw(data: bytes) -> Decoded:
             f"the RAW file cannot be read ({reason})",
             hint="convert it to a DNG or a 16-bit TIFF first",
         ) from error
+    if any(complaint in line for line in printed for complaint in _COMPLAINTS):
+        raise PhotoError("the RAW file is damaged or cut short")
+    return decoded
+
+
+def _check_length(data: bytes) -> None:
+    """Refuse a DNG that ends before its pixels do: LibRaw may leave the rest black."""
+    first = exif.read_first(data)
+    if first is None or _DNG_VERSION not in first.values:
+        return
+    for directory in (first, *exif.read_sub_directories(data, first, _SUB_IFDS)):
+        for places, sizes in _PIXELS:
+            for at, size in zip(directory.numbers(places), directory.numbers(sizes), strict=False):
+                if at + size > len(data):
+                    raise PhotoError("the RAW file is damaged or cut short")
 
 
 def _decode(raw: RawPy, data: bytes) -> Decoded:

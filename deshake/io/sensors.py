@@ -71,6 +71,8 @@ class FocalLength:
         What the user should know.
     considered : tuple of str
         All that was looked at, for those who ask.
+    frame : (float, float) or None
+        Longer and shorter side of the whole frame in pixels of the photo; None: not known.
 
     """
 
@@ -79,6 +81,7 @@ class FocalLength:
     confidence: float = 1.0
     notes: tuple[str, ...] = ()
     considered: tuple[str, ...] = ()
+    frame: tuple[float, float] | None = None
 
 
 def focal_length(
@@ -183,7 +186,8 @@ def _weighed(
         confidence *= _ZOOMED
         told.append(f"digital zoom {tags.digital_zoom:g}")
     confidence = round(confidence * frame.sure, 3)
-    return FocalLength(pixels, source, confidence, tuple(notes), tuple(told))
+    whole = (frame.long, frame.short)
+    return FocalLength(pixels, source, confidence, tuple(notes), tuple(told), whole)
 
 
 def _from_equivalent(tags: CameraTags, frame: WholeFrame) -> FocalLength | None:

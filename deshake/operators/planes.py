@@ -21,6 +21,23 @@ def image_like(channels: Image, image: Image) -> Image:
     return channels[0] if image.ndim == 2 else np.moveaxis(channels, 0, -1)
 
 
+def fitted(planes: Image, shape: tuple[int, int], *, beyond: float | None = None) -> Image:
+    """Cut planes (..., h, w) on all sides alike to a height and width, or continue them.
+
+    Beyond them is what is told, or else what is at their edges. Raise ValueError unless one lies
+    in the middle of the other.
+    """
+    margin = (shape[0] - planes.shape[-2]) // 2
+    if planes.shape[-2:] != (shape[0] - 2 * margin, shape[1] - 2 * margin):
+        raise ValueError(f"an image of {planes.shape[-2:]} pixels does not fit {shape}")
+    if margin <= 0:
+        return planes[..., -margin : shape[0] - margin, -margin : shape[1] - margin]
+    around = [(0, 0)] * (planes.ndim - 2) + [(margin, margin)] * 2
+    if beyond is None:
+        return np.pad(planes, around, mode="edge")
+    return np.pad(planes, around, constant_values=beyond)
+
+
 def check_size(planes: Image, shape: tuple[int, int]) -> None:
     """Raise ValueError unless planes (C, h, w) have the height and width given."""
     if planes.ndim != 3 or planes.shape[1:] != shape:

@@ -129,10 +129,12 @@ def blended(
     Returns
     -------
     Photo
-        The result itself where all of it is taken. Results beyond black and white are clipped
-        before they are mixed.
+        The result itself where all of it is taken, the photo where none is. Results beyond black
+        and white are clipped before they are mixed.
 
     """
+    if strength == 0 or (mask is not None and mask.min() == 1):
+        return photo
     if result is photo or (strength == 1 and mask is None):
         return result
     pixels = np.empty_like(photo.pixels)

@@ -10,6 +10,7 @@ from deshake.errors import CalibrationError
 from deshake.geometry.camera import Camera
 from deshake.io.files import check_output
 from deshake.io.kernel_file import CameraFile, write_camera
+from deshake.io.lens_profiles import find_profile
 from deshake.io.photo import read_photo
 from deshake.io.sensors import FULL_FRAME_DIAGONAL, assumed_focal_length, focal_length
 from deshake.pipelines.fitting import fitting_camera
@@ -39,6 +40,8 @@ class Calibration:
         What the user should know.
     considered : list of str
         All that was looked at, for those who ask.
+    lens : str
+        The lens whose distortion the camera has; empty: none.
 
     """
 
@@ -47,11 +50,13 @@ class Calibration:
     confidence: float
     notes: list[str]
     considered: list[str]
+    lens: str = ""
 
     @property
     def content(self) -> CameraFile:
         """What goes into a camera file."""
-        return CameraFile(self.camera, self.source)
+        lens = f"; lens {self.lens} (lensfun)" if self.lens else ""
+        return CameraFile(self.camera, self.source + lens)
 
     @property
     def focal_35mm(self) -> float:
@@ -60,7 +65,7 @@ class Calibration:
 
     def report(self) -> dict[str, Any]:
         """Return the figures as JSON data."""
-        return {
+        found = {
             "focal_px": round(self.camera.focal_px, 3),
             "focal_35mm": round(self.focal_35mm, 3),
             "source": self.source,
@@ -69,27 +74,55 @@ class Calibration:
             "width": self.camera.width,
             "height": self.camera.height,
         }
+        if self.lens:
+            found |= {"lens": self.lens, "distortion": self.camera.distortion.tolist()}
+        return found
 
 
 def calibrate(
-    photo: Photo, *, focal_px: float | None = None, focal_35mm: float | None = None
+    photo: Photo,
+    *,
+    focal_px: float | None = None,
+    focal_35mm: float | None = None,
+    lens: bool = False,
+    lens_model: str | None = None,
 ) -> Calibration:
     """Find the camera of an upright photo: its focal length, the principal point in the middle.
+
+    Parameters
+    ----------
+    photo : Photo
+        The photo.
+    focal_px, focal_35mm : float, optional, keyword-only
+        Its focal length, instead of what its metadata tell.
+    lens : bool, keyword-only
+        Whether the distortion of its lens is looked up in lensfun's database.
+    lens_model : str, optional, keyword-only
+        The lens's name in it; by default by EXIF.
 
     Raises
     ------
     CalibrationError
-        If neither the options nor the metadata tell the focal length.
+        If neither the options nor the metadata tell the focal length, or the lens is not found.
 
     """
     try:
         found = focal_length(photo.metadata, *photo.shape, focal_px=focal_px, focal_35mm=focal_35mm)
+        camera = Camera.from_focal(found.pixels, *photo.shape)
+        notes, considered = list(found.notes), list(found.considered)
+        name = ""
+        if lens or lens_model is not None:
+            profile = find_profile(
+                photo.metadata.tags(), found.pixels, found.frame or photo.shape, lens=lens_model
+            )
+            camera, name = camera.with_lens(profile.distortion), profile.lens
+            considered.append(
+                f"lens {name} at {profile.focal_mm:g} mm, met to {profile.error_px:.2f} pixels"
+            )
     except CalibrationError as error:
-        error.file = str(photo.source)
+        error.file = error.file or str(photo.source)
         raise
-    camera = Camera.from_focal(found.pixels, *photo.shape)
-    notes, considered = list(found.notes), list(found.considered)
-    return Calibration(camera, found.source, found.confidence, notes, considered)
+    return Calibration(camera, found.source, found.confidence, notes, considered, name)
 
 
 def calibrate_file(
@@ -98,6 +131,8 @@ def calibrate_file(
     *,
     focal_px: float | None = None,
     focal_35mm: float | None = None,
+    lens: bool = False,
+    lens_model: str | None = None,
     overwrite: bool = False,
 ) -> Calibration:
     """Find the camera of a photo, and write its camera file if `output` is given.
@@ -107,14 +142,20 @@ def calibrate_file(
     PhotoError
         If the photo cannot be read.
     CalibrationError
-        If nothing tells the focal length.
+        If nothing tells the focal length, or the lens is not found.
     OutputError
         If the camera file cannot be written.
 
     """
     if output is not None:
         check_output(output, source, overwrite=overwrite)
-    found = calibrate(read_photo(source), focal_px=focal_px, focal_35mm=focal_35mm)
+    found = calibrate(
+        read_photo(source),
+        focal_px=focal_px,
+        focal_35mm=focal_35mm,
+        lens=lens,
+        lens_model=lens_model,
+    )
     if output is not None:
         write_camera(output, found.content, overwrite=overwrite)
     return found
@@ -124,10 +165,18 @@ def camera_for(photo: Photo, options: EstimateOptions) -> tuple[CameraFile, list
     """Return the camera to go by, and notes on what is only assumed."""
     if options.camera is not None:
         return fitting_camera(options.camera, photo), []
+    given = options.focal_px is not None or options.focal_35mm is not None
+    lens = bool(options.lens) or options.lens_model is not None
     try:
-        found = calibrate(photo, focal_px=options.focal_px, focal_35mm=options.focal_35mm)
+        found = calibrate(
+            photo,
+            focal_px=options.focal_px,
+            focal_35mm=options.focal_35mm,
+            lens=lens,
+            lens_model=options.lens_model,
+        )
     except CalibrationError as error:
-        if options.focal_px is not None or options.focal_35mm is not None:
+        if given or lens:
             raise
         assumed = assumed_focal_length(*photo.shape)
         note = f"{error.message}; a 50 mm-equivalent is assumed (--focal-35mm MM says otherwise)"

@@ -141,7 +141,15 @@ def deblur_file(
     photo = read_photo(source, transfer=transfer)
     photo, mask = finish.prepare(prepared(photo, path, linear=linear))
     kernel = fitting_kernel(content, photo, kernel_file)
-    result = deblur(photo, kernel, restoration, threads=threads, progress=progress)
+    result = deblur(
+        photo,
+        kernel,
+        restoration,
+        keep_geometry=finish.keep_geometry,
+        threads=threads,
+        progress=progress,
+    )
+    photo, mask = finish.before(photo, mask, kernel.camera)
     result = finish.blend(photo, result, mask)
     if provenance:
         told = photo_provenance(photo, content, restoration, transfer=transfer, finish=finish)
@@ -196,7 +204,15 @@ def fix_file(
         found = estimate(photo, options, threads=threads, progress=first)
     del whole
     kernel = found.content.kernel
-    result = deblur(photo, kernel, restoration, threads=threads, progress=second)
+    result = deblur(
+        photo,
+        kernel,
+        restoration,
+        keep_geometry=finish.keep_geometry,
+        threads=threads,
+        progress=second,
+    )
+    photo, mask = finish.before(photo, mask, kernel.camera)
     result = finish.blend(photo, result, mask)
     if provenance:
         told = photo_provenance(

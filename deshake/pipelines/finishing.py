@@ -9,13 +9,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from deshake.io.files import check_output, sha256
+from deshake.operators.lens_warp import LensWarp
 from deshake.pipelines.blending import blended, fit_mask, read_mask
 from deshake.pipelines.comparison import comparison_name
+from deshake.pipelines.lens import straightened
 from deshake.pipelines.preview import preview_photo
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from deshake.geometry.camera import Camera
     from deshake.io.photo import Photo
     from deshake.pipelines.blending import Image
 
@@ -36,6 +39,8 @@ class Finish:
         Whether all is done at a quarter of the size (`preview_photo`).
     compare : bool
         Whether a sheet that compares before and after is drawn, beside the result.
+    keep_geometry : bool
+        Whether the result is bent as the photo is, where the kernel's camera has a lens that bends.
 
     Raises
     ------
@@ -48,6 +53,7 @@ class Finish:
     mask: Path | None = None
     preview: bool = False
     compare: bool = False
+    keep_geometry: bool = False
 
     def __post_init__(self) -> None:
         """Check the strength."""
@@ -98,8 +104,18 @@ class Finish:
         small = preview_photo(photo)
         return small, None if mask is None else fit_mask(mask, small.shape)
 
+    def before(
+        self, photo: Photo, mask: Image | None, camera: Camera
+    ) -> tuple[Photo, Image | None]:
+        """Return a photo and its mask as the result is compared with them: straight, if it is."""
+        compared = self.strength != 1 or mask is not None or self.compare
+        if self.keep_geometry or camera.is_pinhole or not compared:
+            return photo, mask
+        straight, seen = straightened(photo, camera)
+        return straight, None if mask is None else LensWarp(camera, seen).straighten(mask)
+
     def blend(self, photo: Photo, result: Photo, mask: Image | None) -> Photo:
-        """Return what is taken of a result, the photo and its mask being those of `prepare`."""
+        """Return what is taken of a result, the photo and its mask being those of `before`."""
         return blended(photo, result, strength=self.strength, mask=mask)
 
     def provenance(self) -> dict[str, Any]:
@@ -111,6 +127,8 @@ class Finish:
             told["mask_sha256"] = sha256(self.mask)
         if self.preview:
             told["preview"] = True
+        if self.keep_geometry:
+            told["keep_geometry"] = True
         return told
 
 

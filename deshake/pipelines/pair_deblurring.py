@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
@@ -16,16 +17,18 @@ from deshake.deconvolution.fusion import fuse
 from deshake.deconvolution.residual import residual_richardson_lucy
 from deshake.errors import DeshakeError, EstimationError, OutputError
 from deshake.estimation.registration import register, registered
+from deshake.geometry.camera import Camera
 from deshake.io.files import STREAM, check_output, default_output
 from deshake.io.kernel_file import read_kernel
 from deshake.io.photo import read_pair, write_photo
-from deshake.operators.planes import channels_first
+from deshake.operators.planes import channels_first, fitted
 from deshake.operators.shake_blur import ShakeBlur
 from deshake.pipelines.calibration import camera_for
 from deshake.pipelines.camera_tones import blurred_planes, needs_curves, with_tones_of
 from deshake.pipelines.file_stages import part, prepared, sheet_kept
 from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.fitting import check_registration, fitting_kernel
+from deshake.pipelines.lens import bent, straight_kernel, straight_pair
 from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
 from deshake.pipelines.preview import preview_photo
 from deshake.pipelines.register import known_registration
@@ -97,12 +100,14 @@ def deblur_pair(
     options: PairRestorationOptions,
     *,
     registration: Registration | None = None,
+    keep_geometry: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Photo:
     """Deblur a photo with a kernel for its size and a noisy photo of the same scene.
 
-    Format, depth, opacity and metadata stay as they are.
+    Format, depth, opacity and metadata stay as they are. Photos through a lens that bends are
+    straightened first.
 
     Parameters
     ----------
@@ -115,6 +120,8 @@ def deblur_pair(
     registration : Registration, optional
         How the noisy photo lies to the blurred one; by default it is found, with the kernel's
         camera or, if that is the uniform model's, the photo's.
+    keep_geometry : bool
+        Whether the result is bent again as the blurred photo was.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
@@ -127,25 +134,29 @@ def deblur_pair(
 
     """
     start = 0.0
+    lens = kernel.camera if registration is None else registration.camera
+    straight, other, seen = straight_pair(blurred, noisy, lens, whole=keep_geometry)
+    kernel = straight_kernel(kernel, lens, seen)
     try:
         if registration is None:
             start = _REGISTERED
-            camera = kernel.camera
-            if camera.is_uniform:
+            if kernel.camera.is_uniform:
                 camera = camera_for(blurred, EstimateOptions())[0].camera
+                zoom = seen.focal_px / lens.focal_px
+                seen = Camera.from_focal(zoom * camera.focal_px, *straight.shape)
             registration = register(
-                blurred.pixels,
-                unclipped_mean(noisy.pixels),
-                camera,
+                straight.pixels,
+                unclipped_mean(other.pixels),
+                seen,
                 threads=threads,
                 progress=part(progress, 0, start),
             )
         restored = _restored(
-            blurred,
-            noisy,
+            straight,
+            other,
             kernel,
             options,
-            registration=registration,
+            registration=registration if lens.is_pinhole else replace(registration, camera=seen),
             threads=threads,
             progress=part(progress, start, 1),
         )
@@ -153,7 +164,8 @@ def deblur_pair(
         error.file = error.file or str(blurred.source)
         raise
     _log.info("%s: deblurred in %d iterations", blurred.source, restored.iterations)
-    return blurred.with_pixels(restored.pixels)
+    result = straight.with_pixels(restored.pixels)
+    return bent(result, blurred, lens) if keep_geometry else result
 
 
 def deblur_pair_file(
@@ -209,9 +221,11 @@ def deblur_pair_file(
         kernel,
         options,
         registration=known,
+        keep_geometry=finish.keep_geometry,
         threads=threads,
         progress=progress,
     )
+    photo, mask = finish.before(photo, mask, kernel.camera)
     result = finish.blend(photo, result, mask)
     if provenance:
         told = photo_provenance(
@@ -239,26 +253,31 @@ def _restored(
     if f_N.ndim != g.ndim:
         f_N = luminance(f_N) if g.ndim == 2 else np.repeat(f_N[..., None], g.shape[2], 2)
     stored = unclipped_mean(f_N)
+    stored *= np.float32(registration.scale)
     f_reg, valid = registered(stored, registration)
-    f_reg *= np.float32(registration.scale)
     clipped = registered(noisy.clipped.astype(np.float32), registration)[0] > 0
     usable = (valid > 0) & ~(clipped | blurred.clipped)
     light = unclipped_mean(g)
     blur = ShakeBlur(kernel, threads=threads)
     Af = blurred_planes(channels_first(f_reg), blur)
     scale = _scale(light, Af, usable, blur)
-    f_reg *= np.float32(scale)
-    pair: Image | NoisyPhoto = f_reg
     Af *= np.float32(scale)
+    pair: NoisyPhoto | None = None
+    linear = blurred.is_sensors and noisy.is_sensors
     with contextlib.suppress(EstimationError):  # then one factor has to do
-        if needs_curves(light, Af, usable):
-            pair = with_tones_of(light, stored, registration, blur, usable, threads=threads)
+        if not linear and needs_curves(light, Af, usable):
+            pair = with_tones_of(
+                light, unclipped_mean(f_N), registration, blur, usable, threads=threads
+            )
             _log.info("%s: the photos have tone curves of their own", blurred.source)
-    del Af, stored, f_reg
+    del Af, f_reg
+    if pair is None:
+        resample = partial(registered, registration=registration, margin=blur.margin)
+        stored *= np.float32(scale)
+        clipped = resample(noisy.clipped.astype(np.float32))[0] > 0
+        pair, valid = noisy_photo(light, stored, resample, threads=threads)
     if options.method == "residual":
-        if not isinstance(pair, NoisyPhoto):
-            pair = noisy_photo(light, pair, valid, threads=threads)
-        guide = pair.denoised
+        guide = fitted(pair.denoised, g.shape[:2])
         del pair
         return residual_richardson_lucy(
             light,

@@ -142,9 +142,11 @@ def fix_pair_file(
         kernel.content.kernel,
         restoration,
         registration=found.registration,
+        keep_geometry=finish.keep_geometry,
         threads=threads,
         progress=part(progress, _ESTIMATED, 1),
     )
+    g, mask = finish.before(g, mask, kernel.content.kernel.camera)
     result = finish.blend(g, result, mask)
     undone = kernel.content.kernel
     if provenance:

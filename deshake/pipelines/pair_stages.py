@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 from deshake import __version__
@@ -21,6 +21,7 @@ from deshake.io.kernel_file import CameraFile, KernelFile, write_kernel
 from deshake.io.photo import read_pair
 from deshake.pipelines.file_stages import part
 from deshake.pipelines.fitting import check_registration
+from deshake.pipelines.lens import bent_kernel, straight_pair
 from deshake.pipelines.register import find_registration, known_registration
 from deshake.pipelines.registered_pair import RegisteredPair
 
@@ -130,16 +131,18 @@ def estimate_pair(
         camera = CameraFile(registration.camera, "the registration")
         check_registration(registration.camera, blurred)
     later = part(progress, start, 1) or (lambda _share, _text: None)
+    straight, other, pinhole = straight_pair(blurred, noisy, registration.camera)
+    lies = replace(registration, camera=pinhole)
     try:
-        seen = registered(unclipped_mean(noisy.pixels), registration)
-        pair = RegisteredPair(blurred, noisy, registration, *seen)
+        seen = registered(unclipped_mean(other.pixels), lies)
+        pair = RegisteredPair(straight, other, lies, *seen)
         found = pair.kernel(options, threads, later)
         curved = False
-        if found.confidence < _SURE:
+        if found.confidence < _SURE and not (straight.is_sensors and other.is_sensors):
             with contextlib.suppress(EstimationError):  # then it stays at the one factor
-                other = pair.on_curves().kernel(options, threads, later)
-                curved = other.confidence > found.confidence
-                found = other if curved else found
+                second = pair.on_curves().kernel(options, threads, later)
+                curved = second.confidence > found.confidence
+                found = second if curved else found
     except DeshakeError as error:
         error.file = error.file or str(blurred.source)
         raise
@@ -152,7 +155,8 @@ def estimate_pair(
         _log.warning("%s: %s", blurred.source, note)
     provenance = _provenance((blurred, noisy), options, registration, found)
     provenance |= {"camera": camera.source, "tone_curves": curved, "notes": notes}
-    content = KernelFile(found.kernel, found.confidence, provenance)
+    kernel = bent_kernel(found.kernel, registration.camera, pinhole)
+    content = KernelFile(kernel, found.confidence, provenance)
     return PairKernel(content, camera, registration, scale, notes)
 
 

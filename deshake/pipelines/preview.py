@@ -129,4 +129,5 @@ def _reduced(photo: Photo, side: float) -> Photo:
         pixels=means(photo.pixels).astype(np.float32),
         clipped=means(photo.clipped.astype(np.float32)) > 0,
         alpha=None if photo.alpha is None else means(photo.alpha),
+        frame=None,
     )

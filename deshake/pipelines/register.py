@@ -27,6 +27,7 @@ from deshake.io.registration_file import (
 )
 from deshake.pipelines.calibration import calibrate, camera_for
 from deshake.pipelines.file_stages import gone_on_failure
+from deshake.pipelines.lens import straight_pair
 from deshake.pipelines.stages import EstimateOptions, luminance
 
 if TYPE_CHECKING:
@@ -134,11 +135,12 @@ def find_registration(
     camera, notes = camera_for(blurred, options)
     if options.camera is None and options.focal_px is None and options.focal_35mm is None:
         _check_zoom(blurred, noisy)
+    straight, other, seen = straight_pair(blurred, noisy, camera.camera)
     try:
         registration = register(
-            blurred.pixels,
-            unclipped_mean(noisy.pixels),
-            camera.camera,
+            straight.pixels,
+            unclipped_mean(other.pixels),
+            seen,
             max_angle=max_angle,
             progress=progress,
             threads=threads,
@@ -146,7 +148,7 @@ def find_registration(
     except DeshakeError as error:
         error.file = error.file or f"{blurred.source}, {noisy.source}"
         raise
-    return Found(registration, camera, notes)
+    return Found(replace(registration, camera=camera.camera), camera, notes)
 
 
 def register_file(
@@ -208,7 +210,9 @@ def register_file(
     )
     with contextlib.ExitStack() as outputs:
         if preview is not None:
-            data = encode_photo(checkerboard(g, f_N, registration), form)
+            straight, other, seen = straight_pair(g, f_N, registration.camera)
+            seams = checkerboard(straight, other, replace(registration, camera=seen))
+            data = encode_photo(seams, form)
             outputs.enter_context(gone_on_failure(preview))
             write_bytes(preview, data, overwrite=overwrite)
         write_registration(output, content, overwrite=overwrite)

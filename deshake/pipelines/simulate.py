@@ -15,16 +15,18 @@ from numpy.typing import NDArray
 
 from deshake import __version__
 from deshake.errors import DeshakeError, OutputError
+from deshake.geometry.distortion import bent_camera
 from deshake.io.conversion import output_format
 from deshake.io.files import STREAM, check_output, sha256
 from deshake.io.frame_tags import reframed
-from deshake.io.kernel_file import CameraFile, KernelFile, read_camera, write_kernel
+from deshake.io.kernel_file import KernelFile, read_camera, write_kernel
 from deshake.io.photo import read_photo, write_photo
 from deshake.operators.filter_flow import reach
+from deshake.operators.lens_warp import LensWarp
 from deshake.operators.warps import Warps
 from deshake.pipelines.calibration import camera_for
 from deshake.pipelines.camera_path import random_path, read_path
-from deshake.pipelines.fitting import fitting_camera
+from deshake.pipelines.exposure import expose
 from deshake.pipelines.stages import EstimateOptions
 
 if TYPE_CHECKING:
@@ -33,18 +35,16 @@ if TYPE_CHECKING:
 
     from deshake.geometry.camera import Camera
     from deshake.geometry.kernel import RotationKernel
-    from deshake.io.photo import Photo
     from deshake.io.transfer import TransferName
     from deshake.pipelines.camera_path import CameraPath
 
-__all__ = ["Shaken", "expose", "shake", "simulate_file"]
+__all__ = ["Shaken", "shake", "simulate_file"]
 
 _log = logging.getLogger(__name__)
 
 Image = NDArray[np.float32]
 
 _SMALLEST = 16  # pixels a side that cropping must leave
-_BAND = 256  # rows that get their noise at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,14 +82,15 @@ def shake(
     seed: int = 0,
     progress: Callable[[float, str], None] | None = None,
 ) -> Shaken:
-    """Blur a photo by a camera path, then expose it.
+    """Blur a photo by a camera path, bend it if the camera has a lens that bends, and expose it.
 
     Parameters
     ----------
     pixels : (h, w[, C]) array of float32
         The sharp photo, linear light.
     camera : Camera
-        Its camera.
+        Its camera. The sharp photo is taken to be a pinhole's; with a distortion, the shaken one is
+        as that lens would have it, of a focal length so much longer that it shows nothing else.
     path : CameraPath
         How the camera turned; its centroid is taken to the origin first.
     crop : bool
@@ -110,6 +111,7 @@ def shake(
     """
     if pixels.shape[:2] != camera.shape:
         raise ValueError(f"a photo of {pixels.shape[:2]} does not fit a camera of {camera.shape}")
+    lens, camera = camera, replace(camera, distortion=np.zeros(0))
     path = path.centred(camera)
     theta, weights = path.pieces(camera)
     margin = reach(camera, theta)
@@ -131,44 +133,22 @@ def shake(
         blurred += warp.blur(latent, weights[k : k + 1])
         if progress is not None:
             progress((k + 1) / (len(theta) + 1), "shaking")
+    kernel = path.kernel(camera)
+    if not lens.is_pinhole:
+        bent = _bent_camera(camera, lens)
+        there = LensWarp(bent, camera)
+        blurred, sharp = there.bend(blurred), there.bend(sharp)
+        kernel = kernel.for_camera(bent)
     expose(blurred, gain=gain, photons=photons, noise_sigma=noise_sigma, seed=seed)
     offset = (margin, margin) if crop else (0, 0)
-    return Shaken(blurred, sharp * np.float32(gain), path.kernel(camera), offset)
+    return Shaken(blurred, sharp * np.float32(gain), kernel, offset)
 
 
-def expose(
-    pixels: Image,
-    *,
-    gain: float = 1.0,
-    photons: float | None = None,
-    noise_sigma: float = 0.0,
-    seed: int = 0,
-) -> None:
-    """Expose a picture in place: gain, shot noise, read noise, and clipping to 0..1.
-
-    Parameters
-    ----------
-    pixels : (h, w[, C]) array of float32
-        Linear light.
-    gain : float
-        Factor on the light; above 1, lights clip.
-    photons : float, optional
-        Photons that fill a pixel to the clip level; by default no shot noise.
-    noise_sigma : float
-        Standard deviation of the read noise, in shares of the clip level.
-    seed : int
-        The same seed gives the same noise.
-
-    """
-    rng = np.random.default_rng([seed, 1])  # a stream apart from the path's
-    for top in range(0, len(pixels), _BAND):
-        band = pixels[top : top + _BAND]
-        band *= np.float32(gain)
-        if photons is not None:
-            band[...] = rng.poisson(np.maximum(band, 0).astype(np.float64) * photons) / photons
-        if noise_sigma > 0:
-            band += rng.normal(0, noise_sigma, band.shape).astype(np.float32)
-        np.clip(band, 0, 1, out=band)
+def _bent_camera(camera: Camera, lens: Camera) -> Camera:
+    try:
+        return bent_camera(camera, lens.distortion)
+    except ValueError as error:
+        raise DeshakeError(f"the lens cannot be simulated: {error}") from error
 
 
 def simulate_file(
@@ -186,6 +166,8 @@ def simulate_file(
     noise_sigma: float = 0.0,
     focal_px: float | None = None,
     focal_35mm: float | None = None,
+    lens: bool | None = None,
+    lens_model: str | None = None,
     camera: Path | None = None,
     transfer: TransferName | None = None,
     overwrite: bool = False,
@@ -209,7 +191,9 @@ def simulate_file(
         As for `shake`.
     focal_px, focal_35mm, camera
         The focal length in pixels or 35 mm equivalents, or a camera file; by default the photo's
-        metadata tell, else a 50 mm equivalent is assumed.
+        metadata tell, else a 50 mm equivalent is assumed. A camera file may have a lens that bends.
+    lens, lens_model
+        Whether the photo is bent by its lens's profile, or by that of another one.
     transfer : {"linear", "srgb", "gamma22"}, optional
         As for `read_photo`.
     overwrite : bool
@@ -235,12 +219,21 @@ def simulate_file(
     for item in outputs:
         if item != kernel:
             output_format(item, photo)
-    lens = _lens(photo, camera, focal_px, focal_35mm)
+    options = EstimateOptions(
+        focal_px=focal_px,
+        focal_35mm=focal_35mm,
+        lens=lens,
+        lens_model=lens_model,
+        camera=None if camera is None else read_camera(camera),
+    )
+    found, notes = camera_for(photo, options)
+    for note in notes:
+        _log.warning("%s: %s", photo.source, note)
     try:
         result = shake(
             photo.pixels,
-            lens.camera,
-            read_path(path) if path else random_path(lens.camera, blur_px, seed=seed),
+            found.camera,
+            read_path(path) if path else random_path(found.camera, blur_px, seed=seed),
             crop=crop,
             gain=gain,
             photons=photons,
@@ -258,17 +251,22 @@ def simulate_file(
         "command": "simulate",
         "options": drawn | exposed | {"seed": seed, "crop": crop, "transfer": transfer},
         "input_sha256": sha256(source),
-        "camera": lens.source,
+        "camera": found.source,
     }
     top, left = result.offset
     height, width = result.pixels.shape[:2]
     inside = slice(top, top + height), slice(left, left + width)
+    camera_then = result.kernel.camera
+    alpha = None if photo.alpha is None else np.ascontiguousarray(photo.alpha[inside])
+    if alpha is not None and not camera_then.is_pinhole:
+        whole = found.camera.cropped(left, top, width, height)
+        alpha = LensWarp(camera_then, replace(whole, distortion=np.zeros(0))).bend_codes(alpha)
     framed = replace(
         photo,
         pixels=result.pixels,
         clipped=photo.clipped[inside],
-        alpha=None if photo.alpha is None else np.ascontiguousarray(photo.alpha[inside]),
-        metadata=reframed(photo.metadata, height, width, lens.camera.focal_px),
+        alpha=alpha,
+        metadata=reframed(photo.metadata, height, width, camera_then.focal_px),
     )
     write_photo(output, framed, overwrite=overwrite)
     if sharp is not None:
@@ -278,16 +276,3 @@ def simulate_file(
     if str(kernel) != STREAM:
         extent = result.kernel.extent_px()
         _log.info("%s: %d x %d pixels, blur of %.1f pixels", output, width, height, extent)
-
-
-def _lens(
-    photo: Photo, file: Path | None, focal_px: float | None, focal_35mm: float | None
-) -> CameraFile:
-    """Tell the photo's camera: by a file, an option, its metadata, or an assumption."""
-    if file is not None:
-        return fitting_camera(read_camera(file), photo)
-    options = EstimateOptions(focal_px=focal_px, focal_35mm=focal_35mm)
-    found, notes = camera_for(photo, options)
-    for note in notes:
-        _log.warning("%s: %s", photo.source, note)
-    return found

@@ -24,6 +24,7 @@ from deshake.io.files import sha256
 from deshake.io.kernel_file import KernelFile
 from deshake.pipelines.calibration import camera_for
 from deshake.pipelines.fitting import check_region
+from deshake.pipelines.lens import bent, bent_kernel, straight_kernel, straight_region, straightened
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -64,7 +65,11 @@ class EstimateOptions:
     focal_px, focal_35mm : float, optional
         Focal length in pixels of the photo, or in millimetres on 35 mm film; by default from EXIF.
     camera : CameraFile, optional
-        The camera, instead of both.
+        The camera, instead of both; with its lens, if it has one.
+    lens : bool
+        Whether the distortion of the lens is looked up in lensfun's database.
+    lens_model : str, optional
+        The lens's name in it; by default by EXIF.
     transfer : {"srgb", "linear", "gamma22"}, optional
         The file's transfer curve.
     blur_size : float, optional
@@ -85,6 +90,8 @@ class EstimateOptions:
     focal_px: float | None = None
     focal_35mm: float | None = None
     camera: CameraFile | None = None
+    lens: bool | None = None
+    lens_model: str | None = None
     transfer: TransferName | None = None
     blur_size: float | None = None
     max_angle: float | None = None
@@ -97,7 +104,11 @@ class EstimateOptions:
         """Return what shapes the kernel, for its file; the camera is told apart."""
         names = ("transfer", "blur_size", "max_angle", "region", "uniform", "estimator")
         told = {name: getattr(self, name) for name in names}
-        return told | {"preview": True} if self.preview else told
+        if self.preview:
+            told["preview"] = True
+        if self.lens or self.lens_model is not None:
+            told["lens"] = self.lens_model or True
+        return told
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +170,8 @@ def estimate(
     """Estimate the blur kernel of a photo, from its luminance.
 
     A focal length that nothing tells is assumed to be 50 mm-equivalent, with a note that says so:
-    one too long costs little, one too short bends the rotations.
+    one too long costs little, one too short bends the rotations. A photo through a lens that bends
+    is straightened first; the kernel's camera is the photo's.
 
     Raises
     ------
@@ -175,15 +187,16 @@ def estimate(
     """
     camera, notes = camera_for(photo, options)
     check_region(photo, options.region)
-    grey = luminance(photo.pixels)
+    straight, seen = straightened(photo, camera.camera)
+    grey = luminance(straight.pixels)
     try:
         found = estimate_kernel(
             grey,
-            camera.camera,
+            seen,
             estimator=options.estimator,
-            clipped=photo.clipped,
-            blur_px=largest_blur(camera.camera, options),
-            region=options.region,
+            clipped=straight.clipped,
+            blur_px=largest_blur(seen, options),
+            region=straight_region(options.region, camera.camera, seen),
             uniform=options.uniform,
             threads=threads,
             progress=progress,
@@ -195,7 +208,8 @@ def estimate(
     for note in notes:
         _log.warning("%s: %s", photo.source, note)
     provenance = _provenance(photo, options, camera, found) | {"notes": notes}
-    content = KernelFile(found.kernel, found.confidence, provenance)
+    kernel = bent_kernel(found.kernel, camera.camera, seen)
+    content = KernelFile(kernel, found.confidence, provenance)
     slope, floor = noise_model(grey)
     noise = math.sqrt(slope * _MID_GREY + floor)
     return Estimate(content, camera, notes, found.latent, noise)
@@ -206,13 +220,15 @@ def deblur(
     kernel: RotationKernel,
     options: RestorationOptions = BY_DEFAULT,
     *,
+    keep_geometry: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Photo:
     """Deblur a photo with a kernel for its size.
 
     Format, depth, opacity and metadata stay as they are. The kernel of a camera that stood still
-    leaves the photo as it is. Dark halos are kept from falling to black.
+    leaves the photo as it is. Dark halos are kept from falling to black. A photo through a lens
+    that bends is straightened first, and its EXIF tells the new frame.
 
     Parameters
     ----------
@@ -222,16 +238,40 @@ def deblur(
         Its blur.
     options : RestorationOptions
         How.
+    keep_geometry : bool
+        Whether the result is bent again as the photo was.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
         Told the fraction done and what is being done.
 
+    Raises
+    ------
+    CalibrationError
+        If the lens's distortion is too strong to be undone.
+
     """
-    if not kernel.theta[kernel.weights > 0].any():
-        if progress is not None:
-            progress(1.0, "nothing to undo")
+    still = not kernel.theta[kernel.weights > 0].any()
+    if still and progress is not None:
+        progress(1.0, "nothing to undo")
+    if still and (keep_geometry or kernel.camera.is_pinhole):
         return photo
+    straight, seen = straightened(photo, kernel.camera, whole=keep_geometry)
+    if not still:
+        straight = _deblurred(
+            straight, straight_kernel(kernel, kernel.camera, seen), options, threads, progress
+        )
+    return bent(straight, photo, kernel.camera) if keep_geometry else straight
+
+
+def _deblurred(
+    photo: Photo,
+    kernel: RotationKernel,
+    options: RestorationOptions,
+    threads: int | None,
+    progress: Progress | None,
+) -> Photo:
+    """Deblur a photo of a pinhole."""
     try:
         restored = restore(
             photo.pixels,

@@ -38,6 +38,18 @@ def test_a_tree_of_photos(deshake, folder, tmp_path):
     assert "photos:" not in outcome.err  # said with -q: nothing but errors
 
 
+def test_jobs_and_threads_do_not_change_a_byte(deshake, folder, tmp_path):
+    made = []
+    for number, words in enumerate((("-j", 1, "--threads", 1), ("-j", 3, "--threads", 2))):
+        out = tmp_path / str(number)
+        args = ("-r", "-o", out, "--keep-kernels", out, *words, *FAST)
+        assert deshake("fix", folder, *args).code == 1
+        files = (path for path in out.rglob("*") if path.is_file())
+        made.append({path.relative_to(out): path.read_bytes() for path in files})
+    assert len(made[0]) == 4
+    assert made[0] == made[1]
+
+
 def test_a_dry_run_tells_and_does_nothing(deshake, folder, tmp_path, contents):
     (folder / "p2.deshaken.jpg").touch()
     before = contents(tmp_path)

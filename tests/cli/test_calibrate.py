@@ -134,3 +134,58 @@ def test_an_anamorphic_lens_asks(deshake, tmp_path):
     assert outcome.code == 1
     assert outcome.err.startswith(f"error: {path}: its lens is Anamorphic 50mm 1.33x")
     assert "\nhint: stretch it" in outcome.err
+
+
+@pytest.fixture
+def board_files(boards, tmp_path):
+    folder = tmp_path / "boards"
+    folder.mkdir()
+    for number, picture in enumerate(boards[0][:4]):
+        Image.fromarray(picture).save(folder / f"{number}.png")
+    return folder
+
+
+def test_a_chessboard_tells_the_camera(deshake, boards, board_files, tmp_path):
+    out = tmp_path / "camera.npz"
+    by = ("--chessboard", "--board", "7x5")
+    outcome = deshake("calibrate", *by, board_files, "-o", out)
+    assert outcome.code == 0
+    assert outcome.err.startswith("warning: no photo shows the board near the corners")
+    assert outcome.out.startswith(f"{out}: ")
+    assert "chessboard of 7x5 corners, 4 photos, error 0." in outcome.out
+    camera = read_camera(out).camera
+    assert camera.focal_px == pytest.approx(boards[2].focal_px, rel=0.02)
+    assert not camera.is_pinhole
+    found = json.loads(deshake("calibrate", *by, *sorted(board_files.iterdir()), "--json").out)
+    assert found["focal_px"] == pytest.approx(camera.focal_px, abs=1e-3)
+    assert found["output"] is None
+    # and it is a camera for photos of its size
+    fitting = board_files / "0.png"
+    more = ("--camera", out, "--blur-size", 3, "--uniform", "--region", "20,20,80,60")
+    kernel = tmp_path / "k.npz"
+    args = ("-o", kernel, "--estimator", "edges", *more)
+    assert deshake("estimate-blind", fitting, *args).code == 0
+
+
+def test_boards_that_are_not_seen_are_named(deshake, board_files, tmp_path):
+    out = tmp_path / "camera.npz"
+    outcome = deshake("calibrate", "--chessboard", board_files, "-o", out)
+    assert outcome.code == 1
+    assert outcome.err.startswith("error: no board of 9x6 inner corners is seen in ")
+    assert str(board_files / "3.png") in outcome.err
+    assert "hint: the whole board" in outcome.err
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        ("--board", "7x5"),
+        ("--chessboard",),
+        ("--chessboard", "-o", "c.npz", "--focal-px", 100),
+        ("--chessboard", "-o", "c.npz", "--lens"),
+        ("--chessboard", "-o", "c.npz", "--board", "2x5"),
+    ],
+)
+def test_wrong_use_of_chessboards(deshake, photo, wrong):
+    assert deshake("calibrate", photo, *wrong).code == 2

@@ -1,6 +1,10 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
+
+from deshake.cli import main
 
 
 @pytest.fixture
@@ -50,6 +54,79 @@ def test_general_options(deshake, config, seen, monkeypatch):
     assert seen["threads"] == 5
     deshake("--config", path, "--threads", "5", "trial", "--threads", "6")
     assert seen["threads"] == 6
+
+
+@pytest.fixture
+def real(deshake, monkeypatch):
+    """Parameters that a real command gets, its defaults and its environment as in a real run."""
+
+    def parse(command, *args, config=None):
+        found = {}
+        monkeypatch.setattr(
+            main.cli.get_command(None, command), "invoke", lambda ctx: found.update(ctx.params)
+        )
+        words = () if config is None else ("--config", config)
+        outcome = deshake(*words, command, *args)
+        assert outcome.code == 0, outcome.err
+        return found
+
+    return parse
+
+
+@pytest.mark.parametrize(
+    ("option", "values"),
+    [
+        ("strength", (0.25, 0.5, 0.75, 1.0)),
+        ("estimator", ("edges", "variational", "edges", "auto")),
+        ("region", ((1, 2, 3, 4), (5, 6, 7, 8), (9, 10, 11, 12), None)),
+        ("mask", (Path("a.png"), Path("b.png"), Path("c.png"), None)),
+        ("quality", ("fast", "high", "fast", "default")),
+    ],
+)
+def test_every_kind_of_option_has_its_order(real, config, monkeypatch, option, values):
+    def words(value):
+        return ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+
+    typed, set_, filed, default = values
+    assert real("fix", "a.jpg")[option] == default
+    content = filed if isinstance(filed, float) else f'"{words(filed)}"'
+    path = config(f"[fix]\n{option} = {content}\n")
+    assert real("fix", "a.jpg", config=path)[option] == filed
+    monkeypatch.setenv(f"DESHAKE_FIX_{option.upper()}", words(set_))
+    assert real("fix", "a.jpg", config=path)[option] == set_
+    assert real("fix", "a.jpg", f"--{option}", words(typed), config=path)[option] == typed
+
+
+@pytest.mark.parametrize("option", ["preview", "uniform", "linear"])
+def test_flags_are_set_by_file_and_environment(real, config, monkeypatch, option):
+    assert real("fix", "a.jpg")[option] is False
+    on, off = (config(f"[fix]\n{option} = true\n"), None)
+    assert real("fix", "a.jpg", config=on)[option] is True
+    monkeypatch.setenv(f"DESHAKE_FIX_{option.upper()}", "0")
+    assert real("fix", "a.jpg", config=on)[option] is False
+    monkeypatch.setenv(f"DESHAKE_FIX_{option.upper()}", "1")
+    assert real("fix", "a.jpg", config=off)[option] is True
+    assert real("fix", "a.jpg", f"--{option}", config=off)[option] is True
+
+
+def test_a_list_in_the_file_is_a_list(real, deshake, config):
+    assert real("fix", "a.jpg", config=config("[fix]\nregion = [1, 2, 3, 4]\n"))["region"] == (
+        1,
+        2,
+        3,
+        4,
+    )
+    outcome = deshake("--config", config("[fix]\nregion = [1, 2, 3]\n"), "fix", "a.jpg")
+    assert outcome.code == 2
+    assert "is not four whole numbers" in outcome.err
+
+
+@pytest.mark.parametrize("text", ["maybe", "2"])
+def test_a_flag_that_is_neither_on_nor_off_is_wrong_usage(deshake, monkeypatch, text):
+    monkeypatch.setenv("DESHAKE_FIX_PREVIEW", text)
+    outcome = deshake("fix", "a.jpg")
+    assert outcome.code == 2
+    assert "is not a valid boolean" in outcome.err
 
 
 def test_what_is_typed_before_the_command_beats_its_environment(deshake, seen, monkeypatch):

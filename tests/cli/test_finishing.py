@@ -81,6 +81,16 @@ def test_strength_goes_from_the_photo_to_the_result(deshake, shaken, words, tmp_
     assert 0.3 < np.abs(half - before).mean() / np.abs(after - before).mean() < 0.7
 
 
+def test_a_jpeg_that_is_wholly_kept_has_its_own_codes(deshake, portrait, pan, tmp_path):
+    photo, white = portrait("a.jpg"), tmp_path / "white.png"
+    Image.new("L", (100, 80), 255).save(white)
+    for name, args in {"b.jpg": ("--strength", 0), "c.jpg": ("--mask", white)}.items():
+        out = tmp_path / name
+        assert deshake("deblur", photo, pan, "--iterations", 1, "-o", out, *args).code == 0
+        assert np.array_equal(codes(out), codes(photo))
+        assert read_provenance(out)["command"] == "deblur"
+
+
 def test_fix_blends_as_deblur_does(deshake, portrait, mask, tmp_path):
     photo, kernels, out = portrait("a.jpg"), tmp_path / "k", tmp_path / "out.jpg"
     finish = ("--mask", mask(), "--strength", 0.8)
@@ -102,7 +112,8 @@ def test_a_folder_of_masks_is_for_many_photos(deshake, portrait, mask, tmp_path)
     outcome = deshake("fix", one, two, *FAST, "--mask", folder, "--json")
     assert outcome.code == 0
     lines = [json.loads(line) for line in outcome.out.splitlines()]
-    assert [line.get("mask") for line in lines] == [str(folder / "one.png"), None]
+    found = {line["input"]: line.get("mask") for line in lines}
+    assert found == {str(one): str(folder / "one.png"), str(two): None}
     before, kept, whole = (
         codes(tmp_path / name) for name in ("one.png", "one.deshaken.png", "two.deshaken.png")
     )

@@ -3,7 +3,7 @@ from __future__ import annotations
 import click
 import pytest
 
-from deshake.cli.values import Grid, Number, Region
+from deshake.cli.values import Grid, Number, Region, Share
 
 
 @pytest.mark.parametrize("text", ["0", "-1", "nan", "inf", "1e999", "wide", "", "46"])
@@ -17,7 +17,19 @@ def test_numbers(text, value):
     assert Number("DEGREES", most=45).convert(text, None, None) == value
 
 
+@pytest.mark.parametrize(("text", "value"), [("0", 0.0), ("0.5", 0.5), (1, 1.0)])
+def test_shares(text, value):
+    assert Share().convert(text, None, None) == value
+
+
+@pytest.mark.parametrize("text", ["-0.1", "1.01", "nan", "inf", "", "half"])
+def test_a_share_is_from_0_to_1(text):
+    with pytest.raises(click.BadParameter, match="not a number from 0 to 1"):
+        Share().convert(text, None, None)
+
+
 def test_region():
+    assert Region().convert([10, 20, 300, 400], None, None) == (10, 20, 300, 400)
     assert Region().convert("10, 20,300,400", None, None) == (10, 20, 300, 400)
 
 

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from deshake.deconvolution.denoising import NoisyPhoto, noisy_photo
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
@@ -71,6 +72,12 @@ class Laboratory:
     def colours() -> Image:
         """A scene whose three colours have nothing to do with each other."""
         return np.stack([Laboratory.scene(seed) for seed in (5, 6, 7)], -1)
+
+    @staticmethod
+    def noisy_photo(g: Image, f_N: Image, valid: Image | None = None) -> NoisyPhoto:
+        """Denoise a noisy photo that lies in the blurred one's frame, or reaches over it."""
+        seen = np.ones(f_N.shape[:2], np.float32) if valid is None else valid
+        return noisy_photo(g, f_N, lambda image: (image, seen))[0]
 
     @staticmethod
     def frame(image: Image) -> Image:

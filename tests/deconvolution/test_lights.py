@@ -15,7 +15,7 @@ def night(lab):
     kernel = lab.all_axes
     flow = FilterFlow(kernel.camera, kernel.theta, threads=2)
     blur = flow.filters(kernel.weights)
-    f = latent_start(g, kernel, clipped=clipped, iterations=6, threads=2, progress=lambda *_: None)
+    f = latent_start(g, blur, clipped=clipped, iterations=6, threads=2, progress=lambda *_: None)
     return sharp, g, clipped, around, blur, f, flow.margin
 
 

@@ -5,7 +5,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from deshake.deconvolution.denoising import noisy_photo
 from deshake.deconvolution.residual import (
     gain_map,
     joint_bilateral,
@@ -22,7 +21,7 @@ def pair(lab):
     g = lab.noisy(lab.shaken(lab.all_axes, sharp), 0.002)
     frame = np.ascontiguousarray(lab.frame(sharp))
     f_N = frame + np.random.default_rng(3).normal(0, 0.08, frame.shape).astype(np.float32)
-    noisy = noisy_photo(g, f_N, np.ones(lab.shape, np.float32))
+    noisy = lab.noisy_photo(g, f_N)
     return frame, g, np.ascontiguousarray(np.moveaxis(noisy.denoised, 0, -1))
 
 

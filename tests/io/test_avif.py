@@ -10,6 +10,7 @@ from PIL import Image
 
 from deshake.errors import PhotoError
 from deshake.io.avif import decode_avif, encode_avif
+from deshake.io.boxes import metadata_items
 from deshake.io.encoding import Decoded, Encoding
 from deshake.io.metadata import Metadata
 
@@ -123,3 +124,18 @@ def test_moving_pictures():
     data = by_pillow(frames[0], save_all=True, append_images=frames[1:])
     with pytest.raises(PhotoError, match="animated"):
         decode_avif(data)
+
+
+def test_metadata_that_lie_behind_the_picture(make_exif):
+    codes = np.random.default_rng(0).integers(0, 256, (96, 96, 3)).astype(np.uint8)
+    data = by_pillow(Image.fromarray(codes), quality=95, exif=make_exif())
+    [item] = metadata_items(data)
+    place = struct.pack(">I", data.index(item.content))
+    assert data.count(place) == 1
+    behind = data.replace(place, struct.pack(">I", len(data) + 8))
+    behind += struct.pack(">I4s", len(item.content) + 8, b"free") + item.content
+    assert cv2.imdecode(np.frombuffer(behind, np.uint8), cv2.IMREAD_UNCHANGED) is None
+    picture, whole = decode_avif(behind), decode_avif(data)
+    assert np.array_equal(picture.codes, whole.codes)
+    assert picture.metadata == whole.metadata
+    assert picture.metadata.tags().focal_mm == pytest.approx(5.8)

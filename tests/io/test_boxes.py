@@ -4,7 +4,7 @@ import struct
 
 import pytest
 
-from deshake.io.boxes import canon_exif, read_boxes
+from deshake.io.boxes import canon_exif, metadata_items, read_boxes
 
 CANON = bytes.fromhex("85c0b687820f11e08111f4ce462b6a48")
 
@@ -44,3 +44,24 @@ def test_the_exif_of_a_cr3():
     assert tree.gps == {5: (3, 1, b"\1\0")}
     assert not canon_exif(box(b"moov", b""))
     assert not canon_exif(b"MM\0*")
+
+
+@pytest.mark.parametrize("version", [0, 1, 2])
+def test_blocks_of_metadata_among_the_items(version):
+    content = b"\0\0\0\0II*\0first and second"
+    wide = ">I" if version == 2 else ">H"
+    place = struct.pack(wide, 7) + (bytes(2) if version else b"") + bytes(2)
+    place += struct.pack(">HIIII", 2, 20, 12, 32, len(content) - 12)  # in two parts
+    iloc = bytes([version, 0, 0, 0, 0x44, 0]) + struct.pack(wide, 1) + place
+    infe = struct.pack(">IHH4s", 2 << 24, 7, 0, b"Exif") + b"\0"
+    iinf = bytes(4) + struct.pack(">H", 1) + box(b"infe", infe)
+    meta = box(b"meta", bytes(4) + box(b"iinf", iinf) + box(b"iloc", iloc))
+    data = box(b"ftyp", b"avif") + box(b"free", content) + meta
+    [item] = metadata_items(data)
+    assert (item.kind, item.content) == (b"Exif", content)
+    assert data[item.at : item.at + 4] == b"Exif"
+    for keep in range(len(data)):
+        assert metadata_items(data[:keep]) == []
+    for size in range(5, len(iloc)):
+        cut = box(b"meta", bytes(4) + box(b"iinf", iinf) + box(b"iloc", iloc[:size]))
+        assert metadata_items(cut) == []

@@ -18,6 +18,18 @@ def test_nothing_is_seen_inside_and_everything_outside(capfd: pytest.CaptureFixt
     assert capfd.readouterr().err == "before after"
 
 
+def test_what_was_printed_is_told() -> None:
+    with silenced() as outer:
+        os.write(2, b"one\n")
+        with silenced() as inner:
+            os.write(2, b"two\nthree")
+    assert inner == ["two", "three"]
+    assert outer == ["one", "two", "three"]
+    with silenced() as again:
+        pass
+    assert again == []
+
+
 def test_an_error_ends_the_silence(capfd: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(OSError, match="wrong"), silenced():
         raise OSError("wrong")

@@ -140,6 +140,22 @@ def test_profiles_in_texts_count_where_there_are_no_chunks(
     assert b"Raw profile type exif" not in encode_png(decoded)
 
 
+def test_a_damaged_profile_in_a_text_is_a_text(make_codes: Callable[..., np.ndarray]) -> None:
+    for name, content in (
+        (b"zTXt", b"Raw profile type exif\0\0rubbish"),
+        (b"tEXt", b"Raw profile type exif\0\nexif\n 9\n00\n"),
+        (b"tEXt", b"Raw profile type of its own\0text"),
+    ):
+        decoded = decode_png(plain_png(make_codes(9, 8), chunk(name, content)))
+        assert decoded.metadata == Metadata()
+        assert content in encode_png(decoded)
+
+
+def test_of_two_profiles_the_first_counts(make_codes: Callable[..., np.ndarray]) -> None:
+    twice = b"".join(chunk(b"iCCP", b"x\0\0" + zlib.compress(item)) for item in (b"one", b"two"))
+    assert decode_png(plain_png(make_codes(9, 8), twice)).metadata.icc == b"one"
+
+
 def test_palettes_and_few_bits_become_eight() -> None:
     stream = io.BytesIO()
     colours = Image.new("P", (4, 4), 1)

@@ -217,10 +217,17 @@ def test_equal_files_give_equal_bytes(tmp_path: Path, make_dng: Callable[..., by
     assert first == second
 
 
-@pytest.mark.parametrize("keep", [0.1, 0.5, 0.95])
-def test_a_file_that_is_cut_short_is_refused(
-    tmp_path: Path, make_dng: Callable[..., bytes], keep: float
+@pytest.mark.parametrize("keep", [0.1, 0.5, 0.95, 0.9999])
+def test_a_file_that_is_cut_short_is_refused_without_a_word_of_libraws(
+    tmp_path: Path, make_dng: Callable[..., bytes], keep: float, capfd: pytest.CaptureFixture[str]
 ) -> None:
     data = make_dng(smooth())
-    with pytest.raises(PhotoError):
+    with pytest.raises(PhotoError, match=r"damaged|cannot be read"):
         read(tmp_path / "a.dng", data[: int(keep * len(data))])
+    assert capfd.readouterr() == ("", "")
+
+
+def test_pixels_beyond_the_end_of_a_dng(tmp_path: Path, make_dng: Callable[..., bytes]) -> None:
+    data = make_dng(smooth(), extra={324: ("I", [60]), 325: ("I", [10**7])})
+    with pytest.raises(PhotoError, match="cut short"):
+        read(tmp_path / "a.dng", data)

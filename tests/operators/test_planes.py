@@ -3,7 +3,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deshake.operators.planes import add_at, channels_first, check_size, image_like, window_of
+from deshake.operators.planes import (
+    add_at,
+    channels_first,
+    check_size,
+    fitted,
+    image_like,
+    window_of,
+)
 
 IMAGE = np.arange(60, dtype=np.float32).reshape(1, 6, 10)
 
@@ -14,6 +21,18 @@ def test_channels_first_is_undone(shape: tuple[int, ...]) -> None:
     planes = channels_first(image)
     assert planes.shape[1:] == (6, 10)
     np.testing.assert_array_equal(image_like(planes, image), image)
+
+
+def test_fitting_cuts_and_continues_alike_on_all_sides() -> None:
+    np.testing.assert_array_equal(fitted(IMAGE, (4, 8)), IMAGE[:, 1:-1, 1:-1])
+    wider = fitted(IMAGE, (8, 12))
+    np.testing.assert_array_equal(fitted(wider, (6, 10)), IMAGE)
+    assert wider[0, 0, 0] == IMAGE[0, 0, 0]
+    assert wider[0, -1, -1] == IMAGE[0, -1, -1]
+    assert fitted(IMAGE, (8, 12), beyond=-1)[0, 0].max() == -1
+    for wrong in ((6, 12), (7, 11)):
+        with pytest.raises(ValueError, match="does not fit"):
+            fitted(IMAGE, wrong)
 
 
 def test_window_inside_is_a_view() -> None:

@@ -55,6 +55,11 @@ def test_all_of_a_result_is_the_result_itself(photo, result):
     assert blended(photo, photo, strength=0.5) is photo
 
 
+def test_none_of_a_result_is_the_photo_itself(photo, result):
+    assert blended(photo, result, strength=0) is photo
+    assert blended(photo, result, mask=np.ones(photo.shape, np.float32)) is photo
+
+
 def test_mixes_linear_light_clipped(photo, result):
     mask = np.full(photo.shape, 0.5, np.float32)
     expected = photo.pixels + 0.25 * (np.clip(result.pixels, 0, 1) - photo.pixels)

@@ -1,14 +1,17 @@
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 from skimage import data
 
 from deshake.errors import DeshakeError
 from deshake.geometry.camera import Camera
+from deshake.geometry.distortion import pinhole
+from deshake.operators.lens_warp import LensWarp
 from deshake.operators.shake_blur import ShakeBlur
 from deshake.pipelines.camera_path import CameraPath, random_path
-from deshake.pipelines.simulate import expose, shake
+from deshake.pipelines.simulate import shake
 
 
 @pytest.fixture(scope="module")
@@ -82,14 +85,6 @@ def test_seeds_decide_the_noise(photo, camera):
     assert not np.array_equal(one, other)
 
 
-@pytest.mark.parametrize("level", [0.1, 0.5])
-def test_noise_is_as_strong_as_asked(level):
-    pixels = np.full((400, 500), level, np.float32)
-    expose(pixels, photons=2000, noise_sigma=0.005, seed=1)
-    assert pixels.mean() == pytest.approx(level, abs=1e-3)
-    assert pixels.std() == pytest.approx(np.sqrt(level / 2000 + 0.005**2), rel=0.02)
-
-
 def test_gain_clips_lights(photo, camera):
     path = random_path(camera, 6, seed=1)
     shaken = shake(photo, camera, path, gain=3)
@@ -114,3 +109,24 @@ def test_refuses_what_does_not_fit(photo, camera):
     small = Camera.from_focal(60, 40, 50)
     with pytest.raises(DeshakeError, match="leaves nothing"):
         shake(photo[:40, :50], small, random_path(small, 25))
+
+
+def test_a_lens_bends_after_the_shake(photo, camera):
+    lens = camera.with_lens(np.array([-0.15, 0, 0, 0]))
+    path = random_path(camera, 8, seed=3)
+    plain, bent = shake(photo, camera, path), shake(photo, lens, path)
+    assert bent.pixels.shape == plain.pixels.shape
+    there = bent.kernel.camera
+    assert there.distortion.tolist() == [-0.15, 0, 0, 0]
+    assert there.focal_px > camera.focal_px
+    np.testing.assert_array_equal(bent.kernel.theta, plain.kernel.theta)
+    seen = pinhole(there)
+    straight = LensWarp(there, seen).straighten(bent.pixels)
+    # the same picture, seen through a longer lens
+    zoom = seen.focal_px / camera.focal_px
+    height, width = plain.pixels.shape[:2]
+    y, x = np.mgrid[20 : height - 20, 20 : width - 20].astype(np.float32)
+    middle = (width - 1) / 2, (height - 1) / 2
+    x0, y0 = (x - middle[0]) / zoom + middle[0], (y - middle[1]) / zoom + middle[1]
+    expected = cv2.remap(plain.pixels, x0.astype("f4"), y0.astype("f4"), cv2.INTER_CUBIC)
+    np.testing.assert_allclose(straight[20 : height - 20, 20 : width - 20], expected, atol=0.02)

@@ -1,0 +1,164 @@
+"""A camera from photos of a chessboard: focal length, principal point and distortion.
+
+The board's inner corners are found on a small copy and refined on the photo; the camera is the one
+that explains where they all are, by least squares over the boards' positions, too [1]_.
+
+References
+----------
+.. [1] Z. Zhang, A flexible new technique for camera calibration, PAMI 22(11), 2000; OpenCV has it.
+
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from deshake.errors import EstimationError
+from deshake.geometry.camera import Camera
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["FEWEST", "BoardCamera", "Corners", "board_camera", "find_board"]
+
+FEWEST: Final = 3
+"""Photos that a calibration needs at least."""
+
+_SEARCH_SIDE: Final = 1200  # px of the longer side of the copy
+_WINDOW: Final = 0.25  # of the distance between corners, to refine one in
+_STOP: Final = (3, 60, 1e-4)
+_UNSURE: Final = 0.05  # of the focal length: a larger standard deviation is no calibration
+_TILTED: Final = np.radians(10)  # between two boards, at the least
+_MANY: Final = 8  # photos from which k3 is fitted, too: fewer do not reach all corners
+_WRONG: Final = 0.004  # of the diagonal: corners that are off by more are not explained
+
+Corners = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class BoardCamera:
+    """What photos of a board tell.
+
+    Parameters
+    ----------
+    camera : Camera
+        With its distortion: k1, k2, p1, p2, k3.
+    error_px : float
+        Root mean square distance between corners and where the camera would see them.
+    errors_px : list of float
+        The same for each photo.
+    focal_sigma_px : float
+        Standard deviation of the focal length, by the fit.
+    reach : float
+        How far out corners were seen, as a share of the way to the frame's corners.
+
+    """
+
+    camera: Camera
+    error_px: float
+    errors_px: list[float]
+    focal_sigma_px: float
+    reach: float
+
+
+def find_board(grey: NDArray[np.uint8], board: tuple[int, int]) -> Corners | None:
+    """Find the inner corners of a board.
+
+    Parameters
+    ----------
+    grey : (h, w) array of uint8
+        The photo, display values.
+    board : (int, int)
+        Inner corners along and across the board.
+
+    Returns
+    -------
+    (N, 2) array of float64 or None
+        Pixels (x, y), row by row; None if the board is not seen as a whole.
+
+    """
+    shrink = min(1.0, _SEARCH_SIDE / max(grey.shape))
+    small = cv2.resize(grey, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
+    how = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+    found, seen = cv2.findChessboardCornersSB(small, board, flags=how)
+    if not found:
+        return None
+    sizes = np.array(grey.shape[::-1]) / np.array(small.shape[::-1])
+    corners: Corners = (np.asarray(seen, np.float64).reshape(-1, 2) + 0.5) * sizes - 0.5
+    if shrink == 1:
+        return corners
+    steps = np.linalg.norm(np.diff(corners.reshape(board[1], board[0], 2), axis=1), axis=-1)
+    side = max(3, int(_WINDOW * steps.min()))
+    start = corners.astype(np.float32).reshape(-1, 1, 2)
+    fine = cv2.cornerSubPix(grey, start, (side, side), (-1, -1), _STOP)
+    return np.asarray(fine, np.float64).reshape(-1, 2)
+
+
+def board_camera(
+    seen: Sequence[Corners], board: tuple[int, int], height: int, width: int
+) -> BoardCamera:
+    """Find the camera that explains where the corners of a board are in several photos.
+
+    Parameters
+    ----------
+    seen : sequence of (N, 2) arrays
+        From `find_board`, one for each photo.
+    board : (int, int)
+        Inner corners along and across the board.
+    height, width : int
+        Size of the photos in pixels.
+
+    Raises
+    ------
+    EstimationError
+        If there are fewer than `FEWEST` photos, the boards tell too little, or the corners are not
+        those of one board and one camera.
+
+    """
+    if len(seen) < FEWEST:
+        raise EstimationError(
+            f"{len(seen)} photos of a board are too few",
+            hint=f"take {FEWEST} at the least, better 10 to 20, the board tilted in all directions",
+        )
+    columns, rows = board
+    places = np.zeros((rows * columns, 3), np.float32)
+    places[:, :2] = np.mgrid[0:columns, 0:rows].T.reshape(-1, 2)
+    corners = [np.float32(each).reshape(-1, 1, 2) for each in seen]
+    error, matrix, lens, turns, _, sigmas, _, errors = cv2.calibrateCameraExtended(
+        [places] * len(seen),
+        corners,
+        (width, height),
+        np.eye(3),
+        np.zeros(5),
+        flags=0 if len(seen) >= _MANY else cv2.CALIB_FIX_K3,
+    )
+    focal = float(np.sqrt(matrix[0, 0] * matrix[1, 1])) if matrix[0, 0] * matrix[1, 1] > 0 else 0.0
+    sigma = float(np.ravel(sigmas)[:2].max())
+    if not (np.isfinite(error) and error < _WRONG * np.hypot(height, width)):
+        raise EstimationError(
+            f"no camera explains the boards: their corners are off by {error:.1f} pixels",
+            hint="the board must be flat, all photos of one camera at one focal length",
+        )
+    tilt = _tilts([np.asarray(turn, np.float64) for turn in turns])
+    if not (focal > 0 and sigma < _UNSURE * focal and tilt > _TILTED):
+        raise EstimationError(
+            f"the boards tell too little: tilted by {np.degrees(tilt):.0f} degrees to each other, "
+            f"they leave the focal length open to {sigma:.0f} of {focal:.0f} pixels",
+            hint="tilt the board more, by 30 degrees or so in all directions, and fill the frame",
+        )
+    camera = Camera(np.asarray(matrix, np.float64), height, width, np.ravel(lens))
+    middle = np.array([width - 1, height - 1]) / 2
+    out = max(float(np.linalg.norm(each - middle, axis=1).max()) for each in seen)
+    reach = out / float(np.linalg.norm(middle))
+    return BoardCamera(camera, float(error), np.ravel(errors).tolist(), sigma, reach)
+
+
+def _tilts(turns: Sequence[NDArray[np.floating]]) -> float:
+    """Return the largest angle between the normals of two boards, in radians."""
+    normals = np.stack([cv2.Rodrigues(np.asarray(turn))[0][:, 2] for turn in turns])
+    return float(np.arccos(np.clip(normals @ normals.T, -1, 1)).max())

@@ -1,0 +1,148 @@
+"""Resampling between a photo and the picture that a pinhole would have taken.
+
+Images are resampled once, by cubic B-splines with their prefilter, band by band; no value leaves
+the range of its 5 x 5 neighbours, so that lights have no dark rings. Beyond the photo it is
+mirrored.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.interpolate import RectBivariateSpline
+
+from deshake.geometry.distortion import undistorted
+from deshake.operators.planes import channels_first, image_like
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from deshake.geometry.camera import Camera
+
+    Bands = Callable[[], Iterator[tuple[slice, NDArray[np.floating]]]]
+
+__all__ = ["LensWarp"]
+
+Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+_BAND = 128  # rows that are resampled at once
+_NODE = 8  # pixels between those whose inverse is found by iteration
+_NEAR = np.ones((5, 5), np.uint8)
+_TOUCHED = np.ones((3, 3), np.uint8)
+_CLEAR = 1e-3  # share of marked pixels that does not count
+
+
+class LensWarp:
+    """The way between a photo and the picture of a pinhole, there and back.
+
+    Parameters
+    ----------
+    camera : Camera
+        The photo's, with its distortion.
+    seen : Camera
+        The pinhole, see `geometry.distortion.pinhole`.
+
+    """
+
+    def __init__(self, camera: Camera, seen: Camera) -> None:
+        self.camera = camera
+        self.seen = seen
+
+    def straighten(self, image: Image) -> Image:
+        """Turn a photo (h, w[, C]) into the pinhole's picture."""
+        return self._resampled(image, self.seen.shape, self._straight_bands)
+
+    def bend(self, image: Image) -> Image:
+        """Turn the pinhole's picture (h, w[, C]) into a photo."""
+        return self._resampled(image, self.camera.shape, self._bent_bands)
+
+    def straighten_mask(self, mask: Mask) -> Mask:
+        """Tell where the pinhole's picture is made of pixels of the photo that are marked."""
+        wide = np.asarray(cv2.dilate(mask.astype(np.float32), _TOUCHED), np.float32)
+        out = np.empty(self.seen.shape, bool)
+        for rows, where in self._straight_bands():
+            out[rows] = _interpolated(wide, where, order=1) > _CLEAR
+        return out
+
+    def straighten_codes(self, codes: NDArray[np.unsignedinteger]) -> NDArray[np.unsignedinteger]:
+        """Resample a plane of codes (h, w), such as an opacity, bilinearly."""
+        return _codes(codes, self.seen.shape, self._straight_bands)
+
+    def bend_codes(self, codes: NDArray[np.unsignedinteger]) -> NDArray[np.unsignedinteger]:
+        """Resample a plane of codes the other way."""
+        return _codes(codes, self.camera.shape, self._bent_bands)
+
+    def _resampled(
+        self,
+        image: Image,
+        shape: tuple[int, int],
+        bands: Bands,
+    ) -> Image:
+        out = np.empty(shape + image.shape[2:], np.float32)
+        for plane, result in zip(channels_first(image), channels_first(out), strict=True):
+            source = np.ascontiguousarray(plane, np.float32)
+            low = np.asarray(cv2.erode(source, _NEAR), np.float32)
+            high = np.asarray(cv2.dilate(source, _NEAR), np.float32)
+            spline = ndimage.spline_filter(source, 3, output=np.float32, mode="mirror")
+            for rows, where in bands():
+                band = _interpolated(spline, where, order=3)
+                least, most = (_interpolated(edge, where, order=0) for edge in (low, high))
+                result[rows] = np.clip(band, least, most)
+        return image_like(channels_first(out), image)
+
+    def _straight_bands(self) -> Iterator[tuple[slice, Image]]:
+        """Tell where the pixels of the pinhole's picture lie in the photo, as (y, x) by rows."""
+        height, width = self.seen.shape
+        for top in range(0, height, _BAND):
+            rows = slice(top, min(top + _BAND, height))
+            matrix = self.seen.cropped(0, top, width, rows.stop - top).matrix
+            x, y = cv2.initUndistortRectifyMap(
+                self.camera.matrix,
+                self.camera.distortion,
+                np.eye(3),
+                matrix,
+                (width, rows.stop - top),
+                cv2.CV_32FC1,
+            )
+            yield rows, np.stack([y, x])
+
+    def _bent_bands(self) -> Iterator[tuple[slice, Image]]:
+        """Tell where the pixels of the photo lie in the pinhole's picture, as (y, x) by rows.
+
+        The inverse is found on a grid of nodes, and its smooth rest between them.
+        """
+        height, width = self.camera.shape
+        y, x = (np.linspace(0, n - 1, max(-(-n // _NODE), 4) + 1) for n in (height, width))
+        nodes = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
+        there = undistorted(nodes, self.camera, self.seen)
+        moved = (there - nodes).reshape(len(y), len(x), 2)
+        across, down = (RectBivariateSpline(y, x, moved[..., axis]) for axis in (0, 1))
+        columns = np.arange(width)
+        for top in range(0, height, _BAND):
+            rows = slice(top, min(top + _BAND, height))
+            lines = np.arange(top, rows.stop)
+            v, u = down(lines, columns) + lines[:, None], across(lines, columns) + columns
+            yield rows, np.stack([v, u])
+
+
+def _interpolated(plane: Image, where: NDArray[np.floating], *, order: int) -> Image:
+    """Read a plane at some places (y, x); splines of order 3 are those of `spline_filter`."""
+    out = np.empty(where.shape[1:], np.float32)
+    how: Any = {"order": order, "prefilter": False, "mode": "mirror"}
+    ndimage.map_coordinates(plane, where, output=out, **how)
+    return out
+
+
+def _codes(
+    codes: NDArray[np.unsignedinteger], shape: tuple[int, int], bands: Bands
+) -> NDArray[np.unsignedinteger]:
+    out = np.empty(shape, codes.dtype)
+    plane = codes.astype(np.float32)
+    for rows, where in bands():
+        out[rows] = np.rint(_interpolated(plane, where, order=1))
+    return out

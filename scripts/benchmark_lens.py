@@ -1,0 +1,173 @@
+"""What undoing a lens's distortion gains, with the truth in hand.
+
+    python scripts/benchmark_lens.py
+
+Photos that a development dependency ships are taken for what a pinhole saw. They are shaken along
+random paths, bent as lensfun's profiles of some wide lenses have it, exposed with noise, and
+deblurred with the true rotations: once as if there were no lens, once straightened first and bent
+back, each over the whole frame. Printed are PSNRs (dB) of display values in the photo's own
+geometry, over the whole frame and over its corners (the outer fifth of the diagonal), without a
+border; and by how many pixels the images of straight lines bend, before and after straightening.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from skimage import data
+from sklearn.datasets import load_sample_image
+
+from deshake.deconvolution.methods import BY_DEFAULT, restore
+from deshake.errors import DeshakeError
+from deshake.geometry.camera import Camera
+from deshake.geometry.distortion import distorted, pinhole
+from deshake.io.lens_profiles import find_profile
+from deshake.io.metadata import CameraTags
+from deshake.io.transfer import Srgb, decode
+from deshake.operators.lens_warp import LensWarp
+from deshake.pipelines.camera_path import random_path
+from deshake.pipelines.simulate import shake
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from deshake.pipelines.simulate import Shaken
+
+Image = NDArray[np.float32]
+
+
+class Lens(NamedTuple):
+    """A lens of lensfun's database on a camera of some crop factor, and its focal length (mm)."""
+
+    name: str
+    focal_mm: float
+    crop: float
+
+
+LENSES = (
+    Lens("Canon EF 24-105mm f/4L IS USM", 24, 1.0),
+    Lens("E PZ 16-50mm f/3.5-5.6 OSS", 16, 1.534),
+    Lens("Canon PowerShot S95 & compatibles", 6, 4.67),
+)
+PHOTOS: dict[str, Callable[[], NDArray[np.uint8]]] = {
+    "china": partial(load_sample_image, "china.jpg"),
+    "motorcycle": lambda: data.stereo_motorcycle()[0],
+    "astronaut": data.astronaut,
+}
+DIAGONAL = float(np.hypot(36, 24))
+BORDER = 12  # px left out on every side
+CORNERS = 0.8  # of half the diagonal: what lies farther out
+NOISE = 0.003
+
+
+def camera_of(lens: Lens, height: int, width: int) -> Camera:
+    """Return the camera of a lens that a photo is taken through."""
+    diagonal = float(np.hypot(height, width))
+    focal = lens.focal_mm * lens.crop * diagonal / DIAGONAL
+    tags = CameraTags(focal_mm=lens.focal_mm)
+    profile = find_profile(tags, focal, (width, height), lens=lens.name)
+    return Camera.from_focal(focal, height, width).with_lens(profile.distortion)
+
+
+def display(light: Image) -> Image:
+    """Display values, 0..1, of linear light."""
+    return Srgb().from_linear(np.clip(light, 0, 1)).astype(np.float32)
+
+
+def psnrs(light: Image, sharp: Image) -> tuple[float, float]:
+    """PSNR over the frame and over its corners."""
+    height, width = sharp.shape[:2]
+    y, x = np.mgrid[0:height, 0:width]
+    far = np.hypot(x - (width - 1) / 2, y - (height - 1) / 2) / np.hypot(width / 2, height / 2)
+    inside = np.zeros((height, width), bool)
+    inside[BORDER:-BORDER, BORDER:-BORDER] = True
+    error = np.square(display(light) - display(sharp), dtype=np.float64)
+    return tuple(float(-10 * np.log10(error[m].mean())) for m in (inside, inside & (far > CORNERS)))
+
+
+def deblurred(shaken: Shaken, *, undone: bool) -> Image:
+    """Deblur with the true rotations, the lens undone or as if there were none."""
+    kernel, camera = shaken.kernel, shaken.kernel.camera
+    if not undone:
+        plain = Camera(camera.matrix, camera.height, camera.width)
+        return restore(shaken.pixels, kernel.for_camera(plain), BY_DEFAULT, threads=1).pixels
+    seen = pinhole(camera, whole=True)
+    warp = LensWarp(camera, seen)
+    straight = warp.straighten(shaken.pixels)
+    return warp.bend(restore(straight, kernel.for_camera(seen), BY_DEFAULT, threads=1).pixels)
+
+
+def bends(camera: Camera) -> tuple[float, float]:
+    """How far the images of lines deviate from straight ones at most, before and after.
+
+    Lines of the pinhole's picture are drawn, bent and straightened again; their middles are found
+    in the pictures to a part of a pixel.
+    """
+    seen = pinhole(camera)
+    warp = LensWarp(camera, seen)
+    height, width = camera.shape
+    at = (np.arange(height) - (height - 1) / 2) / height
+    lines = [y for y in at * height if abs(y) > 0.3 * height][:: height // 8]
+    y, x = np.mgrid[0:height, 0:width].astype(np.float64)
+    worst = [0.0, 0.0]
+    for offset in lines:
+        middle = offset + (height - 1) / 2
+        # where photo pixels see the line: through the inverse map, as the photo would show it
+        points = np.stack([np.arange(width, dtype=float), np.full(width, middle)], 1)
+        there = distorted(points, camera, seen)
+        drawn = np.exp(-0.5 * np.square((y - np.interp(x, there[:, 0], there[:, 1])) / 1.5))
+        for k, picture in enumerate((drawn, warp.straighten(drawn.astype(np.float32)))):
+            columns = np.arange(width // 20, width - width // 20)
+            weight = picture[:, columns] ** 2
+            centre = (weight * y[:, columns]).sum(0) / weight.sum(0)
+            fit = np.polyval(np.polyfit(columns, centre, 1), columns)
+            worst[k] = max(worst[k], float(np.abs(centre - fit).max()))
+    return worst[0], worst[1]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the benchmark."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--blur-size", type=float, default=24, help="px; default: 24")
+    parser.add_argument("--seeds", type=int, default=2, help="paths for each photo; default: 2")
+    args = parser.parse_args(argv)
+    cv2.setNumThreads(1)
+    print("| lens | blurred | no lens | lens undone | gain | corners: blurred | no lens | "
+          "lens undone | gain | lines bend |\n" + "|---" * 10 + "|")  # fmt: skip
+    for lens in LENSES:
+        rows = []
+        try:
+            camera_of(lens, 400, 600)
+        except DeshakeError as error:
+            print(f"error: {error}\nhint: {error.hint}", file=sys.stderr)
+            return 1
+        for number, read in enumerate(PHOTOS.values()):
+            sharp = decode(np.ascontiguousarray(read()), Srgb())
+            camera = camera_of(lens, *sharp.shape[:2])
+            for seed in range(args.seeds):
+                path = random_path(camera, args.blur_size, seed=10 * number + seed)
+                shaken = shake(sharp, camera, path, noise_sigma=NOISE, seed=seed)
+                ways = [shaken.pixels, *(deblurred(shaken, undone=way) for way in (False, True))]
+                rows.append([psnrs(way, shaken.sharp) for way in ways])
+        table = np.array(rows)  # cases, ways, parts
+        before, after = bends(camera_of(lens, 400, 600))
+        cells = [f"{lens.name} at {lens.focal_mm:g} mm"]
+        for part in (0, 1):
+            gain = table[:, 2, part] - table[:, 1, part]
+            cells += [f"{mean:.1f}" for mean in table[..., part].mean(0)]
+            cells.append(f"{gain.mean():+.2f} ({gain.min():+.2f})")
+        cells.append(f"{before:.1f} px, {after:.2f} px")
+        print("| " + " | ".join(cells) + " |", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,151 @@
+"""Lenses through the commands: the stages give what `fix` gives, and nothing is lost."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from deshake.geometry.camera import Camera
+from deshake.io.kernel_file import CameraFile, read_camera, read_kernel, write_camera
+from deshake.io.registration_file import read_registration
+
+BARREL = np.array([-0.25, 0.03, 0, 0, 0])
+QUICK = ("--blur-size", 3, "--region", "10,10,60,50", "--uniform", "--estimator", "edges")
+
+
+@pytest.fixture
+def lens(tmp_path_factory):
+    """A camera file for photos of 100 x 80 through a barrel."""
+    path = tmp_path_factory.mktemp("lens") / "lens.npz"
+    camera = Camera.from_focal(120, 80, 100).with_lens(BARREL)
+    write_camera(path, CameraFile(camera, "made up"))
+    return path
+
+
+@pytest.mark.parametrize("keep", [(), ("--keep-geometry",)])
+def test_fix_is_its_stages(deshake, shaken, lens, tmp_path, keep):
+    photo = shaken("a.png", 16)
+    by = ("--camera", lens)
+    kernel, one, two = tmp_path / "k.npz", tmp_path / "one.png", tmp_path / "two.png"
+    assert deshake("estimate-blind", photo, "-o", kernel, *by, *QUICK).code == 0
+    assert deshake("deblur", photo, kernel, "-o", one, *keep).code == 0
+    kept = tmp_path / "kept"
+    args = ("-o", two, "--keep-kernels", kept, *by, *QUICK, *keep)
+    assert deshake("fix", photo, *args).code == 0
+    assert one.read_bytes() == two.read_bytes()
+    assert (kept / "a.kernel.npz").read_bytes() == kernel.read_bytes()
+    assert read_kernel(kernel).kernel.camera.distortion.any()
+
+
+def test_both_geometries_have_the_photos_size_and_differ(deshake, shaken, lens, pan, tmp_path):
+    photo = shaken("a.png", 16)
+    kernel = tmp_path / "k.npz"
+    with np.load(pan) as file, np.load(lens) as bent:
+        names = ("camera_matrix", "distortion")
+        np.savez(kernel, **{name: (bent if name in names else file)[name] for name in file})
+    pictures = []
+    ways = {"straight": (kernel,), "kept": (kernel, "--keep-geometry"), "pinhole": (pan,)}
+    for name, way in ways.items():
+        out = tmp_path / f"{name}.png"
+        assert deshake("deblur", photo, *way, "-o", out).code == 0
+        pictures.append(np.asarray(Image.open(out)).astype(float))
+    straight, kept, plain = pictures
+    assert straight.shape == kept.shape == plain.shape
+    assert np.abs(kept - plain).mean() < 0.6 * np.abs(straight - plain).mean()
+
+
+def test_strength_blends_with_the_straight_photo(deshake, shaken, lens, pan, tmp_path):
+    photo = shaken("a.png", 16)
+    kernel, still = tmp_path / "k.npz", tmp_path / "still.npz"
+    with np.load(pan) as file, np.load(lens) as bent:
+        names = ("camera_matrix", "distortion")
+        keys = {name: (bent if name in names else file)[name] for name in file}
+    np.savez(kernel, **keys)
+    np.savez(still, **keys | {"theta": np.zeros((1, 3)), "weights": np.ones(1)})
+    nothing, straight = tmp_path / "nothing.png", tmp_path / "straight.png"
+    more = ("--strength", 0, "--compare", "--no-provenance")
+    assert deshake("deblur", photo, kernel, "-o", nothing, *more).code == 0
+    assert deshake("deblur", photo, still, "-o", straight, "--no-provenance").code == 0
+    np.testing.assert_array_equal(np.asarray(Image.open(nothing)), np.asarray(Image.open(straight)))
+
+
+def test_a_pair_through_a_lens(deshake, pair, tmp_path):
+    blurred, noisy = pair
+    lens, found = tmp_path / "lens.npz", tmp_path / "r.npz"
+    camera = Camera.from_focal(150, 100, 140).with_lens(np.array([-0.02, 0, 0, 0]))
+    write_camera(lens, CameraFile(camera, "made up"))
+    assert deshake("register", blurred, noisy, "-o", found, "--camera", lens).code == 0
+    assert read_registration(found).camera.distortion.tolist() == [-0.02, 0, 0, 0]
+    kernel, one, two = tmp_path / "k.npz", tmp_path / "one.png", tmp_path / "two.png"
+    by = ("--registration", found)
+    assert deshake("estimate-pair", blurred, noisy, "-o", kernel, *by, "--blur-size", 7).code == 0
+    more = ("--noisy", noisy, "--keep-geometry", "--quality", "fast")
+    assert deshake("deblur", blurred, kernel, "-o", one, *more, *by).code == 0
+    args = ("--camera", lens, "--blur-size", 7)
+    assert deshake("fix", blurred, "-o", two, *more, *args, "--no-provenance").code == 0
+    np.testing.assert_array_equal(np.asarray(Image.open(one)), np.asarray(Image.open(two)))
+
+
+@pytest.fixture
+def kit(tmp_path):
+    """A photo through a zoom lens that lensfun knows."""
+    exif = Image.Exif()
+    exif[0x010F], exif[0x0110] = "SONY", "ILCE-6000"
+    tags = {0x920A: 16.0, 0xA405: 24, 0xA434: "E PZ 16-50mm F3.5-5.6 OSS"}
+    exif.get_ifd(0x8769).update(tags)
+    path = tmp_path / "kit.jpg"
+    Image.effect_noise((150, 100), 60).convert("RGB").save(path, exif=exif)
+    return path
+
+
+def test_calibrate_finds_the_profile(deshake, kit, tmp_path):
+    pytest.importorskip("lensfunpy")
+    out = tmp_path / "c.npz"
+    outcome = deshake("calibrate", kit, "--lens", "--json", "-o", out)
+    found = json.loads(outcome.out)
+    assert found["lens"] == "E PZ 16-50mm f/3.5-5.6 OSS"
+    camera = read_camera(out)
+    assert camera.camera.distortion.tolist() == found["distortion"]
+    assert camera.source.endswith("; lens E PZ 16-50mm f/3.5-5.6 OSS (lensfun)")
+    assert "lens" not in json.loads(deshake("calibrate", kit, "--json").out)
+
+
+def test_simulate_bends_and_calibrate_finds_the_same_lens_again(deshake, kit, tmp_path):
+    pytest.importorskip("lensfunpy")
+    out = tmp_path / "out.jpg"
+    assert deshake("simulate", kit, "-o", out, "--lens", "--blur-size", 4).code == 0
+    true = read_kernel(out.with_suffix(".npz")).kernel.camera
+    assert not true.is_pinhole
+    again = tmp_path / "c.npz"
+    assert deshake("calibrate", out, "--lens", "-o", again).code == 0
+    found = read_camera(again).camera
+    assert found.focal_px == pytest.approx(true.focal_px, rel=1e-3)
+    corner = np.array([[float(true.width - 1), float(true.height - 1)]])
+    from deshake.geometry.distortion import undistorted  # noqa: PLC0415
+
+    np.testing.assert_allclose(
+        undistorted(corner, found, found), undistorted(corner, true, true), atol=0.1
+    )
+
+
+def test_a_lens_that_is_not_known_is_an_error(deshake, kit, shaken):
+    pytest.importorskip("lensfunpy")
+    outcome = deshake("calibrate", kit, "--lens-model", "Nobody's 16-50mm f/3.5-5.6")
+    assert outcome.code == 1
+    assert outcome.err.startswith(f"error: {kit}: lensfun has no lens")
+    assert "hint: name the lens with --lens-model: " in outcome.err
+    bare = shaken("bare.png")
+    outcome = deshake("fix", bare, "--lens", "--focal-px", 100)
+    assert outcome.code == 1
+    assert f"error: {bare}: lensfun has no camera a camera without a name" in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("command", "more"), [("calibrate", ()), ("estimate-blind", ("--camera", "c.npz"))]
+)
+def test_wrong_use(deshake, kit, command, more):
+    wrong = ("--lens", *more) if more else ("--lens-model",)
+    assert deshake(command, kit, *wrong).code == 2
