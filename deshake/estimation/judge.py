@@ -2,14 +2,14 @@
 
 Two measures, both smaller for better kernels. The energy of the L0 picture,
 
-    E = mean min((A S - g)^2, lam / 4) + lam #{grad S != 0} / N
+    E = mean min((A S - g)^2, lam) + lam #{grad S != 0} / N
 
 weighs how well a kernel explains the photo against how many edges it needs for that; a kernel too
 wide or too small needs more of them. The misfit of a pixel counts up to a bound, since lights and
 tone curves are beyond what any kernel explains. The normalised sparsity ``|grad f|_1 / |grad f|_2``
 of the restored picture (Krishnan, Tay & Fergus, CVPR 2011), against the photo's own, rises with
 ringing and falls with sharpness. Both are compared with what they are without any shake: the margin
-is the gain in ``ln E + 0.375 ln nsp``. Energies that get worse count little: fine texture makes the
+is the gain in ``ln E + 0.6 ln nsp``. Energies that get worse count little: fine texture makes the
 true kernel's so, while wrong kernels are told by their ringing.
 """
 
@@ -41,8 +41,7 @@ Mask = NDArray[np.bool_]
 _LAM = 2e-3
 _BETA_MAX = 64.0
 _LIVE = 1 / 64  # gradients whose square is above this share of lam are counted as edges
-_MOST_MISFIT = 0.25  # of a pixel, in lam
-_SPARSITY_WEIGHT = 0.375
+_SPARSITY_WEIGHT = 0.6
 _MOST_LOSS = 0.05  # of energy
 _BORDER = 12  # px left out on every side
 _LEAST_NOISE = 0.002
@@ -51,8 +50,8 @@ _POWER = 0.8  # of the gradients, in the restored picture's prior
 _PRIOR = 0.5
 _PENALTIES = tuple(float(beta) for beta in np.geomspace(0.01, 0.5, 7))
 _FILL_AT = 4  # penalties in, when what is not known is filled in
-_EVEN = 0.07  # margin at which the confidence is a half
-_SLOPE = 0.02  # of the confidence
+_EVEN = 0.04  # margin at which the confidence is a half
+_SLOPE = 0.015  # of the confidence
 
 
 class Score(NamedTuple):
@@ -114,7 +113,7 @@ def margin(found: Score, still: Score) -> float:
 def confidence(found: Score, still: Score) -> float:
     """Chance that a kernel makes the photo better, by its score and that of no shake at all.
 
-    The logistic function of the margin, one half at 0.07 and 0.88 at 0.11. Fitted to kernels of
+    The logistic function of the margin, one half at 0.04 and 0.88 at 0.07. Fitted to kernels of
     simulated shakes, whose gain was known, to wrong kernels, and to real photos, where the eye was
     the judge.
     """
@@ -154,7 +153,7 @@ class _Trial:
         across, down = differences(picture)
         live = across**2 + down**2 > _LAM * _LIVE
         misfit = (blurred - self.seen.picture)[self.counted].astype(np.float64)
-        misfit = np.minimum(misfit**2, _MOST_MISFIT * _LAM)
+        misfit = np.minimum(misfit**2, _LAM)
         return float(misfit.mean() + _LAM * live[self.counted].mean())
 
     def sparsity(self) -> float:
