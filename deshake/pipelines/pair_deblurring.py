@@ -21,7 +21,7 @@ from deshake.geometry.camera import Camera
 from deshake.io.files import STREAM, check_output, default_output
 from deshake.io.kernel_file import read_kernel
 from deshake.io.photo import read_pair, write_photo
-from deshake.operators.planes import channels_first, fitted
+from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import ShakeBlur
 from deshake.pipelines.calibration import camera_for
 from deshake.pipelines.camera_tones import (
@@ -281,12 +281,11 @@ def _restored(
         stored *= np.float32(scale)
         clipped = resample(noisy.clipped.astype(np.float32))[0] > 0
         pair, valid = noisy_photo(light, stored, resample, threads=threads)
+    del stored
     if options.method == "residual":
-        guide = fitted(pair.denoised, g.shape[:2])
-        del pair
         return residual_richardson_lucy(
             light,
-            np.moveaxis(guide, 0, -1) if g.ndim == 3 else guide[0],
+            pair,
             kernel,
             clipped=blurred.clipped,
             iterations=options.iterations,
