@@ -96,6 +96,13 @@ class Job:
         return there and self.existing == "skip" and self.problem is None
 
     @property
+    def place(self) -> Path:
+        """Where the result goes, for a stage that always has one."""
+        if self.output is None:
+            raise ValueError("this stage has a result")
+        return self.output
+
+    @property
     def outputs(self) -> list[Path]:
         """All files that it may write."""
         return [*filter(None, [self.output]), *self.others.values()]

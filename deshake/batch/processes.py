@@ -76,7 +76,7 @@ def run_in_processes(
         while waiting or taken:
             while waiting and len(taken) < processes:
                 number, job = waiting[0]
-                need = memory_needed(job, work)
+                need = memory_needed(job, work, threads)
                 if not budget.admits(need, taken.values()):
                     break
                 waiting.popleft()

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 from deshake.batch.resume import doubt
-from deshake.errors import DeshakeError, describe
+from deshake.errors import DeshakeError, OutputError, describe
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -94,6 +94,8 @@ def run_job(
                 return Result(job, "skipped", time.perf_counter() - start, {}, tuple(warnings))
             figures = work(job, threads=threads, progress=progress)
         except Exception as error:  # noqa: BLE001  one bad photo never stops the rest
+            if isinstance(error, OutputError) and job.skipped:  # another run has made it meanwhile
+                return Result(job, "skipped", time.perf_counter() - start, {}, tuple(warnings))
             return failure(job, error, time.perf_counter() - start, warnings)
     # What was noted was warned of as well, unless nothing but errors is wanted.
     told = dict.fromkeys([*warnings, *figures.pop("notes", [])])

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import logging
+import contextlib
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
+from deshake.batch.estimate_work import kernel_origin
 from deshake.batch.footprint import estimate_memory, photo_memory, restoration_memory
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions
-from deshake.io.files import STREAM, sha256
+from deshake.errors import DeshakeError
+from deshake.io.files import STREAM
 from deshake.io.kernel_file import read_kernel
-from deshake.pipelines.calibration import calibrate_file
-from deshake.pipelines.file_stages import deblur_file, estimate_file, fix_file
+from deshake.io.picture_size import PictureSize
+from deshake.pipelines.file_stages import deblur_file, fix_file
 from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.pair_deblurring import PairRestorationOptions, deblur_pair_file
 from deshake.pipelines.pair_fixing import fix_pair_file
@@ -19,19 +21,14 @@ from deshake.pipelines.photo_provenance import photo_origin
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from deshake.batch.plan import Job
-    from deshake.io.picture_size import PictureSize
     from deshake.io.transfer import TransferName
     from deshake.pipelines.stages import EstimateOptions
 
     Progress = Callable[[float, str], None]
 
-__all__ = ["Calibrate", "Deblur", "EstimateBlind", "Fix", "Work"]
-
-
-_log = logging.getLogger(__name__)
+__all__ = ["Deblur", "Fix", "Work"]
 
 
 class Work(Protocol):
@@ -50,7 +47,7 @@ class Work(Protocol):
         """
         ...
 
-    def memory(self, size: PictureSize) -> int:
+    def memory(self, job: Job, size: PictureSize, threads: int) -> int:
         """Predict the bytes that a process takes for it, itself included."""
         ...
 
@@ -93,7 +90,7 @@ class Fix:
         self, job: Job, *, threads: int | None, progress: Progress | None
     ) -> dict[str, Any]:
         """Fix the photo of a job."""
-        output, kernel = _output(job), job.others.get("kernel")
+        output, kernel = job.place, job.others.get("kernel")
         common: dict[str, Any] = {
             "overwrite": job.overwrite,
             "finish": replace(self.finish, mask=job.needs.get("mask")),
@@ -117,9 +114,11 @@ class Fix:
             job.source, output, kernel, self.options, restoration=self.restoration, **common
         ).report()
 
-    def memory(self, size: PictureSize) -> int:
+    def memory(self, job: Job, size: PictureSize, threads: int) -> int:  # noqa: ARG002
         """Predict the memory that it takes."""
-        return max(estimate_memory(size), restoration_memory(size, self.restoration))
+        blur, seen = self.options.blur_size, _seen(size, self.finish)
+        needed = restoration_memory(seen, self.restoration, threads, blur)
+        return max(photo_memory(size), estimate_memory(seen, threads), needed)
 
     def origin(self, job: Job) -> dict[str, Any]:
         """Return the inputs and the options of both stages."""
@@ -132,7 +131,7 @@ class Fix:
             finish=finish,
         )
         if noisy is None and not finish.preview:  # else the estimate's options are not quite these
-            known["kernel"] = _kernel_origin(self.options)
+            known["kernel"] = kernel_origin(self.options)
         return known
 
 
@@ -192,9 +191,14 @@ class Deblur:
             deblur_file(job.source, kernel, job.output, restoration=self.restoration, **common)
         return figures
 
-    def memory(self, size: PictureSize) -> int:
+    def memory(self, job: Job, size: PictureSize, threads: int) -> int:
         """Predict the memory that it takes."""
-        return restoration_memory(size, self.restoration)
+        blur = None
+        with contextlib.suppress(DeshakeError):
+            if str(job.needs["kernel"]) != STREAM:
+                blur = read_kernel(job.needs["kernel"]).kernel.extent_px()
+        needed = restoration_memory(_seen(size, self.finish), self.restoration, threads, blur)
+        return max(photo_memory(size), needed)
 
     def origin(self, job: Job) -> dict[str, Any]:
         """Return the inputs and the options, and those of the kernel."""
@@ -212,108 +216,6 @@ class Deblur:
         return known | {"kernel": {name: told[name] for name in names if name in told}}
 
 
-@dataclass(frozen=True)
-class EstimateBlind:
-    """``estimate-blind``: estimate the kernel of a photo; its ``latent`` picture is kept if named.
-
-    Parameters
-    ----------
-    options : EstimateOptions
-        What the estimate goes by.
-
-    """
-
-    options: EstimateOptions
-
-    def __call__(
-        self, job: Job, *, threads: int | None, progress: Progress | None
-    ) -> dict[str, Any]:
-        """Estimate the kernel of a job."""
-        return estimate_file(
-            job.source,
-            _output(job),
-            self.options,
-            latent=job.others.get("latent"),
-            overwrite=job.overwrite,
-            threads=threads,
-            progress=progress,
-        ).report()
-
-    def memory(self, size: PictureSize) -> int:
-        """Predict the memory that it takes."""
-        return estimate_memory(size)
-
-    def origin(self, job: Job) -> dict[str, Any]:
-        """Return the input and the options."""
-        return _kernel_origin(self.options) | {"input_sha256": sha256(job.source)}
-
-
-@dataclass(frozen=True)
-class Calibrate:
-    """``calibrate``: find the camera of a photo.
-
-    Parameters
-    ----------
-    focal_px, focal_35mm : float, optional
-        Focal length in pixels of the photo, or in millimetres on 35 mm film; by default from EXIF.
-    lens, lens_model
-        As in `calibrate`.
-
-    """
-
-    focal_px: float | None = None
-    focal_35mm: float | None = None
-    lens: bool = False
-    lens_model: str | None = None
-
-    def __call__(
-        self,
-        job: Job,
-        *,
-        threads: int | None,  # noqa: ARG002
-        progress: Progress | None,  # noqa: ARG002
-    ) -> dict[str, Any]:
-        """Calibrate the photo of a job."""
-        found = calibrate_file(
-            job.source,
-            job.output,
-            focal_px=self.focal_px,
-            focal_35mm=self.focal_35mm,
-            lens=self.lens,
-            lens_model=self.lens_model,
-            overwrite=job.overwrite,
-        )
-        for line in found.considered:
-            _log.info("%s: %s", job.source, line)
-        for note in found.notes:
-            _log.warning("%s: %s", job.source, note)
-        return found.report()
-
-    def memory(self, size: PictureSize) -> int:
-        """Predict the memory that it takes."""
-        return photo_memory(size)
-
-    def origin(self, job: Job) -> dict[str, Any]:  # noqa: ARG002
-        """Return nothing: camera files tell no more than what they hold."""
-        return {}
-
-
-def _output(job: Job) -> Path:
-    """Return where the result goes, which these stages always know."""
-    if job.output is None:
-        raise ValueError("this stage has a result")
-    return job.output
-
-
-def _kernel_origin(options: EstimateOptions) -> dict[str, Any]:
-    """Return what a blind kernel will tell of its options; its camera, if one was named."""
-    known: dict[str, Any] = {"options": options.provenance()}
-    if options.camera is not None:
-        known["camera"] = options.camera.source
-    elif options.lens or options.lens_model is not None:
-        pass  # the lens's name is told, too, which the photo decides
-    elif options.focal_px is not None:
-        known["camera"] = f"--focal-px {options.focal_px:g}"
-    elif options.focal_35mm is not None:
-        known["camera"] = f"--focal-35mm {options.focal_35mm:g}"
-    return known
+def _seen(size: PictureSize, finish: Finish) -> PictureSize:
+    """Return the size at which the work is done."""
+    return PictureSize(size.pixels // 16, size.channels) if finish.preview else size

@@ -86,7 +86,7 @@ def command(
                 raise click.UsageError(f"--chessboard and --{name} cannot both be given.")
         _from_chessboards(context, photos, output, board or (9, 6), batch)
         return 0
-    from deshake.batch.work import Calibrate
+    from deshake.batch.estimate_work import Calibrate
     from deshake.pipelines.file_stages import camera_name
 
     to_stdout = one_to_stdout(as_json=batch.as_json, output=output)

@@ -61,8 +61,8 @@ def command(
     assumed. The photos of a folder are taken in natural order, with -r also those of the folders
     in it; if one fails, the others go on.
     """
+    from deshake.batch.estimate_work import EstimateBlind
     from deshake.batch.plan import Extra
-    from deshake.batch.work import EstimateBlind
     from deshake.io.kernel_file import read_camera
     from deshake.pipelines.file_stages import kernel_name
     from deshake.pipelines.stages import EstimateOptions

@@ -100,6 +100,11 @@ class Photo:
     frame: Frame | None = None
 
     @property
+    def is_sensors(self) -> bool:
+        """Whether the pixels are a sensor's own light, which no tone curve has bent."""
+        return self.encoding.format == "RAW"
+
+    @property
     def shape(self) -> tuple[int, int]:
         """Height and width in pixels."""
         return self.pixels.shape[0], self.pixels.shape[1]
@@ -145,9 +150,7 @@ class Photo:
 
 
 def read_photo(path: str | os.PathLike[str], *, transfer: TransferName | None = None) -> Photo:
-    """Read a photo, whatever its name says.
-
-    The EXIF orientation is applied to the pixels and set to 1.
+    """Read a photo, whatever its name says, and turn it upright.
 
     Parameters
     ----------
@@ -196,13 +199,9 @@ def read_pair(
     *,
     transfer: TransferName | None = None,
 ) -> tuple[Photo, Photo]:
-    """Read two photos of one scene; of two RAW files, the second in the first one's white balance.
+    """Read two photos of one scene as `read_photo` does.
 
-    Raises
-    ------
-    PhotoError
-        For the reasons of `read_photo`.
-
+    Of two RAW files, the second is taken to the first one's white balance.
     """
     one, other = (read_photo(path, transfer=transfer) for path in (first, second))
     if one.encoding.balance and len(one.encoding.balance) == len(other.encoding.balance):

@@ -42,7 +42,7 @@ class Trial:
         progress(0.5, "half")
         return {"pid": os.getpid(), "threads": threads}
 
-    def memory(self, size):
+    def memory(self, job, size, threads):
         return self.need * max(size.pixels, 1)
 
     def origin(self, job):

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from deshake.batch.estimate_work import EstimateBlind
 from deshake.batch.plan import Job
 from deshake.batch.resume import differences, doubt
 from deshake.batch.task import run_job
-from deshake.batch.work import Deblur, EstimateBlind, Fix
+from deshake.batch.work import Deblur, Fix
 from deshake.deconvolution.methods import RestorationOptions
 from deshake.pipelines.finishing import Finish
 from deshake.pipelines.stages import EstimateOptions

@@ -55,6 +55,18 @@ def test_existing_results_are_skipped(trial, jobs):
     assert job.output.read_text() == "mine"
 
 
+def test_what_another_run_made_meanwhile_is_skipped(jobs):
+    [job] = jobs("", existing="skip")
+
+    def work(*_, **__):
+        job.output.write_text("the other's")
+        raise OutputError("exists already", file=job.output)
+
+    assert run_job(job, work).status == "skipped"
+    [job] = jobs("", existing="refuse")
+    assert run_job(job, work).status == "failed"
+
+
 def test_warnings_of_other_threads_are_not_this_photos(jobs):
     [job] = jobs("")
 

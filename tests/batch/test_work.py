@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from deshake.batch.estimate_work import EstimateBlind
 from deshake.batch.plan import Job
-from deshake.batch.work import Calibrate, Deblur, EstimateBlind, Fix
+from deshake.batch.work import Deblur, Fix
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
-from deshake.io.kernel_file import CameraFile, KernelFile, read_camera, read_kernel, write_kernel
+from deshake.io.kernel_file import CameraFile, KernelFile, read_kernel, write_kernel
 from deshake.pipelines.stages import EstimateOptions
 
 CAMERA = Camera.from_focal(120, 80, 100)
@@ -50,14 +51,6 @@ def test_existing_outputs_follow_the_job(photo, tmp_path):
     out.touch()
     did(Deblur(), Job(photo, out, needs={"kernel": kernel}, existing="replace"))
     assert out.stat().st_size > 0
-
-
-def test_calibrate_with_and_without_a_file(photo, tmp_path):
-    camera = tmp_path / "c.npz"
-    figures = did(Calibrate(focal_px=150), Job(photo, camera))
-    assert (figures["focal_px"], figures["width"], figures["height"]) == (150, 100, 80)
-    assert read_camera(camera).camera.focal_px == 150
-    assert did(Calibrate(focal_px=150), Job(photo, None)) == figures
 
 
 def test_a_result_needs_its_place(photo):

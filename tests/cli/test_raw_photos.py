@@ -15,7 +15,7 @@ from skimage import data
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
-from deshake.io.kernel_file import KernelFile, write_kernel
+from deshake.io.kernel_file import KernelFile, read_kernel, write_kernel
 from deshake.io.photo import read_photo
 from deshake.io.transfer import SRGB
 from deshake.operators.warps import Warps
@@ -155,6 +155,25 @@ def test_a_sharp_raw_file_can_be_shaken(deshake, make_dng, scene, tmp_path):
     assert found.dtype == np.uint16
     mean = SRGB.to_linear(found[..., ::-1] / 65535).mean((0, 1))
     assert np.abs(mean / scene[0].mean((0, 1)) - 1).max() < 0.1
+
+
+def test_a_pair_of_raw_files_is_known_to_be_linear(deshake, make_dng, scene, tmp_path):
+    _, blurred, turned = scene
+    long, short = tmp_path / "long.dng", tmp_path / "short.dng"
+    # so dark and noisy that tones alone could be taken for curves, as in a JPEG they are
+    noisy = turned / 12 + 0.012 * np.random.default_rng(0).normal(size=turned.shape)
+    long.write_bytes(make_dng(np.sqrt(np.maximum(blurred, 0)), exif=EXIF))
+    short.write_bytes(make_dng(noisy, exif=EXIF))
+    lens, known, kernel = ("--focal-px", 150), tmp_path / "r.npz", tmp_path / "k.npz"
+    assert deshake("register", long, short, *lens, "-o", known, *QUIET).code == 0
+    words = ("--registration", known, "--blur-size", 8, "-o", kernel)
+    outcome = deshake("estimate-pair", long, short, *words, "--json", *QUIET)
+    assert outcome.code == 0
+    assert not any("tone curves" in note for note in json.loads(outcome.out)["notes"])
+    assert read_kernel(kernel).provenance["tone_curves"] is False
+    assert (
+        deshake("deblur", long, kernel, "--noisy", short, "--registration", known, "-v").code == 0
+    )
 
 
 @pytest.mark.parametrize(
