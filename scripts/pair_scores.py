@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
 __all__ = ["Row", "Score", "header", "line", "summary"]
@@ -46,10 +48,11 @@ def line(name: str, row: Row) -> str:
     return "| " + " | ".join(cells) + " |"
 
 
-def header(*, blindly: bool) -> str:
+def header(*, blindly: bool, ways: Sequence[str]) -> str:
     """Head of the table."""
     cells = ["case", "off", "sure", "kernel"]
-    cells += [what for what in COLUMNS if blindly or what != "blind"]
+    there = {"blurred", "noisy", "denoised", *ways} | ({"blind"} if blindly else set())
+    cells += [what for what in COLUMNS if what in there]
     return "| " + " | ".join(cells) + " |\n" + "|---" * len(cells) + "|"
 
 

@@ -56,6 +56,8 @@ class NoisyPhoto:
         The same denoised, f_D, >= 0.
     slope, floor : float
         The variance of the noise is ``slope x + floor`` at the light x.
+    misfit : float
+        Of (g - A f_D)^2, the largest share that the kernel may be held to blame for.
 
     """
 
@@ -63,6 +65,7 @@ class NoisyPhoto:
     denoised: Image
     slope: float
     floor: float
+    misfit: float = 1.5
 
     def variance(self) -> Image:
         """Return the variance of the noise, averaged over the colours, (H, W)."""
