@@ -119,8 +119,9 @@ def command(
     return run_batch(context, jobs, work, batch)
 
 
-def _check_estimate(*, region: object, estimator: str, **_: object) -> None:
+def _check_estimate(*, region: object, estimator: str, focal: object, **_: object) -> None:
     """Refuse what only a blind estimate goes by."""
-    for name, given in {"region": region is not None, "estimator": estimator != "auto"}.items():
+    chosen = {"region": region is not None, "estimator": estimator != "auto", "focal": focal}
+    for name, given in chosen.items():
         if given:
             raise click.UsageError(f"--{name} does not go with --noisy.")

@@ -48,7 +48,7 @@ F = TypeVar("F", bound="Callable[..., Any]")
 FILE = click.Path(path_type=Path)
 """A path as it was typed; "-" is stdin or stdout where a command says so."""
 
-_FOCAL_SOURCES = ("focal_px", "focal_35mm", "camera")
+_FOCAL_SOURCES = ("focal", "focal_px", "focal_35mm", "camera")
 _OPENCV_THREADS = "OPENCV_FOR_THREADS_NUM"
 """What OpenCV reads when it is imported, which is after the options are."""
 
@@ -183,14 +183,14 @@ def lens_options(command: F) -> F:
         "--lens",
         is_flag=True,
         default=None,
-        callback=_only_one_of("camera"),
+        callback=_only_one_of("camera", "focal"),
         help="Undo the distortion of the lens, by its profile in lensfun's database "
         "(deshake[lens]).",
     )
     named = click.option(
         "--lens-model",
         metavar="NAME",
-        callback=_only_one_of("camera"),
+        callback=_only_one_of("camera", "focal"),
         help="The same, with the lens that has this name there.  [default: by the photo's EXIF]",
     )
     return found(named(command))
@@ -267,6 +267,15 @@ estimator_option = click.option(
 )
 
 
+focal_option = click.option(
+    "--focal",
+    type=click.Choice(["auto"]),
+    callback=_only_one_of(*_FOCAL_SOURCES, "lens", "lens_model"),
+    help="Find the focal length with the kernel, where nothing tells it: four estimates, of which "
+    "the one is kept that explains the photo best.",
+)
+
+
 def estimate_options(command: F) -> F:
     """Add all that a blind estimate goes by; the names are those of `EstimateOptions`."""
     for option in (
@@ -277,6 +286,7 @@ def estimate_options(command: F) -> F:
         blur_options,
         lens_options,
         focal_options,
+        focal_option,
         camera_option,
     ):
         command = option(command)

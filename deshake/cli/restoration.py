@@ -74,7 +74,7 @@ def restoration_options(command: F) -> F:
             "residual",
             None,
         ),
-        help="Iterations of the method.  [default: 5 for sparse, 10 for fusion, 20 for residual, "
+        help="Iterations of the method.  [default: 5 for sparse, 10 for fusion, "
         "else by the photo's noise]",
     )
     return method(quality(iterations(command)))

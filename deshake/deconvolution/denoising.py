@@ -105,16 +105,21 @@ def noisy_photo(
     if not (np.isfinite(f_N.min()) and np.isfinite(f_N.max())):
         raise ValueError("a photo's pixels are finite")
     f_reg, valid = resample(f_N)
-    unseen = fitted(channels_first(g), valid.shape)
     if f_reg.shape[2:] != g.shape[2:] or f_reg.shape[:2] != valid.shape:
         raise ValueError(f"a noisy photo of shape {f_reg.shape} does not fit one of {g.shape}")
-    pixels = np.where(valid > 0, channels_first(f_reg), unseen).astype(np.float32)
+    pixels = _filled(channels_first(f_reg), g, valid)
+    del f_reg
     within = fitted(pixels, g.shape[:2])
     slope, floor = noise_of_pair(image_like(within, g), g, fitted(valid, g.shape[:2]))
     finer = f_N.shape[0] * f_N.shape[1] / (g.shape[0] * g.shape[1])  # pixels for one
     f_D = channels_first(resample(_denoised(f_N, finer * slope, finer * floor, threads))[0])
-    denoised = np.where(valid > 0, np.maximum(f_D, 0), unseen).astype(np.float32)
-    return NoisyPhoto(pixels, denoised, slope, floor), valid
+    return NoisyPhoto(pixels, _filled(np.maximum(f_D, 0), g, valid), slope, floor), valid
+
+
+def _filled(planes: Image, g: Image, valid: Image) -> Image:
+    """Let the blurred photo stand in where the noisy one sees nothing."""
+    unseen = fitted(channels_first(g), valid.shape)
+    return np.where(valid > 0, planes, unseen).astype(np.float32, copy=False)
 
 
 def _denoised(f_N: Image, slope: float, floor: float, threads: int | None) -> Image:

@@ -9,13 +9,15 @@ its blur, the noisy one where the edges are; the frequencies that the blur took 
 alone, and the prior takes its noise off them. f_M is a mean of the noisy photo and of the same
 photo denoised, f_M = (1 - b) f_N + b f_D: the better g is, the less has to be taken on trust from
 a denoiser, which removes faint detail with the noise; b = r / (r + r_0), r = sigma_g / sigma_N.
-sigma_g has the errors of the kernel in it, and v is 0 where the noisy photo does not see the scene
-that the blurred one saw (`pair_weights`). s = (1 / sigma_g^2 + 1 / sigma_N^2)^(1/2), where the
-second is averaged, is about what both together tell.
+sigma_g has the errors of the kernel in it; where the photos disagree, as where something moved, g
+does not count, and the scene is as the noisy photo saw it (`pair_weights`). v is 0 where that sees
+nothing. It is registered beyond the frame as far as the blur reaches, for what lies there is in g,
+too. s = (1 / sigma_g^2 + 1 / sigma_N^2)^(1/2), where the second is averaged, is about what both
+together tell.
 
 It begins with f_D, or where v = 0 with a few iterations of Richardson-Lucy, and takes a few stages
-of half-quadratic splitting (`half_quadratic`). Beyond the frame, and where v = 0, it is a
-deconvolution of the blurred photo alone. The noisy photo in such a sum is what L. Yuan, J. Sun,
+of half-quadratic splitting (`half_quadratic`). Where v = 0 it is a deconvolution of the blurred
+photo alone. The noisy photo in such a sum is what L. Yuan, J. Sun,
 L. Quan and H.-Y. Shum, "Image deblurring with blurred/noisy image pairs", ACM Transactions on
 Graphics 26, 2007, https://doi.org/10.1145/1276377.1276379, do without.
 """

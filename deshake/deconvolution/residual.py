@@ -14,6 +14,9 @@ over the levels l of f_D's pyramid, holds it back where the scene is even. What 
 comes back as a layer: the residual without the map, f, less its joint bilateral mean guided by the
 result with the map f_g; f_g + (f - mean f), in display values, is the photo.
 
+More iterations explain the noise of g, too, and multiply it. They end when what is left of g is no
+more than its noise, at a scale that compression leaves alone (`noise`): the discrepancy principle.
+
 References
 ----------
 .. [1] L. Yuan, J. Sun, L. Quan and H.-Y. Shum, "Image deblurring with blurred/noisy image pairs",
@@ -29,14 +32,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from deshake.deconvolution.noise import coarse_noise, pair_means
+from deshake.deconvolution.pair_weights import agreement
 from deshake.deconvolution.restoration import Restoration, check_photo
 from deshake.operators.filter_flow import reach
-from deshake.operators.planes import channels_first
+from deshake.operators.planes import channels_first, fitted, image_like
 from deshake.operators.shake_blur import blur_filters
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from deshake.deconvolution.denoising import NoisyPhoto
     from deshake.geometry.kernel import RotationKernel
     from deshake.operators.shake_blur import Filters
 
@@ -44,7 +50,9 @@ __all__ = ["gain_map", "joint_bilateral", "residual_richardson_lucy"]
 
 Image = NDArray[np.float32]
 
-_ITERATIONS = 20
+_MOST = 20
+_NOISE = 1.1  # of the estimated noise: the residual to stop at
+_STALLED = 0.02  # fall of the squared residual, less than which is not worth an iteration
 _ALPHA = 0.2
 _UNSEEN = np.float32(1e-2)
 _DARK = np.float32(1e-3)
@@ -57,7 +65,7 @@ _BAND = 256
 
 def residual_richardson_lucy(
     g: Image,
-    f_D: Image,
+    noisy: NoisyPhoto,
     kernel: RotationKernel,
     *,
     clipped: NDArray[np.bool_] | None = None,
@@ -75,14 +83,16 @@ def residual_richardson_lucy(
     ----------
     g : (h, w) or (h, w, C) array of float32
         The blurred photo in linear light.
-    f_D : (h, w) or (h, w, C) array of float32
-        The denoised photo, registered, as bright as the blurred one.
+    noisy : NoisyPhoto
+        The noisy photo, denoised, registered and as bright as the blurred one: in its frame, or
+        further on all sides.
     kernel : RotationKernel
         The blur, for a camera of the photo's size.
     clipped : (h, w) array of bool, optional
-        Where the blurred photo clipped; it has no residual there.
+        Where the blurred photo clipped; it has no residual there, nor where the photos disagree.
     iterations : int, optional
-        How many, >= 1; by default 20.
+        How many, >= 1. By default 1 to 20: until the residual is down to the noise, or an iteration
+        takes less than 2 % off its square.
     gain : bool
         Whether the gain map is used.
     detail : bool
@@ -104,42 +114,46 @@ def residual_richardson_lucy(
 
     """
     check_photo(g, kernel, clipped, iterations)
-    check_photo(f_D, kernel, None, None)
-    if f_D.shape != g.shape:
-        raise ValueError(f"a denoised photo of shape {f_D.shape} does not fit one of {g.shape}")
-    count = iterations or _ITERATIONS
-    runs = 2 if gain and detail else 1
+    planes = channels_first(g)
+    if len(noisy.denoised) != len(planes):
+        raise ValueError(f"a noisy photo of {noisy.denoised.shape} does not fit one of {g.shape}")
+    most = iterations or _MOST
+    runs = 2 if gain else 1
     margin = reach(kernel.camera, kernel.theta[kernel.weights > 0])
-    blur = blur_filters(kernel, margin=margin, channels=1, threads=threads)
+    blur = blur_filters(kernel, margin=margin, channels=len(planes), threads=threads)
     seen = np.maximum(blur.adjoint(np.ones((1, *g.shape[:2]), np.float32))[0], _UNSEEN)
-    gains = gain_map(f_D) if gain else None
-    around = np.pad(gains, margin, mode="edge") if gains is not None else None
-    total = len(channels_first(g)) * runs * count
-    done = 0
+    f_D = fitted(noisy.denoised, seen.shape)
+    gains = gain_map(image_like(f_D, g)) if gain else None
+    left = blur.forward(f_D)
+    agreeing = agreement(g, left, fitted(noisy.variance(), g.shape[:2]), margin)
+    if clipped is not None:
+        agreeing[clipped] = 0
+    np.subtract(planes, left, out=left)
+    left *= agreeing
+    inside = np.s_[margin:-margin, margin:-margin]
+    done, counts, squared = 0, [], 0.0
 
-    def tell() -> None:
-        nonlocal done
-        done += 1
+    def tell(iteration: int, count: int) -> None:
         if progress is not None:
-            progress(done / total, f"deblurring the residual, iteration {(done - 1) % count + 1}")
+            part = (done + iteration / count) / (runs * len(planes))
+            progress(part, f"deblurring the residual, iteration {iteration}")
 
-    out, squared = np.empty(g.shape, np.float32), 0.0
-    for c, (observed, denoised) in enumerate(
-        zip(channels_first(g), channels_first(f_D), strict=True)
-    ):
-        start = np.pad(denoised.astype(np.float32), margin, mode="edge")
-        left = observed - blur.forward(start[None])[0]
-        if clipped is not None:
-            left[clipped] = 0
-        change = _deconvolved(left, blur, seen, around, count=count, tell=tell)
-        squared += float(np.sum(np.square(left - blur.forward(change[None])[0]), dtype=np.float64))
-        inside = np.s_[margin:-margin, margin:-margin]
-        f = denoised + change[inside]
-        if runs == 2:
-            change = _deconvolved(left, blur, seen, None, count=count, tell=tell)
-            f = _with_detail(f, denoised + change[inside])
+    out = np.empty(g.shape, np.float32)
+    for c, (residual, denoised) in enumerate(zip(left, f_D, strict=True)):
+        noise = _NOISE * coarse_noise(planes[c]) if iterations is None else None
+        change, count = _deconvolved(residual, blur, seen, None, most=most, noise=noise, tell=tell)
+        f = (denoised + change)[inside]
+        if gains is not None:
+            done += 1
+            change, _ = _deconvolved(residual, blur, seen, gains, most=count, noise=None, tell=tell)
+            calm = (denoised + change)[inside]
+            f = _with_detail(calm, f) if detail else calm
+        done += 1
+        counts.append(count)
+        left[c] -= blur.forward(change[None])[0]
+        squared += float(np.sum(np.square(left[c]), dtype=np.float64))
         channels_first(out)[c] = np.maximum(f, 0)
-    return Restoration(out, count, float(np.sqrt(squared / g.size)))
+    return Restoration(out, max(counts), float(np.sqrt(squared / g.size)))
 
 
 def gain_map(f_D: Image) -> Image:
@@ -198,20 +212,33 @@ def _deconvolved(
     seen: Image,
     gains: Image | None,
     *,
-    count: int,
-    tell: Callable[[], None],
-) -> Image:
-    """Deconvolve the residual of one colour; return delta f, (H, W)."""
+    most: int,
+    noise: float | None,
+    tell: Callable[[int, int], None],
+) -> tuple[Image, int]:
+    """Deconvolve the residual of one colour; return delta f, (H, W), and in how many iterations."""
     f = np.ones_like(seen)  # delta f + 1
-    target = np.maximum(left + blur.forward(f[None])[0], _DARK)
-    for _ in range(count):
-        ratio = target / np.maximum(blur.forward(f[None])[0], _DARK)
+    even = blur.forward(f[None])[0]
+    target = np.maximum(left + even, _DARK)
+    ratio, before, done = even, np.inf, 0
+    while done < most:
+        np.divide(target, np.maximum(ratio, _DARK), out=ratio)
         f *= np.where(seen > _UNSEEN, blur.adjoint(ratio[None])[0] / seen, 1)
         if gains is not None:
             f = (f - 1) * gains + 1
-        tell()
+        done += 1
+        if done == most:
+            break
+        ratio = blur.forward(f[None])[0]
+        if noise is not None:
+            squared = 4 * float(np.mean(np.square(pair_means(target - ratio)), dtype=np.float64))
+            if squared <= noise or squared > (1 - _STALLED) * before:
+                break
+            before = squared
+        tell(done, most)
+    tell(done, done)
     f -= 1
-    return f
+    return f, done
 
 
 def _with_detail(calm: Image, full: Image) -> Image:

@@ -17,7 +17,7 @@ from deshake.geometry.kernel import ALL_AXES, RotationKernel
 from deshake.geometry.rotations import grid_steps
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
 __all__ = ["Estimator", "best_estimate", "estimate_candidates", "estimate_kernel"]
 
@@ -183,7 +183,7 @@ def best_estimate(
     choice = choose(picture, kernels, usable=usable, threads=threads)
     found = candidates[choice.name]
     if is_at_rest(picture, kernels):
-        note = f"{_no_shake(found.kernel)}, the photo looks sharp: it is left as it is"
+        note = f"{_no_shake(kernels.values())}, the photo looks sharp: it is left as it is"
         return _left(found, min(choice.confidence, _HOPELESS), note)
     if choice.confidence < _HOPELESS:
         note = (
@@ -203,9 +203,10 @@ def best_estimate(
     return replace(found, confidence=choice.confidence, notes=notes)
 
 
-def _no_shake(kernel: RotationKernel) -> str:
+def _no_shake(kernels: Iterable[RotationKernel]) -> str:
     """Say that no shake was found, and how wide one might be that was too small to be seen."""
-    step = float((kernel.steps / grid_steps(kernel.camera)).max())  # px of the photo
+    # in pixels of the photo, that of the finest
+    step = min(float((kernel.steps / grid_steps(kernel.camera)).max()) for kernel in kernels)
     wider = f" wider than about {_UNSEEN * step:.0f} pixels" if step > _COARSE else ""
     return f"no shake{wider} was found"
 

@@ -28,11 +28,12 @@ if TYPE_CHECKING:
     from deshake.estimation.registration import Registration
     from deshake.operators.shake_blur import ShakeBlur
 
-__all__ = ["blurred_planes", "needs_curves", "with_tones_of"]
+__all__ = ["blurred_planes", "fitted_factor", "needs_curves", "with_tones_of"]
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
+_FARTHEST: Final = (0.8, 1.25)  # that the factor may be off the one it was brought near by
 _SMOOTH_PX: Final = 1.5  # of photos that are blurred alike
 _BETTER: Final = 0.25  # share of the mean square that curves leave; noisy linear pairs are above
 _SPREAD: Final = np.float32(1.5)  # of noise that is left near edges, over that of flat areas
@@ -47,6 +48,18 @@ def blurred_planes(f: Image, blur: ShakeBlur) -> Image:
     """Blur planes (C, h, w), which go on beyond the frame by their edges."""
     around = [(blur.margin, blur.margin)] * 2
     return np.stack([blur.forward(np.pad(plane, around, mode="edge")) for plane in f])
+
+
+def fitted_factor(g: Image, Af: Image, usable: Mask, blur: ShakeBlur) -> float:
+    """Fit the factor that makes the noisy photo, blurred, as bright as the other one."""
+    seen = blur.forward(np.pad(usable.astype(np.float32), blur.margin)) > 1 - 1e-3
+    seen &= usable
+    product = power = 0.0
+    for one, other in zip(channels_first(g), Af, strict=True):
+        product += float(np.sum(one * other, where=seen, dtype=np.float64))
+        power += float(np.sum(other * other, where=seen, dtype=np.float64))
+    scale = product / power if power > 0 else 1.0
+    return float(np.clip(scale, *_FARTHEST))
 
 
 def needs_curves(g: Image, Af: Image, mask: Mask) -> bool:

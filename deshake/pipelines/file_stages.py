@@ -21,6 +21,7 @@ from deshake.pipelines.fitting import fitting_kernel
 from deshake.pipelines.latent_picture import latent_photo
 from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
 from deshake.pipelines.preview import preview_estimate
+from deshake.pipelines.progress import part
 from deshake.pipelines.stages import deblur, estimate
 
 if TYPE_CHECKING:
@@ -44,7 +45,6 @@ __all__ = [
     "gone_on_failure",
     "kernel_kept",
     "kernel_name",
-    "part",
     "prepared",
     "sheet_kept",
 ]
@@ -296,10 +296,3 @@ def prepared(photo: Photo, output: Path, *, linear: bool = False) -> Photo:
     for note in (*photo.notes, *lost(photo.encoding, form)):
         _log.warning("%s: %s", photo.source, note)
     return photo
-
-
-def part(progress: Progress | None, start: float, end: float) -> Progress | None:
-    """Return what tells `progress` of a part of the work."""
-    if progress is None:
-        return None
-    return lambda share, text: progress(start + (end - start) * share, text)

@@ -21,16 +21,22 @@ from deshake.geometry.camera import Camera
 from deshake.io.files import STREAM, check_output, default_output
 from deshake.io.kernel_file import read_kernel
 from deshake.io.photo import read_pair, write_photo
-from deshake.operators.planes import channels_first, fitted
+from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import ShakeBlur
 from deshake.pipelines.calibration import camera_for
-from deshake.pipelines.camera_tones import blurred_planes, needs_curves, with_tones_of
-from deshake.pipelines.file_stages import part, prepared, sheet_kept
+from deshake.pipelines.camera_tones import (
+    blurred_planes,
+    fitted_factor,
+    needs_curves,
+    with_tones_of,
+)
+from deshake.pipelines.file_stages import prepared, sheet_kept
 from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.fitting import check_registration, fitting_kernel
 from deshake.pipelines.lens import bent, straight_kernel, straight_pair
 from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
 from deshake.pipelines.preview import preview_photo
+from deshake.pipelines.progress import part
 from deshake.pipelines.register import known_registration
 from deshake.pipelines.stages import EstimateOptions, luminance
 
@@ -58,7 +64,6 @@ PairMethod = Literal["fusion", "residual"]
 """How a photo is deblurred with the help of a noisy one."""
 
 _REGISTERED = 0.1  # of the time
-_FARTHEST = (0.8, 1.25)  # that the factor found through the kernel may be off the registration's
 
 
 @dataclass(frozen=True)
@@ -260,7 +265,7 @@ def _restored(
     light = unclipped_mean(g)
     blur = ShakeBlur(kernel, threads=threads)
     Af = blurred_planes(channels_first(f_reg), blur)
-    scale = _scale(light, Af, usable, blur)
+    scale = fitted_factor(light, Af, usable, blur)
     Af *= np.float32(scale)
     pair: NoisyPhoto | None = None
     linear = blurred.is_sensors and noisy.is_sensors
@@ -276,12 +281,11 @@ def _restored(
         stored *= np.float32(scale)
         clipped = resample(noisy.clipped.astype(np.float32))[0] > 0
         pair, valid = noisy_photo(light, stored, resample, threads=threads)
+    del stored
     if options.method == "residual":
-        guide = fitted(pair.denoised, g.shape[:2])
-        del pair
         return residual_richardson_lucy(
             light,
-            np.moveaxis(guide, 0, -1) if g.ndim == 3 else guide[0],
+            pair,
             kernel,
             clipped=blurred.clipped,
             iterations=options.iterations,
@@ -300,15 +304,3 @@ def _restored(
         threads=threads,
         progress=progress,
     )
-
-
-def _scale(g: Image, Af: Image, usable: Mask, blur: ShakeBlur) -> float:
-    """Fit the factor that makes the noisy photo, blurred, as bright as the other one."""
-    seen = blur.forward(np.pad(usable.astype(np.float32), blur.margin)) > 1 - 1e-3
-    seen &= usable
-    product = power = 0.0
-    for one, other in zip(channels_first(g), Af, strict=True):
-        product += float(np.sum(one * other, where=seen, dtype=np.float64))
-        power += float(np.sum(other * other, where=seen, dtype=np.float64))
-    scale = product / power if power > 0 else 1.0
-    return float(np.clip(scale, *_FARTHEST))

@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 from deshake.io.files import check_output
 from deshake.io.photo import read_pair, write_photo
-from deshake.pipelines.file_stages import kernel_kept, part, prepared, sheet_kept
+from deshake.pipelines.file_stages import kernel_kept, prepared, sheet_kept
 from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.pair_deblurring import PairRestorationOptions, deblur_pair
 from deshake.pipelines.pair_stages import estimate_pair
 from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
 from deshake.pipelines.preview import preview_options, preview_photo
+from deshake.pipelines.progress import part
 from deshake.pipelines.register import find_registration
 
 if TYPE_CHECKING:

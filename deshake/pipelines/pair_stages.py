@@ -19,9 +19,9 @@ from deshake.estimation.registration import registered
 from deshake.io.files import check_output, sha256
 from deshake.io.kernel_file import CameraFile, KernelFile, write_kernel
 from deshake.io.photo import read_pair
-from deshake.pipelines.file_stages import part
 from deshake.pipelines.fitting import check_registration
 from deshake.pipelines.lens import bent_kernel, straight_pair
+from deshake.pipelines.progress import part
 from deshake.pipelines.register import find_registration, known_registration
 from deshake.pipelines.registered_pair import RegisteredPair
 

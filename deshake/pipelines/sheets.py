@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from deshake.io.transfer import encode
+from deshake.io.conversion import encoded
+from deshake.io.transfer import LINEAR, SRGB
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -40,9 +42,11 @@ class Line(NamedTuple):
 
 
 def shown(photo: Photo) -> Picture:
-    """Return a photo's pixels as they are shown: (H, W, 3) uint8."""
-    codes = encode(photo.pixels, photo.encoding.transfer, 8)
-    return np.dstack([codes] * 3) if codes.ndim == 2 else codes
+    """Return a photo's pixels as they are shown: (H, W, 3) uint8; linear light by sRGB's curve."""
+    encoding = photo.encoding
+    curve = SRGB if encoding.transfer == LINEAR else encoding.transfer
+    codes = encoded(photo.pixels, replace(encoding, depth=8, transfer=curve))
+    return np.asarray(np.dstack([codes] * 3) if codes.ndim == 2 else codes, np.uint8)
 
 
 def resized(picture: Picture, width: int) -> Picture:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -18,13 +18,14 @@ from deshake.deconvolution.dark_halos import without_dark_halos
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions, restore
 from deshake.deconvolution.noise import noise_model
 from deshake.errors import DeshakeError
-from deshake.estimation.blind import blur_bound
 from deshake.estimation.methods import estimate_kernel
 from deshake.io.files import sha256
 from deshake.io.kernel_file import KernelFile
 from deshake.pipelines.calibration import camera_for
+from deshake.pipelines.estimate_options import EstimateOptions, largest_blur
 from deshake.pipelines.fitting import check_region
 from deshake.pipelines.lens import bent, bent_kernel, straight_kernel, straight_region, straightened
+from deshake.pipelines.progress import part
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -32,16 +33,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from deshake.estimation.blind import BlindEstimate
-    from deshake.estimation.methods import Estimator
-    from deshake.geometry.camera import Camera
     from deshake.geometry.kernel import RotationKernel
     from deshake.io.kernel_file import CameraFile
     from deshake.io.photo import Photo
-    from deshake.io.transfer import TransferName
 
     Progress = Callable[[float, str], None]
 
 __all__ = [
+    "FOCAL_LENGTHS",
     "Estimate",
     "EstimateOptions",
     "deblur",
@@ -52,63 +51,11 @@ __all__ = [
 
 _log = logging.getLogger(__name__)
 
+FOCAL_LENGTHS: Final = (24.0, 35.0, 50.0, 70.0)
+"""35 mm equivalents that are tried where the focal length is to be found with the kernel."""
+
 _MID_GREY: Final = 0.18
 _LUMINANCE: Final = (0.2126, 0.7152, 0.0722)  # of linear sRGB, ITU-R BT.709
-
-
-@dataclass(frozen=True)
-class EstimateOptions:
-    """What a blind estimate goes by, beside the photo.
-
-    Parameters
-    ----------
-    focal_px, focal_35mm : float, optional
-        Focal length in pixels of the photo, or in millimetres on 35 mm film; by default from EXIF.
-    camera : CameraFile, optional
-        The camera, instead of both; with its lens, if it has one.
-    lens : bool
-        Whether the distortion of the lens is looked up in lensfun's database.
-    lens_model : str, optional
-        The lens's name in it; by default by EXIF.
-    transfer : {"srgb", "linear", "gamma22"}, optional
-        The file's transfer curve.
-    blur_size : float, optional
-        Largest blur to look for, in pixels of the photo.
-    max_angle : float, optional
-        Largest turn about any axis to look for, in degrees; counts if there is no `blur_size`.
-    region : (x, y, width, height), optional
-        The part of the photo to go by.
-    uniform : bool
-        Whether the blur is taken to be the same all over the frame.
-    estimator : {"auto", "edges", "variational"}
-        How the kernel is estimated.
-    preview : bool
-        Whether the photo was reduced first (`preview_photo`); told in the kernel's provenance.
-
-    """
-
-    focal_px: float | None = None
-    focal_35mm: float | None = None
-    camera: CameraFile | None = None
-    lens: bool | None = None
-    lens_model: str | None = None
-    transfer: TransferName | None = None
-    blur_size: float | None = None
-    max_angle: float | None = None
-    region: tuple[int, int, int, int] | None = None
-    uniform: bool = False
-    estimator: Estimator = "auto"
-    preview: bool = False
-
-    def provenance(self) -> dict[str, Any]:
-        """Return what shapes the kernel, for its file; the camera is told apart."""
-        names = ("transfer", "blur_size", "max_angle", "region", "uniform", "estimator")
-        told = {name: getattr(self, name) for name in names}
-        if self.preview:
-            told["preview"] = True
-        if self.lens or self.lens_model is not None:
-            told["lens"] = self.lens_model or True
-        return told
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +118,9 @@ def estimate(
 
     A focal length that nothing tells is assumed to be 50 mm-equivalent, with a note that says so:
     one too long costs little, one too short bends the rotations. A photo through a lens that bends
-    is straightened first; the kernel's camera is the photo's.
+    is straightened first; the kernel's camera is the photo's. Where the focal length is to be
+    found, the kernel is estimated at each of `FOCAL_LENGTHS`, and the one kept that the judge finds
+    best.
 
     Raises
     ------
@@ -185,6 +134,44 @@ def estimate(
         If the photo is too small, too flat or too much clipped.
 
     """
+    if options.focal == "auto" and not options.uniform:
+        found = _at_best_focal_length(photo, options, threads, progress)
+    else:
+        found = _estimate(photo, options, threads, progress)
+    for note in found.notes:
+        _log.warning("%s: %s", photo.source, note)
+    return found
+
+
+def _at_best_focal_length(
+    photo: Photo, options: EstimateOptions, threads: int | None, progress: Progress | None
+) -> Estimate:
+    """Estimate at several focal lengths; the confidence rises with the judge's score."""
+    best: Estimate | None = None
+    count = len(FOCAL_LENGTHS)
+    for number, film in enumerate(FOCAL_LENGTHS):
+        told = part(progress, number / count, (number + 1) / count)
+        at = replace(options, focal=None, focal_35mm=film)
+        found = _estimate(photo, at, threads, told)
+        _log.info("%s: %g mm: confidence %.6f", photo.source, film, found.content.confidence)
+        if best is None or found.content.confidence > best.content.confidence:
+            source = f"--focal auto, {film:g} mm-equivalent"
+            content = replace(
+                found.content,
+                provenance=found.content.provenance
+                | {"options": options.provenance(), "camera": source},
+            )
+            camera = replace(found.camera, source=source)
+            best = replace(found, content=content, camera=camera)
+    if best is None:
+        raise ValueError("there is no focal length to try")
+    return best
+
+
+def _estimate(
+    photo: Photo, options: EstimateOptions, threads: int | None, progress: Progress | None
+) -> Estimate:
+    """Estimate at one focal length."""
     camera, notes = camera_for(photo, options)
     check_region(photo, options.region)
     straight, seen = straightened(photo, camera.camera)
@@ -205,8 +192,6 @@ def estimate(
         error.file = error.file or str(photo.source)
         raise
     notes += found.notes
-    for note in notes:
-        _log.warning("%s: %s", photo.source, note)
     provenance = _provenance(photo, options, camera, found) | {"notes": notes}
     kernel = bent_kernel(found.kernel, camera.camera, seen)
     content = KernelFile(kernel, found.confidence, provenance)
@@ -286,13 +271,6 @@ def _deblurred(
         raise
     _log.info("%s: deblurred in %d iterations", photo.source, restored.iterations)
     return photo.with_pixels(without_dark_halos(restored.pixels, photo.pixels, kernel))
-
-
-def largest_blur(camera: Camera, options: EstimateOptions) -> float | None:
-    """Return the bound of the blur in pixels of the photo; None: it is to be found."""
-    if options.blur_size is None and options.max_angle is not None:
-        return blur_bound(camera, math.radians(options.max_angle))
-    return options.blur_size
 
 
 def _provenance(

@@ -48,7 +48,6 @@ def test_writes_a_kernel_with_its_provenance(deshake, shaken, tmp_path):
         "region": None,
         "uniform": False,
         "estimator": "auto",
-        "preview": False,
     }
     assert provenance["input_sha256"] == hashlib.sha256(photo.read_bytes()).hexdigest()
     assert provenance["camera"] == "--focal-35mm 40"
@@ -214,3 +213,16 @@ def test_only_one_thing_goes_to_standard_output(deshake, shaken, args):
     assert outcome.code == 2
     assert "cannot go to standard output together" in outcome.err
     assert outcome.out == ""
+
+
+@pytest.mark.parametrize("other", [("--focal-px", 90), ("--camera", "c.npz"), ("--lens",)])
+def test_a_focal_length_is_known_or_found(deshake, shaken, other):
+    outcome = deshake("estimate-blind", shaken("a.png"), "--focal", "auto", *other)
+    assert outcome.code == 2
+    assert "cannot both be given" in outcome.err
+
+
+def test_a_pair_tells_no_focal_length(deshake, pair):
+    outcome = deshake("fix", pair[0], "--noisy", pair[1], "--focal", "auto")
+    assert outcome.code == 2
+    assert "--focal does not go with --noisy" in outcome.err

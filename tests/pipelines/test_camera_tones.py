@@ -9,7 +9,12 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.io.transfer import Srgb
 from deshake.operators.shake_blur import ShakeBlur
-from deshake.pipelines.camera_tones import blurred_planes, needs_curves, with_tones_of
+from deshake.pipelines.camera_tones import (
+    blurred_planes,
+    fitted_factor,
+    needs_curves,
+    with_tones_of,
+)
 
 HEIGHT, WIDTH = 120, 160
 CAMERA = Camera.from_focal(200, HEIGHT, WIDTH)
@@ -91,3 +96,15 @@ def test_a_grey_pair_passes_and_threads_do_not_change_a_byte(pair):
     found = [with_tones_of(grey, dark, STILL, blur, EVERYWHERE, threads=n) for n in (1, 3)]
     assert found[0].pixels.shape == (1, HEIGHT, WIDTH)
     assert found[0].denoised.tobytes() == found[1].denoised.tobytes()
+
+
+@pytest.mark.parametrize(("factor", "expected"), [(1.1, 1.1), (0.9, 0.9), (2.0, 1.25), (0.1, 0.8)])
+def test_the_factor_is_fitted_where_both_are_seen(factor, expected):
+    camera = Camera.from_focal(100.0, 40, 50)
+    blur = ShakeBlur(RotationKernel.from_path([(0, -0.01, 0), (0, 0.01, 0)], camera))
+    light = np.random.default_rng(0).random((40, 50)).astype(np.float32)
+    usable = np.ones((40, 50), bool)
+    usable[10:14, 20:24] = False
+    g = factor * light
+    g[10:14, 20:24] = 50
+    assert fitted_factor(g, light[None], usable, blur) == pytest.approx(expected, rel=1e-5)

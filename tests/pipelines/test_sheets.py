@@ -1,8 +1,14 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from PIL import Image
 
+from deshake.io.encoding import Encoding
+from deshake.io.metadata import Metadata
+from deshake.io.photo import Photo
+from deshake.io.transfer import LINEAR, SRGB
 from deshake.pipelines import sheets
 
 
@@ -35,3 +41,18 @@ def test_pictures_lie_side_by_side_below_their_caption():
 def test_a_page_may_be_wider_than_its_pictures():
     assert sheets.sheet([sheets.Line(["none"], [])], 300).width == 300
     assert isinstance(sheets.sheet([], 10), Image.Image)
+
+
+def test_photos_are_shown_in_colours_of_a_screen():
+    light = np.full((4, 5, 3), (0.4, 0.2, 0.1), np.float32)
+    swapped = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0))
+
+    def shown(**encoding):
+        how = Encoding("TIFF", **encoding)
+        return sheets.shown(Photo(light, light[..., 0] > 1, None, how, Metadata(), Path("a")))
+
+    want = np.rint(255 * SRGB.from_linear(light))
+    for options in ({}, {"depth": 16}, {"depth": 32, "transfer": LINEAR}):
+        assert shown(**options).dtype == np.uint8
+        assert np.array_equal(shown(**options), want)
+    assert np.array_equal(shown(depth=16, matrix=swapped), want[..., ::-1])

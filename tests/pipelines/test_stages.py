@@ -13,7 +13,8 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.io.kernel_file import CameraFile
 from deshake.io.photo import read_photo
 from deshake.operators.shake_blur import ShakeBlur
-from deshake.pipelines.stages import EstimateOptions, deblur, estimate, luminance
+from deshake.pipelines import stages
+from deshake.pipelines.stages import FOCAL_LENGTHS, EstimateOptions, deblur, estimate, luminance
 
 
 def texture(height, width, seed=5):
@@ -132,3 +133,29 @@ def test_deblurring_comes_nearer_to_the_sharp_photo(shaken, method):
     assert result.source == photo.source
     assert result.encoding is photo.encoding
     assert report == sorted(report)
+
+
+def test_the_focal_length_that_explains_the_photo_best_is_kept(shaken, monkeypatch):
+    photo, _, _ = shaken
+    monkeypatch.setattr(stages, "FOCAL_LENGTHS", FOCAL_LENGTHS[::3])
+    options = EstimateOptions(blur_size=3, estimator="edges", region=(0, 0, 64, 56))
+    told = []
+    auto = estimate(
+        photo,
+        replace(options, focal="auto"),
+        threads=1,
+        progress=lambda share, _: told.append(share),
+    )
+    each = [
+        estimate(photo, replace(options, focal_35mm=film), threads=1)
+        for film in stages.FOCAL_LENGTHS
+    ]
+    best = max(each, key=lambda found: found.content.confidence)
+    np.testing.assert_array_equal(auto.content.kernel.weights, best.content.kernel.weights)
+    assert auto.content.kernel.camera.focal_px == best.content.kernel.camera.focal_px
+    film = best.camera.source.removeprefix("--focal-35mm ")
+    assert auto.camera.source == f"--focal auto, {film} mm-equivalent"
+    assert auto.content.provenance["camera"] == auto.camera.source
+    assert auto.content.provenance["options"]["focal"] == "auto"
+    assert told == sorted(told)
+    assert each[0].content.confidence != each[1].content.confidence
