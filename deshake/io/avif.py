@@ -1,7 +1,8 @@
 """AVIF in and out, with 8, 10 or 12 bits.
 
 OpenCV decodes, in full depth; Pillow tells how the picture is to be turned, which OpenCV leaves to
-its caller. 8 bits are written by Pillow, at quality 95, more bits by OpenCV, lossless.
+its caller. 8 bits are written by Pillow, at quality 95; more bits, and opacity, which is carried
+to the bit, by OpenCV, lossless.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from deshake.io.profiles import cicp_profile
 
 if TYPE_CHECKING:
     from deshake.io.boxes import Item
+    from deshake.io.transfer import Codes
 
 __all__ = ["decode_avif", "encode_avif"]
 
@@ -54,7 +56,7 @@ def decode_avif(data: bytes) -> Decoded:
         turn = picture.getexif().get(exif.ORIENTATION, 1)
         items = metadata_items(data)
         metadata = Metadata(_exif(items), picture.info.get("xmp", b""), icc).upright()
-        pixels = np.atleast_3d(imdecode(_without(data, items)))
+        pixels = _pixels(_without(data, items), picture, bits)
         if pixels.shape[:2] != (picture.height, picture.width):
             raise PhotoError("the AVIF is damaged")
     if bits > 8:
@@ -79,7 +81,7 @@ def encode_avif(picture: Decoded) -> bytes:
     if picture.alpha is not None:
         colours = codes if codes.ndim == 3 else np.dstack([codes] * 3)
         codes = np.dstack([colours, picture.alpha]).astype(codes.dtype)
-    if encoding.depth == 8:
+    if encoding.depth == 8 and picture.alpha is None:
         stream = io.BytesIO()
         Image.fromarray(codes).save(
             stream,
@@ -91,9 +93,10 @@ def encode_avif(picture: Decoded) -> bytes:
             icc_profile=metadata.icc,
         )
         return stream.getvalue()
-    codes = np.rint(codes * (((1 << encoding.bits) - 1) / 65535)).astype(np.uint16)
+    if encoding.depth > 8:
+        codes = np.rint(codes * (((1 << encoding.bits) - 1) / 65535)).astype(np.uint16)
     options = (
-        *(cv2.IMWRITE_AVIF_DEPTH, encoding.bits),
+        *(cv2.IMWRITE_AVIF_DEPTH, encoding.bits or 8),
         *(cv2.IMWRITE_AVIF_QUALITY, _LOSSLESS),
     )
     blocks = {
@@ -122,6 +125,16 @@ class _Block(Image.Exif):
     def tobytes(self, offset: int = 8) -> bytes:  # noqa: ARG002 - Pillow's own signature
         """Return the block."""
         return self.block
+
+
+def _pixels(data: bytes, picture: AvifImageFile, bits: int) -> Codes:
+    """Decode to (H, W, C); grey with alpha, which OpenCV does not take, by Pillow."""
+    try:
+        return np.atleast_3d(imdecode(data))
+    except PhotoError:
+        if bits > 8:
+            raise
+        return np.atleast_3d(np.asarray(picture))
 
 
 def _exif(items: list[Item]) -> bytes:

@@ -53,7 +53,8 @@ def photo_format(data: bytes, suffix: str = "") -> Format:
     data : bytes
         The file.
     suffix : str
-        The ending of its name: a TIFF that is called as RAW files are is one.
+        The ending of its name: a TIFF, or what is of no known format, that is called as RAW files
+        are is one.
 
     Raises
     ------
@@ -64,8 +65,8 @@ def photo_format(data: bytes, suffix: str = "") -> Format:
     for mark, form in _START.items():
         if data.startswith(mark):
             return form
+    named = READ_ONLY.get(suffix.lower()) == "RAW"
     if data.startswith(TIFF_MARKS):
-        named = READ_ONLY.get(suffix.lower()) == "RAW"
         return "RAW" if named or _holds_sensor_data(data) else "TIFF"
     if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
         return "WEBP"
@@ -78,6 +79,8 @@ def photo_format(data: bytes, suffix: str = "") -> Format:
             "a GIF, whose 256 colours are too few to deblur",
             hint="start from the photo as the camera wrote it",
         )
+    if named:  # some makers' files begin with no mark at all
+        return "RAW"
     raise PhotoError(
         "not a photo of a known format",
         hint="name a JPEG, PNG, TIFF, WebP, AVIF, JPEG 2000, HEIC or RAW file",

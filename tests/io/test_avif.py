@@ -139,3 +139,16 @@ def test_metadata_that_lie_behind_the_picture(make_exif):
     assert np.array_equal(picture.codes, whole.codes)
     assert picture.metadata == whole.metadata
     assert picture.metadata.tags().focal_mm == pytest.approx(5.8)
+
+
+def test_grey_with_opacity_is_left_to_pillow():
+    codes = np.random.default_rng(0).integers(0, 256, (40, 50, 4)).astype(np.uint8)
+    codes[..., :3] = codes[..., :1]
+    data = by_pillow(Image.fromarray(codes), quality=100, subsampling="4:0:0")
+    assert cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) is None
+    picture = decode_avif(data)
+    assert picture.encoding.grey
+    assert np.abs(picture.codes.astype(int) - codes[..., 0]).max() <= 2
+    assert np.array_equal(picture.alpha, codes[..., 3])
+    again = decode_avif(encode_avif(picture))
+    assert np.array_equal(again.alpha, codes[..., 3])

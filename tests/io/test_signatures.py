@@ -71,3 +71,10 @@ def test_pieces_of_a_tiff_are_no_trouble(make_dng, length):
         assert photo_format(data) in {"RAW", "TIFF"}
     except PhotoError:
         assert length < 4
+
+
+def test_a_name_alone_makes_a_raw_file():
+    data = b"nii\x86ghf\x84eqe\x88ilk\x86" * 100  # as a Kodak C330 begins: with pixels
+    assert photo_format(data, ".KDC") == "RAW"
+    with pytest.raises(PhotoError, match="known format"):
+        photo_format(data, ".jpg")
