@@ -22,6 +22,8 @@ over the whole frame, border included:
   hand;
 - true: fusion with the true kernel, in the frame that was found.
 
+`overlap` is what both photos see: the noisy photo has no border of its own that it does not see.
+
 --ways names those of single, uniform, residual, stopped, fusion and true that are wanted.
 """
 
@@ -83,8 +85,8 @@ def options_of(pair: Pair, *, uniform: bool = False) -> EstimateOptions:
 
 def own_frame(
     pair: Pair, blurred: Photo, noisy: Photo, found: Registration, truth: Image
-) -> tuple[Image, Image]:
-    """Return the noisy photo in its own frame, and the same denoised; linear light."""
+) -> tuple[Image, Image, Image]:
+    """Return the noisy photo in its own frame, denoised, and where the blurred one sees it."""
     back = Registration(-found.theta, 1.0, 1.0, found.camera)
     g, seen = registered(blurred.pixels, back)
     if pair.curve is None:
@@ -93,7 +95,7 @@ def own_frame(
         turned = RegisteredPair(blurred.with_pixels(g), noisy, back, noisy.pixels, seen)
         f_N = turned.on_curves().f_reg
     own, _ = noisy_photo(g, f_N, lambda image: (image, np.ones_like(seen)), threads=1)
-    return f_N, np.ascontiguousarray(np.moveaxis(own.denoised, 0, -1))
+    return f_N, np.ascontiguousarray(np.moveaxis(own.denoised, 0, -1)), seen
 
 
 def blind(case: PairCase, logs: Sequence[Path]) -> Score:
@@ -158,7 +160,7 @@ def compare(
     true = pair.kernel
     moved = RotationKernel(compose(-frame, true.theta), true.weights, true.steps, true.camera)
     centred, there, noise = (pair.sharp(at) for at in (true.centroid, frame, pair.theta))
-    f_N, f_D = own_frame(pair, blurred, noisy, registration, noise)
+    f_N, f_D, own = own_frame(pair, blurred, noisy, registration, noise)
     results = {
         "blurred": (pair.g, centred),
         "noisy": (f_N, noise),
@@ -188,6 +190,10 @@ def compare(
     for what, (light, sharp) in results.items():
         shown, truth = display(light), display(sharp)
         scores[what] = Score(psnr(shown, truth), ssim(shown, truth))
+    _, seen = registered(noisy.pixels, registration)
+    for what, both in (("denoised", own > 0), ("fusion", seen > 0)):
+        shown, truth = (display(light) for light in results[what])
+        scores[f"{what}, overlap"] = Score(psnr(shown, truth, both), ssim(shown, truth, both))
     if crops is not None:
         save_crops(crops / f"{name.replace(' ', '-').replace(',', '')}.png", results)
     return Row(

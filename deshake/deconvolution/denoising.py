@@ -116,7 +116,8 @@ def noisy_photo(
     slope, floor = noise_of_pair(image_like(within, g), g, fitted(valid, g.shape[:2]))
     finer = f_N.shape[0] * f_N.shape[1] / (g.shape[0] * g.shape[1])  # pixels for one
     f_D = channels_first(resample(_denoised(f_N, finer * slope, finer * floor, threads))[0])
-    return NoisyPhoto(pixels, _filled(np.maximum(f_D, 0), g, valid), slope, floor), valid
+    f_D = np.maximum(_filled(f_D, g, valid), 0)
+    return NoisyPhoto(pixels, f_D, slope, floor), valid
 
 
 def _filled(planes: Image, g: Image, valid: Image) -> Image:
