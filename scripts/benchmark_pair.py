@@ -21,6 +21,10 @@ over the whole frame, border included:
 - stopped: residual at the number of iterations that is best for the PSNR, found with the truth in
   hand;
 - true: fusion with the true kernel, in the frame that was found.
+
+`overlap` is what both photos see: the noisy photo has no border of its own that it does not see.
+
+--ways names those of single, uniform, residual, stopped, fusion and true that are wanted.
 """
 
 from __future__ import annotations
@@ -68,6 +72,8 @@ if TYPE_CHECKING:
 Image = NDArray[np.float32]
 
 DETAIL = 160  # px, side of the parts that --crops shows
+WAYS = ("single", "uniform", "residual", "stopped", "fusion", "true")
+NEEDED = {"fusion", "true"}  # by the summary
 RESIDUAL = PairRestorationOptions("residual")
 COUNTS = (1, 2, 3, 5, 8, 12)  # of its iterations
 
@@ -79,8 +85,8 @@ def options_of(pair: Pair, *, uniform: bool = False) -> EstimateOptions:
 
 def own_frame(
     pair: Pair, blurred: Photo, noisy: Photo, found: Registration, truth: Image
-) -> tuple[Image, Image]:
-    """Return the noisy photo in its own frame, and the same denoised; linear light."""
+) -> tuple[Image, Image, Image]:
+    """Return the noisy photo in its own frame, denoised, and where the blurred one sees it."""
     back = Registration(-found.theta, 1.0, 1.0, found.camera)
     g, seen = registered(blurred.pixels, back)
     if pair.curve is None:
@@ -89,7 +95,7 @@ def own_frame(
         turned = RegisteredPair(blurred.with_pixels(g), noisy, back, noisy.pixels, seen)
         f_N = turned.on_curves().f_reg
     own, _ = noisy_photo(g, f_N, lambda image: (image, np.ones_like(seen)), threads=1)
-    return f_N, np.ascontiguousarray(np.moveaxis(own.denoised, 0, -1))
+    return f_N, np.ascontiguousarray(np.moveaxis(own.denoised, 0, -1)), seen
 
 
 def blind(case: PairCase, logs: Sequence[Path]) -> Score:
@@ -113,8 +119,14 @@ def best_residual(known: Callable[..., Photo], truth: Image, default: Image) -> 
     return best
 
 
-def compare(name: str, case: PairCase, logs: Sequence[Path], crops: Path | None) -> Row:
-    """Make a pair and deblur it by all ways but the blind one."""
+def compare(
+    name: str,
+    case: PairCase,
+    logs: Sequence[Path],
+    crops: Path | None,
+    wanted: Sequence[str] = WAYS,
+) -> Row:
+    """Make a pair and deblur it by the wanted ways."""
     pair = shaken_pair(case, logs)
     blurred, noisy = pair.photos()
     seconds: dict[str, float] = {}
@@ -129,8 +141,8 @@ def compare(name: str, case: PairCase, logs: Sequence[Path], crops: Path | None)
     found = timed("register", partial(find_registration, blurred, noisy, options, threads=1))
     registration = found.registration
     frame = compose(pair.theta, -registration.theta)
-    kernel, uniform = (
-        timed(
+    kernels = {
+        what: timed(
             what,
             partial(
                 estimate_pair,
@@ -142,24 +154,28 @@ def compare(name: str, case: PairCase, logs: Sequence[Path], crops: Path | None)
             ),
         ).content
         for what in ("kernel", "uniform kernel")
-    )
+        if what == "kernel" or "uniform" in wanted
+    }
+    kernel = kernels["kernel"]
     true = pair.kernel
     moved = RotationKernel(compose(-frame, true.theta), true.weights, true.steps, true.camera)
     centred, there, noise = (pair.sharp(at) for at in (true.centroid, frame, pair.theta))
-    f_N, f_D = own_frame(pair, blurred, noisy, registration, noise)
+    f_N, f_D, own = own_frame(pair, blurred, noisy, registration, noise)
     results = {
         "blurred": (pair.g, centred),
         "noisy": (f_N, noise),
         "denoised": (f_D, noise),
-        "single": (deblur(blurred, true, threads=1).pixels, centred),
     }
+    if "single" in wanted:
+        results["single"] = (deblur(blurred, true, threads=1).pixels, centred)
     ways = {
-        "uniform": (uniform.kernel, PairRestorationOptions()),
+        "uniform": (kernels.get("uniform kernel", kernel).kernel, PairRestorationOptions()),
         "residual": (kernel.kernel, RESIDUAL),
         "fusion": (kernel.kernel, PairRestorationOptions()),
         "true": (moved, PairRestorationOptions()),
     }
-    for what, (chosen, how) in ways.items():
+    for what in (way for way in ways if way in wanted):
+        chosen, how = ways[what]
         work = partial(
             deblur_pair, blurred, noisy, chosen, how, registration=registration, threads=1
         )
@@ -167,11 +183,17 @@ def compare(name: str, case: PairCase, logs: Sequence[Path], crops: Path | None)
     known = partial(
         deblur_pair, blurred, noisy, kernel.kernel, registration=registration, threads=1
     )
-    results["stopped"] = (best_residual(known, display(there), results["residual"][0]), there)
+    if "stopped" in wanted:
+        light = known(options=RESIDUAL).pixels
+        results["stopped"] = (best_residual(known, display(there), light), there)
     scores = {}
     for what, (light, sharp) in results.items():
         shown, truth = display(light), display(sharp)
         scores[what] = Score(psnr(shown, truth), ssim(shown, truth))
+    _, seen = registered(noisy.pixels, registration)
+    for what, both in (("denoised", own > 0), ("fusion", seen > 0)):
+        shown, truth = (display(light) for light in results[what])
+        scores[f"{what}, overlap"] = Score(psnr(shown, truth, both), ssim(shown, truth, both))
     if crops is not None:
         save_crops(crops / f"{name.replace(' ', '-').replace(',', '')}.png", results)
     return Row(
@@ -204,6 +226,16 @@ def chosen_cases(text: str) -> list[str]:
     return found
 
 
+def chosen_ways(text: str) -> list[str]:
+    """Read names of ways, ``single, uniform``; fusion and true are always among them."""
+    named = {way.strip() for way in text.split(",")}
+    if unknown := named - set(WAYS):
+        raise argparse.ArgumentTypeError(
+            f"{', '.join(sorted(unknown))} not among {', '.join(WAYS)}"
+        )
+    return [way for way in WAYS if way in named | NEEDED]
+
+
 def run(args: argparse.Namespace, logs: Sequence[Path]) -> dict[str, Row]:
     """Score all cases, some at once, and print each as it is done."""
     cases = {name: PAIRS[name]._replace(camera_files=args.camera_files) for name in args.cases}
@@ -215,7 +247,8 @@ def run(args: argparse.Namespace, logs: Sequence[Path]) -> dict[str, Row]:
             done = pool.map(partial(blind, logs=logs), shakes.values())
             alone = dict(zip(shakes, done, strict=True))
         works = {
-            pool.submit(compare, name, case, logs, args.crops): name for name, case in cases.items()
+            pool.submit(compare, name, case, logs, args.crops, args.ways): name
+            for name, case in cases.items()
         }
         for work in as_completed(works):
             name, row = works[work], work.result()
@@ -243,6 +276,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         action="store_true",
         help="through two cameras' tone curves to JPEGs, the short exposure denoised",
     )
+    parser.add_argument(
+        "--ways", type=chosen_ways, default=list(WAYS), help="of deblurring; default: all"
+    )
     parser.add_argument("--blind", action="store_true", help="deblur blindly, too")
     parser.add_argument("--crops", type=Path, metavar="DIR", help="save parts of the results")
     parser.add_argument("--jobs", type=int, default=1, help="cases at once; default: 1")
@@ -257,7 +293,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(f"hint: {hint}", file=sys.stderr)
         return 1
     os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # for what is spawned
-    print(header(blindly=args.blind), flush=True)
+    print(header(blindly=args.blind, ways=args.ways), flush=True)
     print("\n" + summary(run(args, logs)))
     return 0
 

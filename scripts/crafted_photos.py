@@ -185,6 +185,32 @@ def _avif(picture: np.ndarray, exif: bytes, xmp: bytes, icc: bytes) -> bytes:
     ].tobytes()
 
 
+def _mosaic(picture: np.ndarray) -> np.ndarray:
+    """Return what a sensor with a Bayer pattern (RGGB) sees of a picture."""
+    y, x = np.mgrid[: picture.shape[0], : picture.shape[1]]
+    return np.take_along_axis(picture, (y % 2 + x % 2)[..., None], -1)
+
+
+def _sensor(mosaic: np.ndarray) -> dict[int, Entry]:
+    """Return the tags that make a TIFF a DNG."""
+    unit = np.stack([np.eye(3).ravel(), np.ones(9)], -1).astype(int)
+    return {
+        254: _number(4, 0),
+        258: _number(3, 16),
+        262: _number(3, 32803),
+        277: _number(3, 1),
+        279: _number(4, mosaic.nbytes),
+        33421: _number(3, 2, 2),
+        33422: (1, 4, bytes((0, 1, 1, 2))),
+        50706: (1, 4, bytes((1, 4, 0, 0))),
+        50708: _text(b"Acme One"),
+        50717: _number(4, 65535),
+        50721: (10, 9, unit.astype("<i4").tobytes()),
+        50728: (5, 3, struct.pack("<6I", 1, 1, 1, 1, 1, 1)),
+        50778: _number(3, 21),
+    }
+
+
 def photo(form: str, depth: int, channels: int, kinds: tuple[str, ...], turn: int) -> bytes:
     """Write a photo of the ramps of `codes` that carries these kinds of metadata.
 
@@ -202,7 +228,7 @@ def written(form: str, picture: np.ndarray, kinds: tuple[str, ...], turn: int) -
     icc = ICC if "profile" in kinds and channels > 2 else b""
     if form == "PNG":
         return _png(picture, _tree(kinds, turn), xmp, iptc, icc)
-    if form == "TIFF":
+    if form in {"TIFF", "RAW"}:
         height, width, _ = picture.shape
         more = {
             256: _number(4, width),
@@ -216,6 +242,9 @@ def written(form: str, picture: np.ndarray, kinds: tuple[str, ...], turn: int) -
             279: _number(4, picture.nbytes),
         }
         more |= {338: _number(3, 2)} if channels in {2, 4} else {}
+        if form == "RAW":
+            picture = _mosaic(picture)
+            more |= _sensor(picture)
         more |= {700: (1, len(xmp), xmp)} if xmp else {}
         more |= {33723: (7, len(IPTC), IPTC)} if iptc else {}
         more |= {34377: (7, len(iptc), iptc)} if iptc else {}

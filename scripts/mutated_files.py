@@ -211,7 +211,13 @@ def bombs(sound: dict[str, bytes]) -> dict[str, Callable[[], bytes]]:
         "bomb-xmp.png": lambda: _zeros_png(64, 0, 1, _chunk(b"iTXt", descriptions)),
         "bomb-strip.tif": tiff,
         "bomb-array.npz": npz,
-        "bomb-size.jpg": lambda: _resized(sound["progressive.jpg"], b"\xff\xc2", 5, 16_000),
+        "bomb-size.jpg": lambda: _resized(sound["progressive.jpg"], b"\xff\xc2", ">H", 5, 7),
+        "bomb-size.jp2": lambda: _resized(sound["a.jp2"], b"\xff\x51", ">I", 6, 10),
+        "bomb-size.avif": lambda: _resized(sound["a.avif"], b"ispe", ">I", 8, 12),
+        "bomb-size.heic": lambda: _resized(sound["a.heic"], b"ispe", ">I", 8, 12),
+        "bomb-size.dng": lambda: _resized(
+            sound["a.dng"], struct.pack("<HHI", 256, 4, 1), "<I", 8, 20
+        ),
         "bomb-flat.webp": lambda: _saved(np.zeros((12_000, 12_000, 3), np.uint8), "WEBP", method=0),
     }
 
@@ -235,8 +241,9 @@ def _zeros_png(side: int, kind: int, sample: int, more: bytes = b"") -> bytes:
     return b"\x89PNG\r\n\x1a\n" + body + _chunk(b"IEND", b"")
 
 
-def _resized(jpeg: bytes, marker: bytes, offset: int, side: int) -> bytes:
-    """Let a JPEG's header tell another size."""
-    out = bytearray(jpeg)
-    struct.pack_into(">HH", out, out.index(marker) + offset, side, side)
+def _resized(sound: bytes, mark: bytes, code: str, *offsets: int) -> bytes:
+    """Let a file's header tell other sides, at offsets from a mark."""
+    out = bytearray(sound)
+    for offset in offsets:
+        struct.pack_into(code, out, out.index(mark) + offset, 16_000)
     return bytes(out)

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
 __all__ = ["Row", "Score", "header", "line", "summary"]
@@ -46,10 +48,11 @@ def line(name: str, row: Row) -> str:
     return "| " + " | ".join(cells) + " |"
 
 
-def header(*, blindly: bool) -> str:
+def header(*, blindly: bool, ways: Sequence[str]) -> str:
     """Head of the table."""
     cells = ["case", "off", "sure", "kernel"]
-    cells += [what for what in COLUMNS if blindly or what != "blind"]
+    there = {"blurred", "noisy", "denoised", *ways} | ({"blind"} if blindly else set())
+    cells += [what for what in COLUMNS if what in there]
     return "| " + " | ".join(cells) + " |\n" + "|---" * len(cells) + "|"
 
 
@@ -74,14 +77,15 @@ def summary(rows: dict[str, Row]) -> str:
         f"kernel: loss against the true one median {np.median(loss):.2f} dB, mean {loss.mean():.2f}"
         f", worst {loss.max():.2f}"
     )
-    for other in COLUMNS:
-        if other in table[0].scores and other not in {"fusion", "true"}:
-            found = margins("fusion", other)
+    others = [(other, "") for other in COLUMNS if other not in {"fusion", "true"}]
+    for other, where in [*others, ("denoised", ", overlap")]:
+        if f"{other}{where}" in table[0].scores:
+            found = margins(f"fusion{where}", f"{other}{where}")
             (p, s), (least_p, least_s) = found.mean(0), found.min(0)
             name = list(rows)[int(found[:, 0].argmin())]
             lines.append(
-                f"fusion over {other}: mean {p:+.2f} dB, {s:+.3f}; least {least_p:+.2f} ({name}), "
-                f"{least_s:+.3f}; better in {(found > 0).all(1).sum()} of {len(table)}"
+                f"fusion over {other}{where}: mean {p:+.2f} dB, {s:+.3f}; least {least_p:+.2f} "
+                f"({name}), {least_s:+.3f}; better in {(found > 0).all(1).sum()} of {len(table)}"
             )
     spent = {what: np.mean([row.seconds[what] for row in table]) for what in table[0].seconds}
     lines.append("seconds: " + ", ".join(f"{what} {mean:.1f}" for what, mean in spent.items()))

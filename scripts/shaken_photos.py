@@ -222,11 +222,13 @@ def display(light: Image) -> Image:
     return Srgb().from_linear(np.clip(light, 0, 1)).astype(np.float32)
 
 
-def psnr(ours: Image, truth: Image) -> float:
-    """PSNR in dB of display values."""
-    return float(-10 * np.log10(np.mean(np.square(ours - truth), dtype=np.float64)))
+def psnr(ours: Image, truth: Image, where: NDArray[np.bool_] | None = None) -> float:
+    """PSNR in dB of display values, of some pixels (h, w) or all."""
+    squares = np.square(ours - truth)
+    return float(-10 * np.log10(np.mean(squares if where is None else squares[where], dtype=float)))
 
 
-def ssim(ours: Image, truth: Image) -> float:
-    """SSIM of display values."""
-    return float(structural_similarity(ours, truth, data_range=1, channel_axis=2))
+def ssim(ours: Image, truth: Image, where: NDArray[np.bool_] | None = None) -> float:
+    """SSIM of display values, of some pixels (h, w) or all."""
+    total, parts = structural_similarity(ours, truth, data_range=1, channel_axis=2, full=True)
+    return float(total if where is None else parts[where].mean())

@@ -58,7 +58,7 @@ def unclipped_mean(image: Image) -> Image:
     planes = channels_first(out)
     for c, plane in enumerate(channels_first(image)):
         planes[c] -= _excess(plane)
-        planes[c] += _excess(np.maximum(1 - plane, 0))
+        planes[c] += _excess(1 - plane)
     return out
 
 
@@ -93,7 +93,7 @@ def _windows(plane: Image, top: int) -> _Window:
     first, last = max(top - halo, 0), min(top + _BAND + halo, len(plane))
     rows = np.ascontiguousarray(plane[first:last], np.float32)
     own = slice(top - first, min(top + _BAND, len(plane)) - first)
-    zero = rows <= 0
+    zero = rows == 0  # below 0 nothing was clipped
     changes = np.zeros(rows.shape, np.float32)
     changes[:, 1:] = zero[:, 1:] != zero[:, :-1]
     light, zeros, differing = (

@@ -56,6 +56,8 @@ class NoisyPhoto:
         The same denoised, f_D, >= 0.
     slope, floor : float
         The variance of the noise is ``slope x + floor`` at the light x.
+    misfit : float
+        Of (g - A f_D)^2, the largest share that the kernel may be held to blame for.
 
     """
 
@@ -63,6 +65,7 @@ class NoisyPhoto:
     denoised: Image
     slope: float
     floor: float
+    misfit: float = 1.5
 
     def variance(self) -> Image:
         """Return the variance of the noise, averaged over the colours, (H, W)."""
@@ -113,7 +116,8 @@ def noisy_photo(
     slope, floor = noise_of_pair(image_like(within, g), g, fitted(valid, g.shape[:2]))
     finer = f_N.shape[0] * f_N.shape[1] / (g.shape[0] * g.shape[1])  # pixels for one
     f_D = channels_first(resample(_denoised(f_N, finer * slope, finer * floor, threads))[0])
-    return NoisyPhoto(pixels, _filled(np.maximum(f_D, 0), g, valid), slope, floor), valid
+    f_D = np.maximum(_filled(f_D, g, valid), 0)
+    return NoisyPhoto(pixels, f_D, slope, floor), valid
 
 
 def _filled(planes: Image, g: Image, valid: Image) -> Image:

@@ -34,7 +34,7 @@ __all__ = ["agreement", "blurred_variance", "denoising_error"]
 
 Image = NDArray[np.float32]
 
-_LEAST_SHARE, _MOST_SHARE = 0.02, 1.5  # kappa
+_LEAST_SHARE = 0.02  # kappa
 _SUPPORT = 0.2  # share of pixels around that must tell kappa
 _LEFT = 0.3  # of the noise's variance, the least error of the denoised photo
 _PATCH = 7  # pixels a side over which that is judged
@@ -95,7 +95,7 @@ def blurred_variance(
     share = smoothed(left * inner, reach)
     share /= np.maximum(smoothed(misfit * inner, reach), np.float32(1e-12))
     share = np.where(support > _SUPPORT, share, np.float32(everywhere))
-    misfit *= np.clip(share, _LEAST_SHARE, _MOST_SHARE)
+    misfit *= np.clip(share, _LEAST_SHARE, noisy.misfit)
     return noise_variance(g, margin, misfit)
 
 

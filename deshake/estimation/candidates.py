@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from deshake.geometry.camera import Camera
 
 __all__ = [
-    "ESTIMATE_SIDE",
     "JUDGE_SIDE",
     "STILL",
     "Choice",
@@ -39,17 +38,15 @@ __all__ = [
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-ESTIMATE_SIDE = 640
-"""Longer side in pixels that photos are reduced to for the estimate."""
-
 JUDGE_SIDE = 400
 """Longer side in pixels that photos are reduced to for the judge."""
 
 STILL = "still"
 """Name of the camera that stood still among the scores."""
 
+_SHARP_SIDE = 640  # px, that photos are reduced to before they are called sharp
 _HANDICAP = 0.01
-"""Of kernels that are hardly more than a point, in the score: they sharpen any photo a little."""
+"""Of kernels that are hardly more than a point, in the margin: they sharpen any photo a little."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +115,8 @@ def edge_candidates(
     axes : three bools
         The axes that the camera may turn about.
     settings : sequence of EdgeSetting
-        What to try. Those without roll are left out where the camera may not roll anyway.
+        What to try. Where the camera may not roll anyway, those that differ in nothing else are
+        tried once.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
@@ -135,10 +133,10 @@ def edge_candidates(
         If the photo is flat.
 
     """
-    picture, smaller, known = reduced(grey, camera, usable, ESTIMATE_SIDE)
     rolls = axes[2] and not camera.is_uniform
-    tried = [setting for setting in settings if setting.roll or rolls]
-    bound = None if blur_px is None else blur_px * smaller.width / camera.width
+    # the first of those that come to the same
+    distinct = {replace(one, name="", roll=one.roll and rolls): one for one in reversed(settings)}
+    tried = [setting for setting in settings if setting in distinct.values()]
     estimates: dict[str, EdgeEstimate] = {}
     for done, setting in enumerate(tried):
 
@@ -146,6 +144,8 @@ def edge_candidates(
             if progress is not None:
                 progress((done + share) / len(tried), f"try {done + 1}, {text}")
 
+        picture, smaller, known = reduced(grey, camera, usable, setting.side)
+        bound = None if blur_px is None else blur_px * smaller.width / camera.width
         found = estimate_edges(
             picture,
             smaller,
@@ -199,11 +199,11 @@ def choose(
         for name, kernel in trials.items()
     }
     still = scores.pop(STILL)
-    held = {
-        name: found._replace(energy=found.energy + _HANDICAP * is_point(kernels[name]))
+    margins = {
+        name: judge.margin(found, still) - _HANDICAP * is_point(kernels[name])
         for name, found in scores.items()
     }
-    best = judge.best(held, still)
+    best = max(margins, key=lambda name: margins[name])
     confidence = judge.confidence(scores[best], still)
     return Choice(best, kernels[best], confidence, {STILL: still, **scores})
 
@@ -216,5 +216,5 @@ def is_at_rest(grey: Image, kernels: Mapping[str, RotationKernel]) -> bool:
     """
     points = sum(is_point(kernel) for kernel in kernels.values())
     camera = next(iter(kernels.values())).camera
-    seen = reduced(grey, camera, None, ESTIMATE_SIDE)[0]
+    seen = reduced(grey, camera, None, _SHARP_SIDE)[0]
     return looks_sharp(seen, collapsed=points / len(kernels))

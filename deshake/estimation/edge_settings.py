@@ -31,6 +31,12 @@ class EdgeSetting:
     roll : bool
         Whether the camera may turn about its optical axis. Most hands turn it little, and a roll
         that explains chance takes weight from the rest.
+    side : int
+        Longer side in pixels that the photo is reduced to. Kernels of wide blurs break up at
+        sizes where they are tens of pixels wide.
+    gamma : float
+        Edges are looked for in light to the power of ``1 / gamma``. Blur adds up in linear light
+        only; but there the lights outweigh whatever else has edges.
 
     """
 
@@ -42,12 +48,18 @@ class EdgeSetting:
     carried: float = 0.08
     most: int = 150
     roll: bool = True
+    side: int = 640
+    gamma: float = 1.0
 
 
 SETTINGS = (
     EdgeSetting("fine", 8e-2, 2e-3, 3),
     EdgeSetting("medium", 8e-2, 5e-3, 4, cut=0.02, carried=0.03, most=200),
     EdgeSetting("level", 8e-2, 2e-3, 3, roll=False),
+    EdgeSetting("wide", 8e-2, 2e-3, 3, roll=False, side=320, gamma=2.2),
+    EdgeSetting(
+        "wide-medium", 8e-2, 5e-3, 4, 0.02, carried=0.03, most=200, roll=False, side=320, gamma=2.2
+    ),
 )
 """Settings that fail on different photos, for a judge to choose between their kernels."""
 

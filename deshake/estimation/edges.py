@@ -133,7 +133,9 @@ class _Run:
         setting: EdgeSetting,
         threads: int | None,
     ) -> None:
-        self.grey, self.contrast = contrast_scaled(grey)
+        self.light = grey
+        gamma = np.float32(1 / setting.gamma)
+        self.grey, self.contrast = contrast_scaled(np.maximum(grey, 0) ** gamma)
         self.camera = camera
         self.usable = usable
         self.blur_px = blur_px
@@ -157,11 +159,20 @@ class _Run:
             active = self._estimate(active, level)
         assert active is not None  # noqa: S101 - there is at least one scale
         kernel = self._finished(active)
-        assert self.latent is not None  # noqa: S101
+        latent = turned_gradients(self._latent_in_light(kernel), self.camera, kernel.centroid)
         if progress is not None:
             progress(1.0, "kernel estimated")
-        latent = turned_gradients(self.latent, self.camera, kernel.centroid)
-        return EdgeEstimate(kernel.centred(), latent / np.float32(self.contrast))
+        return EdgeEstimate(kernel.centred(), latent)
+
+    def _latent_in_light(self, kernel: RotationKernel) -> Image:
+        """Gradients of the last latent picture in linear light."""
+        assert self.latent is not None  # noqa: S101
+        if self.setting.gamma == 1:
+            return self.latent / np.float32(self.contrast)
+        light, contrast = contrast_scaled(self.light)
+        scale = EdgeScale(kernel, light, self.usable, self.threads)
+        scale.edges(kernel, self.setting.last, shock=False)
+        return scale.latent_gradients() / np.float32(contrast)
 
     def _start(self, camera: Camera) -> RotationKernel:
         """A little cube: half of the weight at rest, half beside it, to break the symmetry."""

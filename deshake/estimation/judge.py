@@ -2,13 +2,15 @@
 
 Two measures, both smaller for better kernels. The energy of the L0 picture,
 
-    E = mean (A S - g)^2 + lam #{grad S != 0} / N
+    E = mean min((A S - g)^2, lam) + lam #{grad S != 0} / N
 
 weighs how well a kernel explains the photo against how many edges it needs for that; a kernel too
-wide or too small needs more of them. The normalised sparsity ``|grad f|_1 / |grad f|_2`` of the
-restored picture (Krishnan, Tay & Fergus, CVPR 2011), against the photo's own, rises with ringing
-and falls with sharpness. The score is ``ln E + 0.5 ln nsp``: the energy alone would do for
-simulated shakes, but the tone curves and the lights of real photos spoil it.
+wide or too small needs more of them. The misfit of a pixel counts up to a bound, since lights and
+tone curves are beyond what any kernel explains. The normalised sparsity ``|grad f|_1 / |grad f|_2``
+of the restored picture (Krishnan, Tay & Fergus, CVPR 2011), against the photo's own, rises with
+ringing and falls with sharpness. Both are compared with what they are without any shake: the margin
+is the gain in ``ln E + 0.6 ln nsp``. Energies that get worse count little: fine texture makes the
+true kernel's so, while wrong kernels are told by their ringing.
 """
 
 from __future__ import annotations
@@ -29,11 +31,9 @@ from deshake.operators.filter_flow import reach
 from deshake.operators.patch_solve import PatchFrame, PatchSolver, patch_size
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from deshake.geometry.kernel import RotationKernel
 
-__all__ = ["Score", "best", "confidence", "score"]
+__all__ = ["Score", "confidence", "margin", "score"]
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -41,7 +41,8 @@ Mask = NDArray[np.bool_]
 _LAM = 2e-3
 _BETA_MAX = 64.0
 _LIVE = 1 / 64  # gradients whose square is above this share of lam are counted as edges
-_SPARSITY_WEIGHT = 0.5
+_SPARSITY_WEIGHT = 0.6
+_MOST_LOSS = 0.05  # of energy
 _BORDER = 12  # px left out on every side
 _LEAST_NOISE = 0.002
 _LIT = 0.1  # of the mean light: what is darker, a night sky, shows no noise
@@ -49,9 +50,8 @@ _POWER = 0.8  # of the gradients, in the restored picture's prior
 _PRIOR = 0.5
 _PENALTIES = tuple(float(beta) for beta in np.geomspace(0.01, 0.5, 7))
 _FILL_AT = 4  # penalties in, when what is not known is filled in
-_SLOPE = 0.03  # of the confidence
-_CONVINCING = 0.01  # margin of the best score over that of no shake at all
-_POSSIBLE = 0.25  # confidence
+_EVEN = 0.04  # margin at which the confidence is a half
+_SLOPE = 0.015  # of the confidence
 
 
 class Score(NamedTuple):
@@ -68,11 +68,6 @@ class Score(NamedTuple):
 
     energy: float
     sparsity: float
-
-    @property
-    def total(self) -> float:
-        """``ln E + 0.5 ln nsp``."""
-        return self.energy + _SPARSITY_WEIGHT * self.sparsity
 
 
 def score(
@@ -109,29 +104,21 @@ def score(
     return Score(float(np.log(trial.energy())), float(np.log(trial.sparsity())))
 
 
+def margin(found: Score, still: Score) -> float:
+    """How much better a kernel is than no shake at all, by the scores of both."""
+    energy = max(still.energy - found.energy, -_MOST_LOSS)
+    return energy + _SPARSITY_WEIGHT * (still.sparsity - found.sparsity)
+
+
 def confidence(found: Score, still: Score) -> float:
     """Chance that a kernel makes the photo better, by its score and that of no shake at all.
 
-    The logistic function of the margin in the score, one half where there is none and 0.88 at
-    0.06. Fitted to kernels of simulated shakes, whose gain was known, to wrong kernels, and
-    to real photos, where the eye was the judge.
+    The logistic function of the margin, one half at 0.04 and 0.88 at 0.07. Fitted to kernels of
+    simulated shakes, whose gain was known, to wrong kernels, and to real photos, where the eye was
+    the judge.
     """
-    margin = still.total - found.total
-    return float(1 / (1 + np.exp(-np.clip(margin / _SLOPE, -50, 50))))
-
-
-def best(scores: Mapping[str, Score], still: Score) -> str:
-    """Name the best kernel, by the scores of all, at least one, and that of no shake at all.
-
-    It is the one with the least score. Where that hardly betters no shake, though, tone curves or
-    lights may have spoilt the energies, and kernels that collapsed look best: then it is the one
-    with the sparsest picture, of those that are trusted a little.
-    """
-    least = min(scores, key=lambda name: scores[name].total)
-    if still.total - scores[least].total >= _CONVINCING:
-        return least
-    possible = [name for name in scores if confidence(scores[name], still) >= _POSSIBLE]
-    return min(possible, key=lambda name: scores[name].sparsity, default=least)
+    excess = (margin(found, still) - _EVEN) / _SLOPE
+    return float(1 / (1 + np.exp(-np.clip(excess, -50, 50))))
 
 
 class _Trial:
@@ -166,7 +153,8 @@ class _Trial:
         across, down = differences(picture)
         live = across**2 + down**2 > _LAM * _LIVE
         misfit = (blurred - self.seen.picture)[self.counted].astype(np.float64)
-        return float((misfit**2).mean() + _LAM * live[self.counted].mean())
+        misfit = np.minimum(misfit**2, _LAM)
+        return float(misfit.mean() + _LAM * live[self.counted].mean())
 
     def sparsity(self) -> float:
         """Normalised sparsity of the restored picture, in that of the photo."""

@@ -22,6 +22,7 @@ from deshake.estimation.pair_pixels import (
     PairPictures,
     derivatives,
     drawn_pixels,
+    noise_excess,
     usable_pixels,
 )
 from deshake.estimation.pair_rows import PairRows
@@ -56,9 +57,9 @@ _FINE_SIDE = 400  # px, of the longer side up to which every scale is worked on
 _LEAST_LIGHT = 1e-7  # of the noisy photo
 _MOST_CHANGE = 2.0  # of the photometric factor at one scale
 _STILL_PX = 2.0  # an extent below it at the finest scale is no shake
-_DOUBTFUL = 0.5  # confidence below which the user is told
-_EVEN_MISFIT = 0.03  # share of the edges left unexplained at which a kernel is half believed
-_MISFIT_RANGE = 0.5  # of its logarithm
+_EVEN_MISFIT = 0.22  # share of the edges left unexplained at which a kernel is half believed
+_MISFIT_RANGE = 0.25  # of its logarithm
+_NOTHING = 1e-12  # mean square of edges
 
 
 @dataclass(frozen=True)
@@ -84,13 +85,14 @@ class PairEstimate:
     scale : float
         The photometric factor a.
     confidence : float
-        0..1, by the share of the blurred photo's edges that the pair does not explain, at pixels
-        that the kernel was not fitted to: 0.5 where it is 3 %.
+        0..1, by what is unexplained: 0.5 where that is 22 %.
+    unexplained : float
+        Share of the blurred photo's edges, noise aside, that the pair does not explain, at pixels
+        that the kernel was not fitted to.
     explained : float
-        Share of the edges that the kernel explains beyond what the best single rotation does, of
-        all that this one leaves; noise included, it may be below 0.
+        Share of what the best single rotation leaves that the kernel explains.
     notes : list of str
-        What the user should know, in plain words.
+        In plain words.
     scales : list of PairScale
         From coarse to fine.
 
@@ -99,6 +101,7 @@ class PairEstimate:
     kernel: RotationKernel
     scale: float
     confidence: float
+    unexplained: float
     explained: float
     notes: list[str]
     scales: list[PairScale]
@@ -113,6 +116,7 @@ def estimate_pair_kernel(
     uniform: bool = False,
     blur_size: float | None = None,
     noise: Iterable[Image] | None = None,
+    blurred_noise: Image | None = None,
     progress: Callable[[float, str], None] | None = None,
     threads: int | None = None,
 ) -> PairEstimate:
@@ -135,6 +139,8 @@ def estimate_pair_kernel(
     noise : iterable of (h, w) or (h, w, C) arrays, optional
         Pictures of noise alone, in units of `f_reg` and resampled as it was. Two do. By default
         `f_reg` is taken to be free of noise, as if it had been denoised.
+    blurred_noise : (h, w) or (h, w, C) array of float32, optional
+        Noise like that of `g`; by default there is none.
     progress : callable, optional
         Called with the share done, 0..1, and a text.
     threads : int, optional
@@ -153,19 +159,16 @@ def estimate_pair_kernel(
 
     References
     ----------
-    Whyte, Sivic, Zisserman & Ponce, CVPR 2010, Sec. 6; Yuan, Sun, Quan & Shum, SIGGRAPH 2007.
+    Whyte, Sivic, Zisserman & Ponce, CVPR 2010, Sec. 6; Yuan et al., SIGGRAPH 2007.
 
     """
-    if not g.shape[:2] == f_reg.shape[:2] == valid.shape == camera.shape:
-        msg = f"{g.shape[:2]}, {f_reg.shape[:2]}, {valid.shape} and {camera.shape} are not one size"
-        raise ValueError(msg)
+    if len(shapes := {g.shape[:2], f_reg.shape[:2], valid.shape, camera.shape}) > 1:
+        raise ValueError(f"{sorted(shapes)} are not one size")
     height, width = camera.shape
-    bound = min(BLUR_SHARE * max(height, width), min(height, width) / 4)
-    if blur_size is not None:
-        bound = blur_size
+    bound = blur_size or min(BLUR_SHARE * max(height, width), min(height, width) / 4)
     _check(height, width, bound)
     whole = Camera.uniform(height, width) if uniform else camera
-    pictures = PairPictures.of(g, f_reg, valid, noise or ())
+    pictures = PairPictures.of(g, f_reg, valid, noise or (), blurred_noise)
     bound *= max(pictures.g.shape) / max(height, width)
     scales = _Scales(pictures, whole, bound, uniform=uniform, threads=threads)
     return scales.run(progress or (lambda _share, _text: None))
@@ -194,7 +197,7 @@ class _Scales:
         self.kernel = RotationKernel.delta(camera)
         self.scale = 0.0
         self.bounds = np.zeros(3)
-        self.misfits = (0.0, 0.0, 0.0)
+        self.misfits, self.noise = (0.0, 0.0, 0.0), 0.0
         self.reports: list[PairScale] = []
 
     def run(self, progress: Callable[[float, str], None]) -> PairEstimate:
@@ -214,24 +217,20 @@ class _Scales:
             self._solve(level, start.indices, start.weights)
         progress(1.0, "kernel estimated")
         kernel = without_strays(self.kernel.above(_FINAL_CUT))
-        energy, left, single = self.misfits
-        share = max(left / energy, 1e-6)
-        confidence = 1 / (1 + exp(log(share / _EVEN_MISFIT) / _MISFIT_RANGE))
+        energy, left, single = (max(part - self.noise, _NOTHING) for part in self.misfits)
+        confidence = 1 / (1 + exp(log(left / energy / _EVEN_MISFIT) / _MISFIT_RANGE))
         notes = []
         if most_of(kernel).extent_px() < _STILL_PX:
             notes.append("no shake was found: the kernel is a single point")
         beyond = np.any(np.abs(kernel.theta) > self.bounds, 1)
         if kernel.weights[beyond].sum() > _TOUCHING:
             notes.append("the kernel touches its bounds: try a larger --blur-size")
-        if confidence < _DOUBTFUL:
-            notes.append(
-                f"the kernel is doubtful (confidence {confidence:.2f}): the two photos agree badly"
-            )
         return PairEstimate(
             kernel.for_camera(self.whole),
             self.scale,
             confidence,
-            1 - left / max(single, 1e-12 * energy),
+            left / energy,
+            1 - left / single,
             notes,
             self.reports,
         )
@@ -257,20 +256,23 @@ class _Scales:
         if self.scale == 0:
             self.scale = _brightness(seen.g[usable], seen.f[usable])
         a = np.float32(self.scale)
-        f, noise = derivatives(seen.f) * a, [derivatives(e) * a for e in seen.noise]
+        louder = a * np.float32(noise_excess(seen) ** 0.5)
+        f, noise = derivatives(seen.f) * a, [derivatives(e) * louder for e in seen.noise]
         rows = PairRows(camera, theta, f, edges, drawn.fitted, noise=noise, threads=self.threads)
         w = least_on_simplex(rows, start, ridge=_RIDGE)
         used = w > 0
         theta, w = theta[used], w[used]
         judge = PairRows(camera, theta, f, edges, drawn.held_out, noise=noise, threads=self.threads)
         self.misfits = judge.misfits(w)
+        x, y = drawn.held_out.T
+        self.noise = float(np.square(derivatives(seen.own)[:, y, x]).sum() / len(judge))
         light = PairRows(
             camera,
             theta,
             seen.f[None] * a,
             seen.g[None],
             drawn.fitted,
-            noise=[e[None] * a for e in seen.noise],
+            noise=[e[None] * louder for e in seen.noise],
             threads=self.threads,
         )
         self.scale *= min(max(light.scale(w), 1 / _MOST_CHANGE), _MOST_CHANGE)

@@ -22,7 +22,14 @@ if TYPE_CHECKING:
 
     from deshake.geometry.camera import Camera
 
-__all__ = ["DrawnPixels", "PairPictures", "derivatives", "drawn_pixels", "usable_pixels"]
+__all__ = [
+    "DrawnPixels",
+    "PairPictures",
+    "derivatives",
+    "drawn_pixels",
+    "noise_excess",
+    "usable_pixels",
+]
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -38,6 +45,8 @@ _CLIPPED = 0.98
 _ANY = 0.01  # share of a reduced pixel
 _CLEAR_PX = 3  # of clipped pixels, at every scale
 _MOST_CUT_OFF = 0.3  # shorter sides, of the border
+_BRIGHTNESSES, _FEWEST = 4, 400  # levels at which noise is compared, and pixels of each
+_AROUND_PX = 7  # that tell whether a pixel is in a flat part
 _LEAST_ENERGY = 1e-10  # mean square of the derivatives, below which there are no edges
 
 
@@ -51,6 +60,8 @@ class PairPictures:
         The blurred photo and the registered noisy one.
     noise : list of (h, w) arrays of float32
         Noise like that of f.
+    own : (h, w) array of float32
+        Noise like that of g.
     known, clipped : (h, w) arrays of float32
         Shares of each pixel where f is known, and where g clipped.
 
@@ -59,12 +70,18 @@ class PairPictures:
     g: Image
     f: Image
     noise: list[Image]
+    own: Image
     known: Image
     clipped: Image
 
     @classmethod
     def of(
-        cls, g: Image, f_reg: Image, valid: NDArray[np.generic], noise: Iterable[Image]
+        cls,
+        g: Image,
+        f_reg: Image,
+        valid: NDArray[np.generic],
+        noise: Iterable[Image],
+        own: Image | None = None,
     ) -> PairPictures:
         """Reduce a pair to its finest scale; of many pictures of noise one is held at a time."""
         factor = min(_LONGEST_SIDE / max(g.shape[:2]), 1.0)
@@ -74,6 +91,7 @@ class PairPictures:
             _grey(g, shape),
             _grey(f_reg, shape),
             [_grey(e, shape) for e in noise],
+            np.zeros(shape, np.float32) if own is None else _grey(own, shape),
             _reduced((valid != 0).astype(np.float32), shape),
             _reduced((brightest >= _CLIPPED).astype(np.float32), shape),
         )
@@ -84,9 +102,36 @@ class PairPictures:
             _reduced(self.g, shape),
             _reduced(self.f, shape),
             [_reduced(e, shape) for e in self.noise],
+            _reduced(self.own, shape),
             _reduced(self.known, shape),
             _reduced(self.clipped, shape),
         )
+
+
+def noise_excess(seen: PairPictures) -> float:
+    """Tell how much stronger the photo's noise is than what was drawn, in its power, >= 1.
+
+    Cameras take the finest noise off, from which noise is told, and leave what is coarser. Where
+    the blurred photo is flat, the noisy one shows hardly anything but noise: in the flattest parts
+    of some levels of brightness the power of derivatives is compared, and the least ratio taken.
+    """
+    if not seen.noise:
+        return 1.0
+    inside = cv2.erode(
+        (seen.known > 1 - _ANY).astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0
+    )
+    usable = (inside > 0) & (seen.clipped < _ANY)
+    if usable.sum() < _BRIGHTNESSES * _FEWEST:
+        return 1.0
+    noisy, drawn = (
+        np.square(derivatives(image)).sum(0)[usable] for image in (seen.f, seen.noise[0])
+    )
+    near = cv2.blur(np.square(derivatives(seen.g)).sum(0), (_AROUND_PX, _AROUND_PX))[usable]
+    ratios = []
+    for part in np.array_split(np.argsort(seen.g[usable], kind="stable"), _BRIGHTNESSES):
+        flat = part[np.argsort(near[part], kind="stable")[: max(len(part) // 5, 1)]]
+        ratios.append(float(np.median(noisy[flat])) / max(float(np.median(drawn[flat])), 1e-12))
+    return max(min(ratios), 1.0)
 
 
 class DrawnPixels(NamedTuple):

@@ -41,6 +41,7 @@ _BORDER: Final = 257  # points a side of the frame
 _ITERATIONS: Final = (3, 40, 1e-10)  # at most 40, or until nothing moves: TermCriteria
 _SAME: Final = 0.1  # px: what does not come back to where it was, folds
 _ROUNDING: Final = 1e-6
+_LARGER: Final = 2.0  # the area that all of a photo may take; of strong barrels it is 1.5
 _ZOOM: Final = (0.2, 5.0)
 
 
@@ -106,7 +107,7 @@ def pinhole(camera: Camera, *, whole: bool = False) -> Camera:
         if not np.abs(again - _border(camera)).max() < 0.01:
             raise ValueError("the distortion folds the picture")
         low, high = np.floor(border.min(0)).astype(int), np.ceil(border.max(0)).astype(int)
-        if (high - low >= _ZOOM[1] * np.array([width, height])).any():
+        if np.prod(high - low, dtype=np.float64) > _LARGER * width * height:
             raise ValueError("the distortion is too strong")
         straight = Camera(camera.matrix, height, width)
         whole_size = straight.cropped(int(low[0]), int(low[1]), *(int(n) + 1 for n in high - low))

@@ -4,12 +4,14 @@ In linear light one factor relates two exposures. The JPEGs of cameras have cont
 balances and denoising of their own. Whether they do is told by how much better than a factor a
 curve for each channel takes the noisy photo, blurred, to the blurred one. If so, the noisy photo
 is denoised in display values, and its curves are found, once more after it has been blurred by the
-kernel. Where its colours are wrong even so, as after compression in the dark, what is coarser than
-the blur is taken from the blurred photo.
+kernel. Where its colours are wrong even so, as after compression in the dark, it is matched place
+by place (`local_tones`).
 """
 
 from __future__ import annotations
 
+import contextlib
+from math import ceil
 from typing import TYPE_CHECKING, Final
 
 import cv2
@@ -17,29 +19,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake.deconvolution.denoising import NoisyPhoto, denoised_tones
-from deshake.deconvolution.noise import smoothed
 from deshake.deconvolution.pair_noise import fitted_noise
+from deshake.errors import EstimationError
 from deshake.estimation.photometric import ToneCurve, tone_curves
 from deshake.estimation.registration import registered
 from deshake.io.transfer import Srgb
 from deshake.operators.planes import channels_first
+from deshake.pipelines.local_tones import local_tones, local_trust, wrong_colours
 
 if TYPE_CHECKING:
     from deshake.estimation.registration import Registration
     from deshake.operators.shake_blur import ShakeBlur
 
-__all__ = ["blurred_planes", "fitted_factor", "needs_curves", "with_tones_of"]
+__all__ = ["blurred_planes", "camera_pair", "fitted_factor", "needs_curves", "with_tones_of"]
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 _FARTHEST: Final = (0.8, 1.25)  # that the factor may be off the one it was brought near by
 _SMOOTH_PX: Final = 1.5  # of photos that are blurred alike
-_BETTER: Final = 0.25  # share of the mean square that curves leave; noisy linear pairs are above
+_BROAD_PX: Final = 3.0  # over which light is averaged to see if tones differ
+_SMOOTHED_PX: Final = 0.5  # of what is smooth
+_BETTER: Final = 0.5  # share of the mean square that curves leave: cameras 0.05 to 0.32, linear 0.7
 _SPREAD: Final = np.float32(1.5)  # of noise that is left near edges, over that of flat areas
+_WRONG: Final = 0.2  # of the contrast of colours; simulated cameras 0.04 to 0.12, real 0.27 to 1.1
+_MISFIT: Final = 0.15  # there, since coarse noise passes for errors of the kernel
 _EVEN: Final = 0.03  # least variance anywhere, in means: none is known to be free of noise
-_LEAST_PX: Final = 8  # reach of what is called coarse
-_WRONG: Final = 0.2  # of the contrast of coarse colours; simulated cameras err by 0.06 to 0.14
 _STEP: Final = np.float32(1 / 512)  # for slopes
 _DISPLAY: Final = Srgb()
 
@@ -80,17 +85,42 @@ def needs_curves(g: Image, Af: Image, mask: Mask) -> bool:
         As `tone_curves` does.
 
     """
+    side = 2 * ceil(_BROAD_PX) + 1
+    inside = cv2.erode(mask.astype(np.uint8), np.ones((side, side), np.uint8), borderValue=0) > 0
     factor = curved = 0.0
     for plane, other in zip(channels_first(g), Af, strict=True):
-        x, y = _shown(other), _shown(plane)
-        [curve] = tone_curves(x, y, mask, smooth_px=_SMOOTH_PX)
+        # in light, where noise has no bias, before it is as displayed
         x, y = (
-            np.asarray(cv2.GaussianBlur(tone, (0, 0), _SMOOTH_PX)[mask], np.float32)
-            for tone in (x, y)
+            _shown(np.asarray(cv2.GaussianBlur(light, (0, 0), _BROAD_PX), np.float32))
+            for light in (other, plane)
         )
+        [curve] = tone_curves(x, y, inside, smooth_px=_SMOOTHED_PX)
+        x, y = x[inside], y[inside]
         factor += float(np.square(x - y).sum(dtype=np.float64))
         curved += float(np.square(curve(x) - y).sum(dtype=np.float64))
     return curved < _BETTER * factor
+
+
+def camera_pair(
+    g: Image,
+    Af: Image,
+    f_N: Image,
+    registration: Registration,
+    blur: ShakeBlur,
+    *,
+    mask: Mask,
+    threads: int | None = None,
+) -> tuple[NoisyPhoto | None, Image]:
+    """Take a noisy photo to the tones of the blurred one, if it has tone curves of its own.
+
+    Parameters are those of `needs_curves` and `with_tones_of`. With the photo, or None, comes how
+    far to go by it in each place, (h, w), 0..1.
+    """
+    with contextlib.suppress(EstimationError):  # then one factor has to do
+        if needs_curves(g, Af, mask):
+            noisy = with_tones_of(g, f_N, registration, blur, mask, threads=threads)
+            return noisy, local_trust(g, blurred_planes(noisy.denoised, blur), mask, blur.margin)
+    return None, np.ones(mask.shape, np.float32)
 
 
 def with_tones_of(
@@ -137,10 +167,10 @@ def with_tones_of(
         for planes in (stored, denoised)
     )
     del stored, denoised
-    tones = [_shown(plane) for plane in channels_first(g)]
-    pairs = zip(smooth, tones, strict=True)
+    shown = [_shown(plane) for plane in channels_first(g)]
+    pairs = zip(smooth, shown, strict=True)
     curves = [tone_curves(f_D, tone, mask)[0] for f_D, tone in pairs]
-    for c, (curve, tone) in enumerate(zip(curves, tones, strict=True)):
+    for c, (curve, tone) in enumerate(zip(curves, shown, strict=True)):
         Af = blurred_planes(_light(curve(smooth[c]))[None], blur)[0]
         before = curve.inverse(_shown(Af))
         curves[c] = tone_curves(before, tone, mask, smooth_px=_SMOOTH_PX)[0]
@@ -152,44 +182,18 @@ def with_tones_of(
         smooth[c] = _light(curve(smooth[c]))
         noisy[c] = smooth[c] + noise
     variance *= _SPREAD**2 / np.float32(len(curves))
-    left = _coarse_misfit(g, smooth, blur, mask)
-    if left is not None:
-        noisy += left
-        np.maximum(smooth + left, 0, out=smooth)
+    misfit = NoisyPhoto.misfit
+    Af = blurred_planes(smooth, blur)
+    if wrong_colours(g, Af, mask, blur.margin) > _WRONG:
+        tones = local_tones(g, Af, mask, blur.margin)
+        noisy -= smooth
+        noisy *= tones.gain
+        smooth = tones(smooth)
+        noisy += smooth
+        misfit = _MISFIT
     slope, floor = fitted_noise(smooth.mean(0)[mask], variance[mask])
     least = _EVEN * float(variance[mask].mean(dtype=np.float64))
-    return NoisyPhoto(noisy, smooth, slope, max(floor, least))
-
-
-def _coarse_misfit(g: Image, f_D: Image, blur: ShakeBlur, mask: Mask) -> Image | None:
-    """Return what is coarse of g - A f_D, (C, h, w), if colours differ by much, else None."""
-    reach = max(blur.margin, _LEAST_PX)
-    weight = mask.astype(np.float32)
-    known = smoothed(weight, reach) + np.float32(1e-3)
-    planes = channels_first(g)
-    Af = blurred_planes(f_D, blur)
-    seen, wrong = (
-        np.stack([smoothed(part * weight, reach) / known for part in parts])
-        for parts in (
-            [_shown(plane) for plane in planes],
-            [_shown(one) - _shown(other) for one, other in zip(planes, Af, strict=True)],
-        )
-    )
-    contrast, error = (float(_colours(part)[:, mask].std()) for part in (seen, wrong))
-    if error <= _WRONG * contrast or len(planes) == 1:
-        return None
-    del seen, wrong
-    left = [
-        smoothed((one - other) * weight, reach) / known
-        for one, other in zip(planes, Af, strict=True)
-    ]
-    return np.stack(left)
-
-
-def _colours(tones: Image) -> Image:
-    """Take the mean over the channels, and that over the frame, off."""
-    apart = tones - tones.mean(0)
-    return np.asarray(apart - apart.mean((1, 2), keepdims=True), np.float32)
+    return NoisyPhoto(noisy, smooth, slope, max(floor, least), misfit)
 
 
 def _slope(curve: ToneCurve, tone: Image) -> Image:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
 from dataclasses import dataclass, replace
 from functools import partial
@@ -15,7 +14,7 @@ from deshake.deconvolution.clipped_noise import unclipped_mean
 from deshake.deconvolution.denoising import NoisyPhoto, noisy_photo
 from deshake.deconvolution.fusion import fuse
 from deshake.deconvolution.residual import residual_richardson_lucy
-from deshake.errors import DeshakeError, EstimationError, OutputError
+from deshake.errors import DeshakeError, OutputError
 from deshake.estimation.registration import register, registered
 from deshake.geometry.camera import Camera
 from deshake.io.files import STREAM, check_output, default_output
@@ -24,12 +23,7 @@ from deshake.io.photo import read_pair, write_photo
 from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import ShakeBlur
 from deshake.pipelines.calibration import camera_for
-from deshake.pipelines.camera_tones import (
-    blurred_planes,
-    fitted_factor,
-    needs_curves,
-    with_tones_of,
-)
+from deshake.pipelines.camera_tones import blurred_planes, camera_pair, fitted_factor
 from deshake.pipelines.file_stages import prepared, sheet_kept
 from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.fitting import check_registration, fitting_kernel
@@ -112,7 +106,7 @@ def deblur_pair(
     """Deblur a photo with a kernel for its size and a noisy photo of the same scene.
 
     Format, depth, opacity and metadata stay as they are. Photos through a lens that bends are
-    straightened first.
+    straightened first. The kernel of a camera that stood still leaves the photo as it is.
 
     Parameters
     ----------
@@ -138,6 +132,10 @@ def deblur_pair(
         If the photos do not show the same scene.
 
     """
+    if not kernel.theta[kernel.weights > 0].any():
+        if progress is not None:
+            progress(1.0, "nothing to undo")
+        return blurred
     start = 0.0
     lens = kernel.camera if registration is None else registration.camera
     straight, other, seen = straight_pair(blurred, noisy, lens, whole=keep_geometry)
@@ -253,8 +251,7 @@ def _restored(
     progress: Progress | None,
 ) -> Restoration:
     """Register the noisy photo, make it as bright as the other one, and deblur."""
-    g = blurred.pixels
-    f_N = noisy.pixels
+    g, f_N = blurred.pixels, noisy.pixels
     if f_N.ndim != g.ndim:
         f_N = luminance(f_N) if g.ndim == 2 else np.repeat(f_N[..., None], g.shape[2], 2)
     stored = unclipped_mean(f_N)
@@ -268,13 +265,10 @@ def _restored(
     scale = fitted_factor(light, Af, usable, blur)
     Af *= np.float32(scale)
     pair: NoisyPhoto | None = None
-    linear = blurred.is_sensors and noisy.is_sensors
-    with contextlib.suppress(EstimationError):  # then one factor has to do
-        if not linear and needs_curves(light, Af, usable):
-            pair = with_tones_of(
-                light, unclipped_mean(f_N), registration, blur, usable, threads=threads
-            )
-            _log.info("%s: the photos have tone curves of their own", blurred.source)
+    if not (blurred.is_sensors and noisy.is_sensors):
+        told = unclipped_mean(f_N)
+        pair, trust = camera_pair(light, Af, told, registration, blur, mask=usable, threads=threads)
+        valid *= trust
     del Af, f_reg
     if pair is None:
         resample = partial(registered, registration=registration, margin=blur.margin)

@@ -2,7 +2,8 @@
 
 The noisy photo is registered to the blurred one, unless that was done before. Where the kernel then
 explains the blurred photo badly, the two photos' tones are matched (`registered_pair`), and the
-kernel is kept that explains it better.
+kernel is kept that explains it better. One that explains too little is not given out: there the
+kernel is that of a camera that stood still, with which the photo stays as it is.
 """
 
 from __future__ import annotations
@@ -16,13 +17,14 @@ from deshake import __version__
 from deshake.deconvolution.clipped_noise import unclipped_mean
 from deshake.errors import DeshakeError, EstimationError
 from deshake.estimation.registration import registered
+from deshake.geometry.kernel import RotationKernel
 from deshake.io.files import check_output, sha256
 from deshake.io.kernel_file import CameraFile, KernelFile, write_kernel
 from deshake.io.photo import read_pair
 from deshake.pipelines.fitting import check_registration
 from deshake.pipelines.lens import bent_kernel, straight_pair
 from deshake.pipelines.progress import part
-from deshake.pipelines.register import find_registration, known_registration
+from deshake.pipelines.register import find_registration, known_registration, relative_zoom
 from deshake.pipelines.registered_pair import RegisteredPair
 
 if TYPE_CHECKING:
@@ -41,7 +43,8 @@ __all__ = ["PairKernel", "estimate_pair", "estimate_pair_file"]
 _log = logging.getLogger(__name__)
 
 _REGISTERED: Final = 0.3  # of the time
-_SURE: Final = 0.9  # confidence below which tone curves are tried
+_ALL_BUT: Final = 0.01  # of the edges, left unexplained, above which tone curves are tried
+_TRUSTED: Final = 0.5  # confidence below which the photo is left as it is
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +72,11 @@ class PairKernel:
     scale: float
     notes: list[str]
 
+    @property
+    def trusted(self) -> bool:
+        """Whether the photo is deblurred with it; else the kernel is that of a still camera."""
+        return self.content.confidence >= _TRUSTED
+
     def report(self) -> dict[str, Any]:
         """Return the figures of the estimate as JSON data."""
         kernel = self.content.kernel
@@ -76,6 +84,7 @@ class PairKernel:
             "rotations": len(kernel.weights),
             "extent_px": round(kernel.extent_px(), 2),
             "confidence": round(self.content.confidence, 4),
+            "trusted": self.trusted,
             "scale": round(self.scale, 5),
             "registration_confidence": round(self.registration.confidence, 4),
             "notes": self.notes,
@@ -130,18 +139,26 @@ def estimate_pair(
     else:
         camera = CameraFile(registration.camera, "the registration")
         check_registration(registration.camera, blurred)
-    later = part(progress, start, 1) or (lambda _share, _text: None)
+        zoom = relative_zoom(blurred, noisy)
+        if zoom is not None:
+            notes.append(
+                f"the noisy photo's metadata state {zoom:.2f} times the blurred one's focal length"
+            )
+    half = (start + 1) / 2
     straight, other, pinhole = straight_pair(blurred, noisy, registration.camera)
     lies = replace(registration, camera=pinhole)
+    linear = straight.is_sensors and other.is_sensors
     try:
         seen = registered(unclipped_mean(other.pixels), lies)
         pair = RegisteredPair(straight, other, lies, *seen)
-        found = pair.kernel(options, threads, later)
+        found = pair.kernel(options, threads, part(progress, start, half) or _silent)
         curved = False
-        if found.confidence < _SURE and not (straight.is_sensors and other.is_sensors):
+        if found.unexplained > _ALL_BUT and not linear:
             with contextlib.suppress(EstimationError):  # then it stays at the one factor
-                second = pair.on_curves().kernel(options, threads, later)
-                curved = second.confidence > found.confidence
+                second = pair.on_curves().kernel(
+                    options, threads, part(progress, half, 1) or _silent
+                )
+                curved = second.unexplained < found.unexplained
                 found = second if curved else found
     except DeshakeError as error:
         error.file = error.file or str(blurred.source)
@@ -151,11 +168,20 @@ def estimate_pair(
         scale *= registration.scale
         notes.append("the photos have tone curves of their own, which were matched")
     notes += found.notes
+    kernel = found.kernel
+    if found.confidence < _TRUSTED:
+        notes.append(
+            f"the two photos agree too badly to trust a kernel ({found.confidence:.2f}): the photo "
+            "is left as it is; without the noisy photo it can be deblurred blindly"
+        )
+        kernel = RotationKernel.delta(kernel.camera)
+    if progress is not None:
+        progress(1.0, "kernel estimated")
     for note in notes:
         _log.warning("%s: %s", blurred.source, note)
     provenance = _provenance((blurred, noisy), options, registration, found)
     provenance |= {"camera": camera.source, "tone_curves": curved, "notes": notes}
-    kernel = bent_kernel(found.kernel, registration.camera, pinhole)
+    kernel = bent_kernel(kernel, registration.camera, pinhole)
     content = KernelFile(kernel, found.confidence, provenance)
     return PairKernel(content, camera, registration, scale, notes)
 
@@ -195,6 +221,10 @@ def estimate_pair_file(
     return found
 
 
+def _silent(_share: float, _text: str) -> None:
+    """Tell nobody."""
+
+
 def _provenance(
     pair: tuple[Photo, Photo],
     options: EstimateOptions,
@@ -217,5 +247,6 @@ def _provenance(
         },
         "scale": found.scale,
         "explained": found.explained,
+        "unexplained": found.unexplained,
         "scales": [asdict(scale) for scale in found.scales],
     }

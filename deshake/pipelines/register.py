@@ -45,6 +45,7 @@ __all__ = [
     "known_registration",
     "register_file",
     "registration_name",
+    "relative_zoom",
 ]
 
 _log = logging.getLogger(__name__)
@@ -134,7 +135,14 @@ def find_registration(
     """
     camera, notes = camera_for(blurred, options)
     if options.camera is None and options.focal_px is None and options.focal_35mm is None:
-        _check_zoom(blurred, noisy)
+        zoom = relative_zoom(blurred, noisy)
+        if zoom is not None:
+            raise PhotoError(
+                f"taken at {zoom:.2f} times the focal length of {blurred.source}",
+                hint="both photos must be taken at one focal length; --focal-35mm MM says that "
+                "they were, where the metadata are wrong",
+                file=noisy.source,
+            )
     straight, other, seen = straight_pair(blurred, noisy, camera.camera)
     try:
         registration = register(
@@ -262,21 +270,18 @@ def _preview_format(path: Path, photo: Photo) -> Format:
     return "PNG" if str(path) == STREAM else output_format(path, photo)
 
 
-def _check_zoom(blurred: Photo, noisy: Photo) -> None:
-    """Check that two photos were not taken at different focal lengths, if both tell them."""
+def relative_zoom(blurred: Photo, noisy: Photo) -> float | None:
+    """Return how many times the focal length of one photo the other's is, if they are not one.
+
+    None where they are, or where the metadata of one do not tell.
+    """
     try:
         one, other = (
             calibrate(photo).camera.focal_px / max(photo.shape) for photo in (blurred, noisy)
         )
     except CalibrationError:
-        return
-    if abs(other / one - 1) > _ZOOMED:
-        raise PhotoError(
-            f"taken at {other / one:.2f} times the focal length of {blurred.source}",
-            hint="both photos must be taken at one focal length; --focal-35mm MM says that they "
-            "were, where the metadata are wrong",
-            file=noisy.source,
-        )
+        return None
+    return other / one if abs(other / one - 1) > _ZOOMED else None
 
 
 def _provenance(

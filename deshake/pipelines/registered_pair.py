@@ -8,13 +8,14 @@ cameras have tone curves of their own, which can be matched channel by channel.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.deconvolution.noise import mean_light, noise_model
+from deshake.deconvolution.noise import noise_model
 from deshake.estimation.pair import estimate_pair_kernel
 from deshake.estimation.photometric import tone_curves
 from deshake.estimation.registration import registered
@@ -71,17 +72,41 @@ class RegisteredPair:
     ) -> PairEstimate:
         """Estimate the kernel; raises EstimationError as `estimate_pair_kernel` does."""
         camera = self.registration.camera
+        shares = self.shares()
+        g = _mixed(self.blurred.pixels, shares)
+        g[self.blurred.clipped] = 1
         return estimate_pair_kernel(
-            self.blurred.pixels,
-            self.f_reg,
+            g,
+            _mixed(self.f_reg, shares),
             self.valid,
             camera,
             uniform=options.uniform,
             blur_size=largest_blur(camera, options),
             noise=self.noise(),
+            blurred_noise=self._blurred_noise(shares),
             threads=threads,
             progress=progress,
         )
+
+    def shares(self) -> NDArray[np.float64]:
+        """Return how much of each channel goes into the grey that tells the kernel, of sum 1.
+
+        The more of it, the more its edges in the blurred photo stand out of the noisy one's noise.
+        """
+        seen = channels_first(self.blurred.pixels)
+        planes = self._stored
+        if len(seen) != len(planes):
+            return np.ones(1)
+        found = []
+        for c, (plane, (slope, floor)) in enumerate(zip(planes, self._models, strict=True)):
+            fine = cv2.GaussianBlur(seen[c], (0, 0), _CURVE_SMOOTHING_PX)
+            edges = float(np.sqrt(np.square(np.diff(fine)).mean(dtype=np.float64)))
+            noise = slope * max(float(plane.mean(dtype=np.float64)), 0.0) + floor
+            if self.slopes is not None:
+                steep = channels_first(self.slopes)[c]
+                noise *= float(np.square(steep).mean(dtype=np.float64))
+            found.append(edges / noise)
+        return np.array(found) / sum(found)
 
     def on_curves(self) -> RegisteredPair:
         """Return the noisy photo taken to the tones of the blurred one, channel by channel."""
@@ -99,32 +124,72 @@ class RegisteredPair:
         return replace(self, f_reg=matched, slopes=slopes)
 
     def noise(self) -> Iterator[Image]:
-        """Draw noise like the noisy photo's, and register it as the photo was.
-
-        It is that of the mean of the channels, unless their tone curves differ.
-        """
-        f_N = self.noisy.pixels
-        slope, floor = noise_model(f_N)
+        """Draw noise like that of the noisy photo's mixed channels, and register it as it was."""
+        planes, shares = self._stored, self.shares()
+        if len(shares) != len(planes):
+            shares = np.full(len(planes), 1 / len(planes))
         if self.slopes is None:
-            count = len(channels_first(f_N))
-            return _drawn_noise(mean_light(f_N), slope / count, floor / count, self.registration)
-        light = luminance(f_N) if self.slopes.ndim == 2 else f_N
-        drawn = _drawn_noise(light, slope, floor, self.registration)
-        return (noise * self.slopes for noise in drawn)
+            variance = np.zeros(planes.shape[1:], np.float32)
+            for plane, share, model in zip(planes, shares, self._models, strict=True):
+                variance += np.float32(share**2) * _variance(plane, *model)
+            np.sqrt(variance, out=variance)
+            for twin in range(_TWINS):
+                noise = _drawn(variance, np.random.default_rng(twin))
+                yield registered(noise, self.registration)[0]
+            return
+        for twin in range(_TWINS):
+            rng = np.random.default_rng(twin)
+            mixed = np.zeros(self.valid.shape, np.float32)
+            for c, (plane, model) in enumerate(zip(planes, self._models, strict=True)):
+                drawn = _drawn(np.sqrt(_variance(plane, *model)), rng)
+                noise = registered(drawn, self.registration)[0]
+                noise *= channels_first(self.slopes)[c]
+                mixed += np.float32(shares[c]) * noise
+            yield mixed
+
+    def _blurred_noise(self, shares: NDArray[np.float64]) -> Image:
+        """Draw noise like that of the blurred photo's mixed channels."""
+        planes = channels_first(self.blurred.pixels)
+        if len(shares) != len(planes):
+            shares = np.full(len(planes), 1 / len(planes))
+        variance = np.zeros(planes.shape[1:], np.float32)
+        for plane, share in zip(planes, shares, strict=True):
+            model = noise_model(np.ascontiguousarray(plane))
+            variance += np.float32(share**2) * _variance(plane, *model)
+        return _drawn(np.sqrt(variance), np.random.default_rng(_TWINS))
+
+    @cached_property
+    def _stored(self) -> Image:
+        """The noisy photo's channels as they are compared, (C, h', w')."""
+        f_N = self.noisy.pixels
+        return channels_first(f_N if f_N.ndim == self.f_reg.ndim else luminance(f_N))
+
+    @cached_property
+    def _models(self) -> list[tuple[float, float]]:
+        """Slope and floor of each channel's noise."""
+        return [noise_model(np.ascontiguousarray(plane)) for plane in self._stored]
 
 
-def _drawn_noise(
-    light: Image, slope: float, floor: float, registration: Registration
-) -> Iterator[Image]:
-    """Draw and register noise of variance ``slope x + floor`` for light x, a few times."""
-    sigma = np.maximum(light, 0)
-    sigma *= np.float32(slope)
-    sigma += np.float32(floor)
-    np.sqrt(sigma, out=sigma)
-    for twin in range(_TWINS):
-        rng = np.random.default_rng(twin)
-        noise = np.empty_like(sigma)
-        for top in range(0, len(noise), _BAND):
-            band = sigma[top : top + _BAND]
-            noise[top : top + _BAND] = rng.standard_normal(band.shape, np.float32) * band
-        yield registered(noise, registration)[0]
+def _mixed(image: Image, shares: NDArray[np.float64]) -> Image:
+    """Mix the channels of an image by their shares; if these are not its own, take their mean."""
+    planes = channels_first(image)
+    if len(planes) != len(shares):
+        return np.asarray(planes.mean(0), np.float32)
+    grey = np.zeros(planes.shape[1:], np.float32)
+    for plane, share in zip(planes, shares, strict=True):
+        grey += np.float32(share) * plane
+    return grey
+
+
+def _variance(light: Image, slope: float, floor: float) -> Image:
+    """Return the variance of noise, ``slope x + floor`` at the light x."""
+    return np.asarray(np.maximum(light, 0) * np.float32(slope) + np.float32(floor), np.float32)
+
+
+def _drawn(sigma: Image, rng: np.random.Generator) -> Image:
+    """Draw noise of some standard deviation."""
+    noise = np.empty_like(sigma)
+    for top in range(0, len(noise), _BAND):
+        band = sigma[top : top + _BAND]
+        noise[top : top + _BAND] = rng.standard_normal(band.shape, np.float32) * band
+    return noise

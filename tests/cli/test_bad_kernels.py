@@ -99,10 +99,10 @@ def test_a_good_kernel_like_those_is_taken(deshake, shaken, tmp_path):
 
 
 def test_a_kernel_that_is_a_folder_or_missing(deshake, shaken, tmp_path):
-    for path, what in ((tmp_path, "is a folder, not a file"), (tmp_path / "k", "no such file")):
+    for path, named in ((tmp_path, tmp_path / "a.kernel.npz"), (tmp_path / "k", tmp_path / "k")):
         outcome = deshake("deblur", shaken("a.jpg"), path)
         assert outcome.code == 1
-        assert outcome.err.startswith(f"error: {path}: {what}\n")
+        assert outcome.err.startswith(f"error: {named}: no such file\n")
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs RLIMIT_AS")

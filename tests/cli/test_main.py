@@ -44,11 +44,16 @@ def test_help_lists_every_command_and_imports_nothing_heavy():
 
 def test_help_answers_at_once():
     took = []
-    for _ in range(3):  # the machine may be busy: the best of three
-        start = time.perf_counter()
+    for _ in range(3):  # of the processor, the best of three: the machine may be busy
+        start = _processor_time_of_children()
         subprocess.run([sys.executable, "-m", "deshake", "--help"], capture_output=True, check=True)
-        took.append(time.perf_counter() - start)
+        took.append(_processor_time_of_children() - start)
     assert min(took) < 0.5
+
+
+def _processor_time_of_children():
+    spent = os.times()
+    return spent.children_user + spent.children_system
 
 
 def test_version(deshake):

@@ -146,7 +146,7 @@ def _here(tmp_path, monkeypatch):
         (("other.png",), "long.jpg, other.png: the two photos do not show the same scene"),
         (("wide.png",), "different proportions: 200 x 160 and 200 x 100 pixels"),
         (("black.png",), "one of the two photos shows nothing"),
-        (("text.png",), "text.png: not a JPEG, PNG, TIFF or WebP file"),
+        (("text.png",), "text.png: not a photo of a known format"),
         (("none.png",), "none.png: no such file"),
         (("short.png", "--focal-px", 1), "--focal-px 1 makes a focal length"),
         (("short.png", "--camera", "c.npz"), "is for pictures of 100 x 100 pixels, and"),

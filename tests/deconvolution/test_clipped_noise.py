@@ -35,6 +35,11 @@ def test_a_photo_that_is_nowhere_clipped_is_unchanged():
     np.testing.assert_array_equal(unclipped_mean(photo), photo)
 
 
+def test_light_below_0_and_beyond_1_was_not_clipped():
+    photo = np.random.default_rng(3).normal(0.5, 0.3, (80, 90)).astype(np.float32)
+    np.testing.assert_array_equal(unclipped_mean(photo), photo)
+
+
 def test_black_and_white_without_noise_stay():
     photo = np.zeros((80, 90), np.float32)
     photo[:40] = 1

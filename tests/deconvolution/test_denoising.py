@@ -32,8 +32,11 @@ def test_the_blurred_photo_stands_in_where_nothing_is_seen(lab):
     _, g, f_N = pair(lab)
     valid = np.ones(lab.shape, np.float32)
     valid[:30] = 0
+    g[5, 6] = -0.01  # noise whose mean was taken back
     photo = lab.noisy_photo(g, f_N, valid)
     np.testing.assert_array_equal(np.moveaxis(photo.pixels, 0, -1)[:30], g[:30])
+    assert photo.denoised.min() == 0
+    assert np.isfinite(np.sqrt(photo.variance())).all()
 
 
 def test_noise_is_taken_off_before_the_photo_is_resampled(lab):

@@ -1,11 +1,12 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
 from deshake.estimation.candidates import (
-    ESTIMATE_SIDE,
     STILL,
     choose,
     edge_candidates,
@@ -13,6 +14,7 @@ from deshake.estimation.candidates import (
     reduced,
 )
 from deshake.estimation.edges import EdgeSetting
+from deshake.estimation.judge import margin
 from deshake.estimation.kernel_faults import is_point
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
@@ -37,7 +39,8 @@ def test_the_best_candidate_is_chosen(shaken) -> None:
     assert choice.name == "true"
     assert choice.kernel is true
     assert set(choice.scores) == {STILL, "short", "true"}
-    assert choice.scores["true"].total == min(s.total for s in choice.scores.values())
+    margins = {name: margin(one, choice.scores[STILL]) for name, one in choice.scores.items()}
+    assert margins["true"] == max(margins.values())
     assert choice.confidence > 0.9
 
 
@@ -49,9 +52,10 @@ def test_a_kernel_that_spoils_the_photo_is_not_trusted(sharp, shaken) -> None:
     assert choice.confidence < 0.1
 
 
-def test_a_mere_point_must_be_better_by_a_margin(shaken) -> None:
-    grey, true = shaken
-    indices = true.indices * [-3, 3, 3]  # nothing like the shake: the less of it, the better
+def test_a_mere_point_must_be_better_by_a_margin(sharp, shaken) -> None:
+    _, true = shaken
+    grey = sharp[MARGIN:-MARGIN, MARGIN:-MARGIN]  # the less of any shake, the better
+    indices = 2 * true.indices
     away = np.abs(indices).max(1) > 1
 
     def kernel(rest: float) -> RotationKernel:
@@ -63,7 +67,9 @@ def test_a_mere_point_must_be_better_by_a_margin(shaken) -> None:
     assert is_point(point)
     assert not is_point(path)
     choice = choose(grey, {"point": point, "path": path}, threads=1)
-    assert 0 < choice.scores["path"].total - choice.scores["point"].total < 0.01
+    still = choice.scores[STILL]
+    ahead = margin(choice.scores["point"], still) - margin(choice.scores["path"], still)
+    assert 0 < ahead < 0.01
     assert choice.name == "path"
     assert choose(grey, {"point": point, "worse": kernel(0.5)}, threads=1).name == "point"
 
@@ -129,16 +135,36 @@ def test_settings_without_roll_turn_about_two_axes(shaken) -> None:
     assert list(level_only) == ["free"]  # the other would be the same
 
 
+def test_settings_work_at_their_own_size_and_tones(shaken) -> None:
+    grey, true = shaken
+    setting = EdgeSetting("a", 8e-2, 5e-3, 3, roll=False)
+    settings = [
+        setting,
+        replace(setting, name="small", side=grey.shape[1] // 2),
+        replace(setting, name="tones", gamma=2.2),
+        replace(setting, name="same"),
+    ]
+    axes = (True, True, False)
+    found = edge_candidates(grey, true.camera, settings=settings, axes=axes, blur_px=12, threads=1)
+    assert list(found) == ["a", "small", "tones"]
+    assert found["a"].latent.shape[1:] == grey.shape
+    assert found["small"].latent.shape[2] == grey.shape[1] // 2
+    assert found["small"].kernel.camera is true.camera
+    light, tones = found["a"].latent, found["tones"].latent
+    assert not np.array_equal(found["tones"].kernel.theta, found["a"].kernel.theta)
+    assert np.std(tones) == pytest.approx(np.std(light), rel=0.3)  # both in linear light
+
+
 def test_large_photos_are_reduced() -> None:
     camera = Camera.from_focal(900.0, 500, 1000)
     grey = np.random.default_rng(0).random((500, 1000)).astype(np.float32)
     usable = np.ones(grey.shape, bool)
     usable[100:120, 300:320] = False
-    small, smaller, known = reduced(grey, camera, usable, ESTIMATE_SIDE)
+    small, smaller, known = reduced(grey, camera, usable, 640)
     assert small.shape == known.shape == smaller.shape == (320, 640)
     assert smaller.focal_px == pytest.approx(900 * 0.64)
     assert not known[66:75, 194:203].any()
     assert known[:60].all()
-    same, kept, _ = reduced(small, smaller, None, ESTIMATE_SIDE)
+    same, kept, _ = reduced(small, smaller, None, 640)
     assert same is small
     assert kept is smaller

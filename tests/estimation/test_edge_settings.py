@@ -22,4 +22,6 @@ def test_the_default_settings_differ_in_edges_tails_and_roll() -> None:
     assert len({s.last for s in SETTINGS}) > 1
     assert len({s.cut for s in SETTINGS}) > 1
     assert {s.roll for s in SETTINGS} == {True, False}
+    assert len({s.side for s in SETTINGS}) > 1
+    assert len({s.gamma for s in SETTINGS}) > 1
     assert FAINT.cut < min(s.cut for s in SETTINGS)

@@ -8,6 +8,7 @@ from deshake.estimation.pair_pixels import (
     PairPictures,
     derivatives,
     drawn_pixels,
+    noise_excess,
     usable_pixels,
 )
 from deshake.estimation.pair_rows import ROW_BLOCK
@@ -112,3 +113,21 @@ def test_what_cannot_be_drawn_is_said(image, count, what):
     usable = (np.arange(SHAPE[0] * SHAPE[1]) < count).reshape(SHAPE)
     with pytest.raises(EstimationError, match=what):
         drawn_pixels(derivatives(image), usable, 0)
+
+
+def test_noise_that_is_stronger_than_told_shows_where_the_photo_is_flat():
+    rng = np.random.default_rng(4)
+    g = np.repeat(np.linspace(0.1, 0.8, 6), 20)[None] * np.ones((*SHAPE[:1], 1))
+    drawn, seen = rng.normal(size=(2, *SHAPE))
+    for strength, excess in ((1.0, 1.0), (2.0, 4.0), (0.5, 1.0)):
+        noisy = g + 0.02 * strength * seen
+        case = {"g": g, "f_reg": noisy, "noise": [0.02 * drawn]}
+        found = noise_excess(pictures(**{k: to_floats(v) for k, v in case.items()}))
+        assert found == pytest.approx(excess, rel=0.25)
+    assert noise_excess(pictures()) == 1
+
+
+def to_floats(images):
+    if isinstance(images, list):
+        return [image.astype(np.float32) for image in images]
+    return images.astype(np.float32)

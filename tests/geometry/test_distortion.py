@@ -105,3 +105,9 @@ def test_a_curve_of_odd_powers_is_met() -> None:
 def test_a_curve_that_turns_back_is_refused() -> None:
     with pytest.raises(ValueError, match="folds"):
         fit_distortion(np.array([0.1, 0.2, 0.3]), np.array([0.1, 0.2, 0.19]))
+
+
+@pytest.mark.parametrize("lens", [[-0.9, 0, 0, 0], [1e300, 0, 0, 0], [0, 0, 50, 50]])
+def test_no_picture_grows_beyond_twice_its_area(lens: list[float]) -> None:
+    with pytest.raises(ValueError, match=r"folds|too strong"):
+        pinhole(CAMERA.with_lens(np.array(lens)), whole=True)

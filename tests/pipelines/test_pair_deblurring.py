@@ -67,6 +67,13 @@ def psnr(a, b):
     return float(-10 * np.log10(np.mean(np.square(a.astype(float) - b))))
 
 
+def test_the_kernel_of_a_still_camera_leaves_the_photo_as_it_is(pair):
+    folder, _, _ = pair
+    g, noisy = read(folder / "g.png"), read(folder / "n.png")
+    found = deblur_pair(g, noisy, RotationKernel.delta(CAMERA), PairRestorationOptions())
+    np.testing.assert_array_equal(found.pixels, g.pixels)
+
+
 @pytest.mark.parametrize("method", ["fusion", "residual"])
 def test_makes_a_sharper_photo(pair, method):
     folder, kernel, sharp = pair

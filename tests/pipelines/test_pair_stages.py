@@ -8,6 +8,7 @@ import pytest
 from skimage import data
 
 from deshake.errors import KernelFileError, OutputError
+from deshake.estimation.registration import Registration
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
@@ -86,6 +87,20 @@ def test_a_pair_of_files_gives_the_kernel(pair, tmp_path):
     report = found.report()
     assert report["rotations"] == len(kernel.weights)
     assert report["scale"] == pytest.approx(found.scale, rel=1e-3)
+
+
+def test_where_the_photos_agree_badly_the_photo_is_left_as_it_is(pair):
+    folder, _ = pair
+    blurred, noisy = (read_photo(folder / f"{name}.tif", transfer="linear") for name in FILES)
+    other = np.ascontiguousarray(noisy.pixels[::-1, ::-1])
+    known = Registration(np.zeros(3), RATIO, 1.0, CAMERA)
+    found = estimate_pair(
+        blurred, noisy.with_pixels(other), options(), registration=known, threads=1
+    )
+    assert not found.trusted
+    assert not found.report()["trusted"]
+    assert found.content.kernel.extent_px() == 0
+    assert any("is left as it is" in note for note in found.notes)
 
 
 def test_the_kernel_file_tells_how_it_came_about(pair, tmp_path):

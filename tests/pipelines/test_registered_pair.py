@@ -72,10 +72,21 @@ def test_tones_are_taken_to_those_of_the_blurred_photo():
     slopes = (2 * power * known ** (power - 1))[inside]
     np.testing.assert_allclose(matched.slopes[inside].mean((0, 1)), slopes.mean((0, 1)), rtol=0.15)
     plain, curved = next(pair.noise()), next(matched.noise())
-    assert curved.shape == (*SHAPE, 3)
+    assert curved.shape == SHAPE
+    spread = np.sqrt((matched.shares() ** 2) @ (slopes**2).mean((0, 1)))
     assert curved[inside].std() == pytest.approx(
-        plain[inside].std() * np.sqrt(3) * np.sqrt((slopes**2).mean()), rel=0.3
+        plain[inside].std() / np.sqrt(pair.shares() @ pair.shares()) * spread, rel=0.3
     )
+
+
+def test_a_noisy_channel_counts_less():
+    rng = np.random.default_rng(2)
+    sharp = np.repeat(scene()[..., None], 3, 2)
+    sigmas = np.array([SIGMA, SIGMA, 6 * SIGMA])
+    pair = registered_pair(5 * sharp, sharp + sigmas * rng.normal(size=(*SHAPE, 3)))
+    shares = pair.shares()
+    assert shares.sum() == pytest.approx(1)
+    assert shares[2] < 0.1 * shares[:2].min()
 
 
 def test_grey_and_colour_make_a_pair():

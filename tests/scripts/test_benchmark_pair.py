@@ -31,11 +31,22 @@ def test_cases_are_found_by_patterns():
         benchmark_pair.chosen_cases("tea")
 
 
+def head(*, blindly):
+    return header(blindly=blindly, ways=benchmark_pair.WAYS).splitlines()[1]
+
+
+def test_ways_are_chosen():
+    assert benchmark_pair.chosen_ways("single") == ["single", "fusion", "true"]
+    with pytest.raises(ArgumentTypeError, match="tea not among"):
+        benchmark_pair.chosen_ways("tea, single")
+    assert header(blindly=False, ways=["fusion", "true"]).count("single") == 0
+
+
 def test_the_table_has_a_cell_for_each_column():
     scored = row(30.0, 28.0)
-    assert line("a case", scored).count("|") == header(blindly=False).splitlines()[0].count("|")
+    assert line("a case", scored).count("|") == head(blindly=False).count("|")
     scored.scores["blind"] = Score(25.0, 0.5)
-    assert line("a case", scored).count("|") == header(blindly=True).splitlines()[1].count("|")
+    assert line("a case", scored).count("|") == head(blindly=True).count("|")
 
 
 def test_the_summary_counts_from_the_scores():
