@@ -205,20 +205,22 @@ def main() -> int:
     parser.add_argument("--megapixels", type=float, metavar="M")
     parser.add_argument("--memory", type=float, default=8, metavar="GB")
     parser.add_argument("--processors", type=partial(at_least, 1), default=2, metavar="N")
-    parser.add_argument("words", nargs="*", help="options of fix, after --")
-    args = parser.parse_args()
+    given, words = sys.argv[1:], []
+    if "--" in given:
+        at = given.index("--")
+        given, words = given[:at], given[at + 1 :]
+    args = parser.parse_args(given)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         if args.what == "kills":
-            words = args.words or QUICK
-            right = kills(folder, args.photos or 40, args.broken, args.kills, words)
+            right = kills(folder, args.photos or 40, args.broken, args.kills, words or QUICK)
         elif args.what == "rate":
             if hasattr(os, "sched_setaffinity"):
                 os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: args.processors])
-            right = rate(folder, args.photos or 8, args.megapixels or 1, args.words)
+            right = rate(folder, args.photos or 8, args.megapixels or 1, words)
         else:
             megapixels, photos = args.megapixels or 24, args.photos or 4
-            right = memory(folder, photos, megapixels, args.memory, args.words)
+            right = memory(folder, photos, megapixels, args.memory, words)
     return 0 if right else 1
 
 

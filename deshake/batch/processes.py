@@ -11,7 +11,7 @@ import logging
 import signal
 import sys
 from collections import deque
-from multiprocessing import connection, get_context
+from multiprocessing import connection, forkserver, get_context, resource_tracker
 from typing import TYPE_CHECKING, Self
 
 from deshake.batch.footprint import memory_needed
@@ -78,6 +78,7 @@ def run_in_processes(
                 number, job = waiting[0]
                 need = memory_needed(job, work, threads)
                 if not budget.admits(need, taken.values()):
+                    pool.dismiss()
                     break
                 waiting.popleft()
                 try:
@@ -139,6 +140,7 @@ class _Pool:
         if sys.platform == "linux":
             self._context = get_context("forkserver")
             self._context.set_forkserver_preload(["deshake.batch.worker", "deshake.batch.work"])
+            _start_server()
         else:
             self._context = get_context("spawn")
 
@@ -161,6 +163,13 @@ class _Pool:
                 worker.process.join()
             worker.line.close()
             _clear(worker.job)
+
+    def dismiss(self) -> None:
+        """End the processes that are idle, which may hold memory of photos they have done."""
+        for worker in self._idle:
+            worker.line.close()
+            worker.process.join()
+        self._idle.clear()
 
     def start(self, number: int, job: Job) -> None:
         """Give a job to a process that is free, or to a new one."""
@@ -197,6 +206,16 @@ class _Pool:
         _clear(job)
         code = worker.process.exitcode or 0
         return failure(job, _ended(code, job))
+
+
+def _start_server() -> None:
+    """Start the server that processes are forked from, deaf to interrupts from the keyboard."""
+    resource_tracker.ensure_running()  # which the server needs, and which lets interrupts through
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        forkserver.ensure_running()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
 
 
 def _ended(code: int, job: Job) -> PhotoError:

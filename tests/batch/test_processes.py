@@ -50,10 +50,15 @@ def test_a_killed_process_takes_down_one_photo(run, jobs, tmp_path):
     assert sorted(set(tmp_path.iterdir()) - {job.source for job in made}) == outputs
 
 
-def test_photos_wait_for_memory(run, jobs):
-    made = jobs("sleep .3", "sleep .3", "x")
-    running = run(made, budget=Budget(15), need=10)
-    assert [number for number, _ in running] == [0, 1, 2]
+def test_photos_wait_for_memory(run, jobs, tmp_path):
+    made = jobs("sleep .2", "x", "sleep .2", "sleep .2")
+    # Eight pixels a byte: 640 of need where there is a sleep, of which one fits, and 80 where not.
+    found = dict(run(made, processes=3, budget=Budget(1200), need=10))
+    assert {result.status for result in found.values()} == {"done"}
+    begun = [(tmp_path / f"{n}.out.begun").stat().st_mtime_ns for n in (0, 2, 3)]
+    ended = [(tmp_path / f"{n}.out").stat().st_mtime_ns for n in (0, 2, 3)]
+    assert ended[0] <= begun[1]
+    assert ended[1] <= begun[2]
 
 
 def test_a_photo_that_needs_more_goes_alone_or_is_refused(run, jobs, caplog):

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -136,12 +137,18 @@ def test_a_run_of_many_ends_at_once_and_leaves_nothing(folder, tmp_path, number)
     out = tmp_path / "out"
     words = ("fix", folder, "-r", "-o", out, "-j", 2, "--threads", 1, "--blur-size", 20, "-v")
     with subprocess.Popen(
-        [sys.executable, "-m", "deshake", *map(str, words)], stderr=subprocess.PIPE
+        [sys.executable, "-m", "deshake", *map(str, words)],
+        stderr=subprocess.PIPE,
+        start_new_session=True,
     ) as process:
         line = process.stderr.readline()  # of the bad photo, while the others are under way
         assert b"not a photo" in line
         start = time.monotonic()
-        process.send_signal(number)
+        if number == signal.SIGINT:  # goes to all of a terminal's processes
+            os.killpg(process.pid, number)
+        else:
+            process.send_signal(number)
         assert process.wait(20) == 128 + number
+        assert b"Traceback" not in process.stderr.read()
     assert time.monotonic() - start < 8
     assert [path for path in out.rglob("*") if path.is_file()] == []
