@@ -22,9 +22,8 @@ over the whole frame, border included:
   hand;
 - true: fusion with the true kernel, in the frame that was found.
 
-`overlap` is what both photos see: the noisy photo has no border of its own that it does not see.
-
---ways names those of single, uniform, residual, stopped, fusion and true that are wanted.
+`overlap` is what both photos see. --ways names those of single, uniform, residual, stopped, fusion
+and true that are wanted.
 """
 
 from __future__ import annotations

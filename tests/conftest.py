@@ -62,6 +62,7 @@ def _dng(
     white: int = 15000,
     orientation: int = 1,
     margin: int = 0,
+    mosaic: bool = True,
     crop: tuple[int, int, int, int] | None = None,
     extra: dict[int, tuple[str, Sequence[float]]] | None = None,
     exif: dict[int, tuple[str, Sequence[float]]] | None = None,
@@ -69,45 +70,50 @@ def _dng(
     """Write the DNG of a sensor with a Bayer pattern (RGGB) that saw a picture.
 
     The picture (H, W, 3) is in linear sRGB; a grey one (H, W) is what a sensor without filters saw.
-    Crop is left, top, width, height; the margin is of masked photosites, outside the picture.
+    Without a mosaic it is a DNG that was demosaiced already. Crop is left, top, width, height; the
+    margin is of masked photosites, outside the picture.
     """
     height, width = picture.shape[:2]
     if picture.ndim == 3:
         response = SENSOR_FROM_XYZ @ XYZ_FROM_SRGB
         sensor = picture @ (response / response.sum(1, keepdims=True)).T * np.asarray(neutral)
         y, x = np.mgrid[:height, :width]
-        seen = np.take_along_axis(sensor, (y % 2 + x % 2)[..., None], -1)[..., 0]
+        seen = sensor
+        if mosaic:
+            seen = np.take_along_axis(sensor, (y % 2 + x % 2)[..., None], -1)[..., 0]
     else:
         seen = picture
     codes = np.clip(np.rint(black + seen * (white - black)), 0, white).astype("<u2")
-    codes = np.pad(codes, margin, constant_values=black)
+    if mosaic:
+        codes = np.pad(codes, margin, constant_values=black)
+    samples = 1 if codes.ndim == 2 else 3
     main: dict[int, tuple[str, Sequence[float]]] = {
         254: ("I", [0]),
         256: ("I", [codes.shape[1]]),
         257: ("I", [codes.shape[0]]),
-        258: ("H", [16]),
+        258: ("H", [16] * samples),
         259: ("H", [1]),
-        262: ("H", [32803 if picture.ndim == 3 else 34892]),
+        262: ("H", [32803 if picture.ndim > codes.ndim else 34892]),
         271: ("c", b"Sensor Works"),
         272: ("c", b"One"),
         274: ("H", [orientation]),
-        277: ("H", [1]),
+        277: ("H", [samples]),
         278: ("I", [codes.shape[0]]),
         279: ("I", [codes.nbytes]),
         50706: ("B", [1, 4, 0, 0]),
         50708: ("c", b"Sensor Works One"),
-        50714: ("H", [black]),
-        50717: ("I", [white]),
+        50714: ("H", [black] * samples),
+        50717: ("I", [white] * samples),
         50829: ("I", [margin, margin, margin + height, margin + width]),
     }
     if picture.ndim == 3:
         main |= {
-            33421: ("H", [2, 2]),
-            33422: ("B", [0, 1, 1, 2]),
             50721: ("i", SENSOR_FROM_XYZ.ravel().tolist()),
             50728: ("r", neutral),
             50778: ("H", [21]),
         }
+    if picture.ndim > codes.ndim:
+        main |= {33421: ("H", [2, 2]), 33422: ("B", [0, 1, 1, 2])}
     if crop is not None:
         main |= {50719: ("I", crop[:2]), 50720: ("I", crop[2:])}
     main |= extra or {}

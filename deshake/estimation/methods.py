@@ -193,7 +193,7 @@ def best_estimate(
         return _left(found, choice.confidence, note)
     notes = list(found.notes)
     filled = sum(FILLED in candidate.notes for candidate in candidates.values())
-    if 2 * filled > len(candidates) and FILLED not in notes:
+    if 2 * filled >= len(candidates) and FILLED not in notes:
         notes.append(FILLED)
     if choice.confidence < _DOUBTFUL:
         notes.append(

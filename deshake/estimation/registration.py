@@ -8,7 +8,7 @@ of the blur's centroid; what little is missing to it, the kernel takes up.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import exp, pi, radians
 from typing import TYPE_CHECKING
 
@@ -134,6 +134,12 @@ def register(
                 camera,
             )
         if best.confidence >= _SAME_SCENE:
+            # what is symmetric is like its mirror image, but most like itself
+            mirrored = replace(pair, f=np.ascontiguousarray(pair.f[:, ::-1]))
+            if _register(mirrored, max_angle, threads, None).confidence > best.confidence:
+                raise EstimationError(
+                    "one of the two photos is mirrored", hint="mirror it back, as the other one is"
+                )
             return best
     raise EstimationError(
         "the two photos do not show the same scene",

@@ -121,7 +121,7 @@ def _decode(raw: RawPy, data: bytes) -> Decoded:
     )
     if count == 1:
         codes = codes[..., 0]
-    if saturated is None or saturated.shape[:2] != codes.shape[:2]:
+    if saturated.shape[:2] != codes.shape[:2]:
         saturated = np.zeros(codes.shape, bool)  # LibRaw has resized or turned the pixels
     elif count == 4:  # each of the four is in all three
         saturated = np.broadcast_to(saturated.any(-1, keepdims=True), codes.shape)
@@ -142,30 +142,30 @@ def _decode(raw: RawPy, data: bytes) -> Decoded:
     )
 
 
-def _saturated(raw: RawPy, count: int) -> NDArray[np.bool_] | None:
+def _saturated(raw: RawPy, count: int) -> NDArray[np.bool_]:
     """Tell where a channel was found from photosites at their white level.
 
     Demosaicing makes a channel out of its photosites nearby: within one pixel of a Bayer pattern,
-    two of larger ones. None if the file has no mosaic.
+    two of larger ones. Without a mosaic each channel has its own value everywhere.
     """
     pattern = raw.raw_pattern
-    if pattern is None:
-        return None
     black, white = raw.black_level_per_channel, raw.camera_white_level_per_channel
     levels = [min(raw.white_level, level or raw.white_level) for level in white or [0] * 4]
+    tops = [dark + _SATURATED * (level - dark) for dark, level in zip(black, levels, strict=True)]
     photosites = raw.raw_image_visible
+    if pattern is None:
+        return np.asarray(photosites[..., :count] >= np.array(tops[:count]))
     height, width = photosites.shape
     reach = 0 if pattern.size == 1 else 3 if len(pattern) == 2 else 5
     out = np.zeros((height, width, count), np.uint8)
     sizes = raw.sizes
     for y, x in np.ndindex(pattern.shape):
         colour = int(pattern[y, x]) if count > 1 else 0
-        top = black[colour] + _SATURATED * (levels[colour] - black[colour])
         # the pattern begins at the whole sensor's corner, the visible part within it
         first = (y - sizes.top_margin) % len(pattern), (x - sizes.left_margin) % len(pattern)
         place = slice(first[0], None, len(pattern)), slice(first[1], None, len(pattern))
         channel = colour if colour < count else 1  # the second green is green
-        out[..., channel][place] = photosites[place] >= top
+        out[..., channel][place] = photosites[place] >= tops[colour]
     if reach:
         for channel in range(count):
             out[..., channel] = cv2.dilate(out[..., channel], np.ones((reach, reach), np.uint8))

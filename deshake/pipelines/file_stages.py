@@ -291,7 +291,7 @@ def prepared(photo: Photo, output: Path, *, linear: bool = False) -> Photo:
     if linear:
         photo = photo.in_linear_light()
     form = output_format(output, photo)
-    if form not in {photo.encoding.format, "TIFF"}:  # a TIFF holds everything
+    if form not in {photo.encoding.format, "PNG", "TIFF"}:  # which hold everything
         encode_photo(photo, form)
     for note in (*photo.notes, *lost(photo.encoding, form)):
         _log.warning("%s: %s", photo.source, note)

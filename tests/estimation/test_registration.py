@@ -119,6 +119,15 @@ def test_photos_of_different_scenes_are_refused(one, other):
         register(shaken(light(one), 12), noisy, CAMERA, threads=1)
 
 
+def test_a_mirrored_photo_of_a_symmetric_scene_is_refused():
+    scene = light()
+    scene = 0.65 * scene + 0.35 * scene[:, ::-1]
+    g, f_N = shaken(scene, 10), short(scene, np.zeros(3), 8, 0.03)
+    assert register(g, f_N, CAMERA, threads=1).confidence > 0.9
+    with pytest.raises(EstimationError, match="one of the two photos is mirrored"):
+        register(g, f_N[:, ::-1], CAMERA, threads=1)
+
+
 def test_a_scene_beyond_the_range_is_refused_and_found_with_a_wider_one():
     scene, theta = light(), np.radians([0, 13, 0])
     pair = shaken(scene, 10), short(scene, theta, 8, 0.03)

@@ -231,3 +231,17 @@ def test_pixels_beyond_the_end_of_a_dng(tmp_path: Path, make_dng: Callable[..., 
     data = make_dng(smooth(), extra={324: ("I", [60]), 325: ("I", [10**7])})
     with pytest.raises(PhotoError, match="cut short"):
         read(tmp_path / "a.dng", data)
+
+
+def test_a_dng_that_was_demosaiced_already(make_dng: Callable[..., bytes]) -> None:
+    picture = smooth()
+    picture[20:40, 20:40] = (0.2, 3.0, 0.2)
+    decoded = decode_raw(make_dng(picture, mosaic=False))
+    assert decoded.codes.shape == picture.shape
+    assert decoded.saturated is not None
+    assert decoded.saturated[20:40, 20:40, 1].all()
+    assert not np.delete(decoded.saturated, slice(20, 40), 0).any()
+    found = decoded.codes / 65535 @ np.array(decoded.encoding.matrix).T
+    scale = found[50:].mean() / picture[50:].mean()  # LibRaw's white is a little less than white
+    assert 0.95 < scale < 1.01
+    assert np.abs(found / scale - picture)[50:].max() < 0.003

@@ -57,6 +57,11 @@ def test_the_summary_counts_from_the_scores():
         "fusion over denoised: mean +0.75 dB, +0.100; least -0.50 (two), +0.100; better in 1 of 2"
         in text
     )
+    assert "overlap" not in text
+    both = row(30.0, 28.0)
+    both.scores.update({"fusion, overlap": Score(31, 0.8), "denoised, overlap": Score(30.5, 0.7)})
+    told = "fusion over denoised, overlap: mean +0.50 dB, +0.100; least +0.50 (one)"
+    assert told in summary({"one": both})
     assert "blind" not in text
     assert text.endswith("seconds: kernel 4.0")
 

@@ -1,0 +1,37 @@
+from __future__ import annotations
+
+import argparse
+
+import pytest
+from benchmark_blind import Case
+from benchmark_focal import Scores, Trial, line, main, numbers, summary
+
+FACTORS = (0.5, 1.0, 2.0)
+TABLE = [
+    Scores(8.0, 20.0, (Trial(1.0, 0.1), Trial(5.0, 0.3), Trial(4.0, 0.2))),
+    Scores(6.0, 10.0, (Trial(2.0, 0.1), Trial(3.0, 0.2), Trial(4.0, 0.25))),
+]
+
+
+def test_the_judge_takes_the_largest_margin():
+    assert [scores.judged for scores in TABLE] == [1, 2]
+    assert line(Case("coffee", 1), TABLE[1], FACTORS).endswith("| +4.00 (x2) |")
+
+
+def test_losses_are_told_against_the_true_focal_length():
+    text = summary(TABLE, FACTORS)
+    assert "x0.5: -2.50 dB on the mean, median -2.50, worst -4.00" in text
+    assert "judged: +0.50 dB on the mean" in text
+    assert "the judge takes x0.5 0 times, x1 1 times, x2 1 times" in text
+
+
+@pytest.mark.parametrize("text", ["0.5,2", "-1,1", "0,1"])
+def test_the_true_focal_length_is_among_the_factors(text):
+    assert numbers("0.5,1") == [0.5, 1.0]
+    with pytest.raises(argparse.ArgumentTypeError):
+        numbers(text)
+
+
+def test_missing_data_are_told(tmp_path, capsys):
+    assert main(["--data", str(tmp_path)]) == 1
+    assert "no orientation logs" in capsys.readouterr().err
