@@ -201,7 +201,7 @@ def test_no_photo_is_wrong_usage(deshake):
 def test_the_progress_bar_tells_the_photo_and_the_time_left(deshake, shaken):
     outcome = deshake("fix", shaken("a.jpg"), *FAST, "--progress")
     assert outcome.code == 0
-    assert "a.jpg: scale" in outcome.err
+    assert "a.jpg: try 1, " in outcome.err
     assert " left" in outcome.err
 
 
