@@ -75,16 +75,12 @@ class Fix:
         How the photo is deblurred.
     finish : Finish
         What is wanted of the result beside it; the ``mask`` is the job's.
-    linear, provenance : bool
-        As in `fix_file` and `deblur_file`.
 
     """
 
     options: EstimateOptions
     restoration: RestorationOptions | PairRestorationOptions = BY_DEFAULT
     finish: Finish = AS_IT_IS
-    linear: bool = False
-    provenance: bool = True
 
     def __call__(
         self, job: Job, *, threads: int | None, progress: Progress | None
@@ -93,9 +89,7 @@ class Fix:
         output, kernel = job.place, job.others.get("kernel")
         common: dict[str, Any] = {
             "overwrite": job.overwrite,
-            "finish": replace(self.finish, mask=job.needs.get("mask")),
-            "linear": self.linear,
-            "provenance": self.provenance,
+            "finish": _with_mask(self.finish, job),
             "overwrite_others": job.overwrite_others,
             "threads": threads,
             "progress": progress,
@@ -122,7 +116,7 @@ class Fix:
 
     def origin(self, job: Job) -> dict[str, Any]:
         """Return the inputs and the options of both stages."""
-        noisy, finish = job.needs.get("noisy"), replace(self.finish, mask=job.needs.get("mask"))
+        noisy, finish = job.needs.get("noisy"), _with_mask(self.finish, job)
         known = photo_origin(
             job.source,
             self.restoration,
@@ -147,16 +141,12 @@ class Deblur:
         The file's transfer curve.
     finish : Finish
         What is wanted of the result beside it; the ``mask`` is the job's.
-    linear, provenance : bool
-        As in `fix_file` and `deblur_file`.
 
     """
 
     restoration: RestorationOptions | PairRestorationOptions = BY_DEFAULT
     transfer: TransferName | None = None
     finish: Finish = AS_IT_IS
-    linear: bool = False
-    provenance: bool = True
 
     def __call__(
         self, job: Job, *, threads: int | None, progress: Progress | None
@@ -165,9 +155,7 @@ class Deblur:
         kernel = job.needs["kernel"]
         common: dict[str, Any] = {
             "transfer": self.transfer,
-            "finish": replace(self.finish, mask=job.needs.get("mask")),
-            "linear": self.linear,
-            "provenance": self.provenance,
+            "finish": _with_mask(self.finish, job),
             "overwrite": job.overwrite,
             "threads": threads,
             "progress": progress,
@@ -202,18 +190,22 @@ class Deblur:
 
     def origin(self, job: Job) -> dict[str, Any]:
         """Return the inputs and the options, and those of the kernel."""
-        finish = replace(self.finish, mask=job.needs.get("mask"))
         known = photo_origin(
             job.source,
             self.restoration,
             transfer=self.transfer,
             noisy=job.needs.get("noisy"),
-            finish=finish,
+            finish=_with_mask(self.finish, job),
         )
         kernel = job.needs["kernel"]
         told = {} if str(kernel) == STREAM else read_kernel(kernel).provenance
         names = ("options", "input_sha256", "noisy_sha256", "camera")
         return known | {"kernel": {name: told[name] for name in names if name in told}}
+
+
+def _with_mask(finish: Finish, job: Job) -> Finish:
+    """Return what is wanted of a job's result, the mask being the job's own."""
+    return replace(finish, mask=job.needs.get("mask"))
 
 
 def _seen(size: PictureSize, finish: Finish) -> PictureSize:

@@ -19,16 +19,16 @@ from deshake.estimation.registration import register, registered
 from deshake.geometry.camera import Camera
 from deshake.io.files import STREAM, check_output, default_output
 from deshake.io.kernel_file import read_kernel
-from deshake.io.photo import read_pair, write_photo
+from deshake.io.photo import read_pair
 from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import ShakeBlur
 from deshake.pipelines.calibration import camera_for
 from deshake.pipelines.camera_tones import blurred_planes, camera_pair, fitted_factor
-from deshake.pipelines.file_stages import prepared, sheet_kept
 from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.fitting import check_registration, fitting_kernel
 from deshake.pipelines.lens import bent, straight_kernel, straight_pair
-from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
+from deshake.pipelines.outputs import prepared, write_result
+from deshake.pipelines.photo_provenance import photo_provenance
 from deshake.pipelines.preview import preview_photo
 from deshake.pipelines.progress import part
 from deshake.pipelines.register import known_registration
@@ -181,17 +181,14 @@ def deblur_pair_file(
     registration: Path | None = None,
     transfer: TransferName | None = None,
     finish: Finish = AS_IT_IS,
-    linear: bool = False,
-    provenance: bool = True,
     overwrite: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Path:
     """Deblur a photo with a noisy one and the kernel of a file; write the result, return where.
 
-    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. With
-    `provenance` it tells in its metadata how it came about. The sheet of `finish` is kept only
-    together with it.
+    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. The
+    sheet of `finish` is kept only together with it.
 
     Raises
     ------
@@ -210,7 +207,7 @@ def deblur_pair_file(
     content = read_kernel(kernel_file)
     known = None if registration is None else known_registration(registration)
     photo, noisy = read_pair(source, noisy_file, transfer=transfer)
-    photo = prepared(photo, path, linear=linear)
+    photo = prepared(photo, path, finish)
     if known is not None:
         check_registration(known.camera, photo, registration)
     photo, mask = finish.prepare(photo)
@@ -228,15 +225,18 @@ def deblur_pair_file(
         threads=threads,
         progress=progress,
     )
-    photo, mask = finish.before(photo, mask, kernel.camera)
-    result = finish.blend(photo, result, mask)
-    if provenance:
-        told = photo_provenance(
-            photo, content, options, transfer=transfer, noisy=noisy, finish=finish
-        )
-        result = with_photo_provenance(result, told)
-    with sheet_kept(finish.sheet(path), photo, result, kernel, overwrite=overwrite):
-        write_photo(path, result, overwrite=overwrite)
+    told = photo_provenance(photo, content, options, transfer=transfer, noisy=noisy, finish=finish)
+    write_result(
+        path,
+        result,
+        photo,
+        mask,
+        kernel,
+        finish=finish,
+        provenance=told,
+        overwrite=overwrite,
+        overwrite_others=overwrite,
+    )
     return path
 
 

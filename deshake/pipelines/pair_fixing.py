@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from deshake.io.files import check_output
-from deshake.io.photo import read_pair, write_photo
-from deshake.pipelines.file_stages import kernel_kept, prepared, sheet_kept
+from deshake.io.photo import read_pair
 from deshake.pipelines.finishing import AS_IT_IS, Finish
+from deshake.pipelines.outputs import prepared, write_result
 from deshake.pipelines.pair_deblurring import PairRestorationOptions, deblur_pair
 from deshake.pipelines.pair_stages import estimate_pair
-from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
+from deshake.pipelines.photo_provenance import photo_provenance
 from deshake.pipelines.preview import preview_options, preview_photo
 from deshake.pipelines.progress import part
 from deshake.pipelines.register import find_registration
@@ -71,8 +71,6 @@ def fix_pair_file(
     *,
     restoration: PairRestorationOptions,
     finish: Finish = AS_IT_IS,
-    linear: bool = False,
-    provenance: bool = True,
     overwrite: bool = False,
     overwrite_others: bool = False,
     threads: int | None = None,
@@ -94,10 +92,6 @@ def fix_pair_file(
         How the photo is deblurred.
     finish : Finish
         What is wanted beside it; its sheet, too, is kept only together with the result.
-    linear : bool
-        Whether the result of a RAW file is written in linear light.
-    provenance : bool
-        Whether the result tells in its metadata how it came about.
     overwrite, overwrite_others : bool
         Whether an existing result, or other existing outputs, may be replaced.
     threads : int, optional
@@ -119,7 +113,7 @@ def fix_pair_file(
     inputs = blurred, noisy, *filter(None, [kernel_file])
     finish.check(output, *inputs, overwrite=overwrite_others)
     whole, f_N = read_pair(blurred, noisy, transfer=options.transfer)
-    g, mask = finish.prepare(prepared(whole, output, linear=linear))
+    g, mask = finish.prepare(prepared(whole, output, finish))
     if finish.preview:
         options = preview_options(options, whole, g)
         f_N = preview_photo(f_N)
@@ -147,22 +141,19 @@ def fix_pair_file(
         threads=threads,
         progress=part(progress, _ESTIMATED, 1),
     )
-    g, mask = finish.before(g, mask, kernel.content.kernel.camera)
-    result = finish.blend(g, result, mask)
-    undone = kernel.content.kernel
-    if provenance:
-        told = photo_provenance(
-            g,
-            kernel.content,
-            restoration,
-            transfer=options.transfer,
-            noisy=f_N,
-            finish=finish,
-        )
-        result = with_photo_provenance(result, told)
-    with (
-        kernel_kept(kernel_file, kernel.content, overwrite=overwrite_others),
-        sheet_kept(finish.sheet(output), g, result, undone, overwrite=overwrite_others),
-    ):
-        write_photo(output, result, overwrite=overwrite)
+    told = photo_provenance(
+        g, kernel.content, restoration, transfer=options.transfer, noisy=f_N, finish=finish
+    )
+    write_result(
+        output,
+        result,
+        g,
+        mask,
+        kernel.content.kernel,
+        finish=finish,
+        provenance=told,
+        kept=None if kernel_file is None else (kernel_file, kernel.content),
+        overwrite=overwrite,
+        overwrite_others=overwrite_others,
+    )
     return FixedPair(found, kernel)

@@ -41,8 +41,8 @@ def photo_provenance(
     transfer: TransferName | None = None,
     noisy: Photo | None = None,
     finish: Finish = AS_IT_IS,
-) -> dict[str, Any]:
-    """Tell how a photo was deblurred, as JSON data.
+) -> dict[str, Any] | None:
+    """Tell how a photo was deblurred, as JSON data; None: that is not wanted.
 
     Parameters
     ----------
@@ -60,6 +60,8 @@ def photo_provenance(
         What was wanted beside the deblurring.
 
     """
+    if not finish.with_provenance:
+        return None
     other = None if noisy is None else noisy.source
     known = photo_origin(photo.source, restoration, transfer=transfer, noisy=other, finish=finish)
     return {

@@ -10,7 +10,7 @@ from skimage import data
 from deshake.errors import OutputError, PhotoError
 from deshake.io.kernel_file import read_kernel
 from deshake.io.photo import read_photo
-from deshake.pipelines import pair_fixing
+from deshake.pipelines import outputs, pair_fixing
 from deshake.pipelines.pair_deblurring import PairRestorationOptions
 from deshake.pipelines.pair_fixing import fix_pair_file
 from deshake.pipelines.stages import EstimateOptions
@@ -76,7 +76,7 @@ def test_the_kernel_goes_with_the_photo(pair, tmp_path, monkeypatch):
     def fail(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(pair_fixing, "write_photo", fail)
+    monkeypatch.setattr(outputs, "write_photo", fail)
     out, kernel = tmp_path / "out.png", tmp_path / "k.npz"
     with pytest.raises(KeyboardInterrupt):
         fix_pair_file(*pair, out, kernel, OPTIONS, restoration=QUICK, threads=1)

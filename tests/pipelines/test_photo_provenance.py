@@ -13,6 +13,7 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.io.kernel_file import KernelFile
 from deshake.io.photo import read_photo, write_photo
 from deshake.io.provenance import read_provenance
+from deshake.pipelines.finishing import Finish
 from deshake.pipelines.pair_deblurring import PairRestorationOptions
 from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
 
@@ -48,6 +49,8 @@ def test_it_tells_what_was_done_to_what(photo):
         "kernel": {"camera": "EXIF"},
     }
     json.dumps(told)
+    silent = Finish(with_provenance=False)
+    assert photo_provenance(photo, content({}), RestorationOptions(), finish=silent) is None
 
 
 def test_a_pair_names_both_photos(photo, tmp_path):
