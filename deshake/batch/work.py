@@ -15,16 +15,18 @@ from deshake.io.kernel_file import read_kernel
 from deshake.io.picture_size import PictureSize
 from deshake.pipelines.file_stages import deblur_file, fix_file
 from deshake.pipelines.finishing import AS_IT_IS, Finish
-from deshake.pipelines.pair_deblurring import PairRestorationOptions, deblur_pair_file
-from deshake.pipelines.pair_fixing import fix_pair_file
-from deshake.pipelines.photo_provenance import photo_origin
+from deshake.pipelines.pair_deblurring import PairRestorationOptions
+from deshake.pipelines.pair_file_stages import deblur_pair_file, fix_pair_file
+from deshake.pipelines.photo_provenance import photo_origin, registration_origin
+from deshake.pipelines.register import known_registration
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from deshake.batch.plan import Job
     from deshake.io.transfer import TransferName
-    from deshake.pipelines.stages import EstimateOptions
+    from deshake.pipelines.pair_file_stages import FixedPair
+    from deshake.pipelines.stages import Estimate, EstimateOptions
 
     Progress = Callable[[float, str], None]
 
@@ -94,8 +96,9 @@ class Fix:
             "threads": threads,
             "progress": progress,
         }
+        found: FixedPair | Estimate
         if isinstance(self.restoration, PairRestorationOptions):
-            return fix_pair_file(
+            found = fix_pair_file(
                 job.source,
                 job.needs["noisy"],
                 output,
@@ -103,10 +106,12 @@ class Fix:
                 self.options,
                 restoration=self.restoration,
                 **common,
-            ).report()
-        return fix_file(
-            job.source, output, kernel, self.options, restoration=self.restoration, **common
-        ).report()
+            )
+        else:
+            found = fix_file(
+                job.source, output, kernel, self.options, restoration=self.restoration, **common
+            )
+        return found.report() | self.finish.report()
 
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:  # noqa: ARG002
         """Predict the memory that it takes."""
@@ -177,7 +182,7 @@ class Deblur:
             )
         else:
             deblur_file(job.source, kernel, job.output, restoration=self.restoration, **common)
-        return figures
+        return figures | self.finish.report()
 
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:
         """Predict the memory that it takes."""
@@ -199,6 +204,10 @@ class Deblur:
         )
         kernel = job.needs["kernel"]
         told = {} if str(kernel) == STREAM else read_kernel(kernel).provenance
+        registration = job.needs.get("registration")
+        if isinstance(self.restoration, PairRestorationOptions) and str(registration) != STREAM:
+            given = None if registration is None else known_registration(registration)
+            known["registration"] = registration_origin(given, told)
         names = ("options", "input_sha256", "noisy_sha256", "camera")
         return known | {"kernel": {name: told[name] for name in names if name in told}}
 

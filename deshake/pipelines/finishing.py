@@ -140,6 +140,10 @@ class Finish:
             told["linear"] = True
         return told
 
+    def report(self) -> dict[str, Any]:
+        """Return what to know of a result beside its figures, as JSON data."""
+        return {"preview": True} if self.preview else {}
+
 
 AS_IT_IS: Final = Finish()
 """The result itself, whole and alone."""
