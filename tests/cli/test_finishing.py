@@ -210,8 +210,10 @@ def test_a_preview_is_small_and_its_kernel_fits_the_photo(deshake, shaken, tmp_p
         image.resize((900, 720), Image.Resampling.BICUBIC).save(photo, quality=92)
     args = ("--preview", "--blur-size", 30, "--focal-35mm", 40, "--uniform", "--iterations", 1)
     region = ("--region", "200,120,500,500")
+    args = (*args, "--json")
     outcome = deshake("fix", photo, "-o", out, "--keep-kernels", kernels, *args, *region)
     assert outcome.code == 0, outcome.err
+    assert json.loads(outcome.out)["preview"] is True
     assert codes(out).shape == (512, 640, 3)
     told = read_provenance(out)
     assert told["options"]["preview"] is True
@@ -219,7 +221,9 @@ def test_a_preview_is_small_and_its_kernel_fits_the_photo(deshake, shaken, tmp_p
     kernel = kernels / "a.kernel.npz"
     assert read_kernel(kernel).kernel.camera.shape == (512, 640)
     again = tmp_path / "again.jpg"
-    assert deshake("deblur", photo, kernel, "--preview", "--iterations", 1, "-o", again).code == 0
+    args = ("--preview", "--iterations", 1, "--json")
+    outcome = deshake("deblur", photo, kernel, *args, "-o", again)
+    assert json.loads(outcome.out)["preview"] is True
     assert again.read_bytes() == out.read_bytes()
     args = ("--quality", "fast", "--iterations", 1, "-o", tmp_path / "whole.jpg")
     assert deshake("deblur", photo, kernel, *args).code == 0
