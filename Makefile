@@ -11,7 +11,8 @@ PY := $(VENV)/bin/python
 STAMP := $(VENV)/.installed
 CODE := deshake scripts tests
 
-# Two to four tests at a time; each of them uses one thread for its linear algebra.
+# Two to four files of tests at a time, so that what the tests of a file share is made once; each
+# of them uses one thread for its linear algebra.
 WORKERS ?= $(shell n=$$(getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2); \
 	if [ "$$n" -lt 2 ]; then n=2; fi; if [ "$$n" -gt 4 ]; then n=4; fi; echo $$n)
 
@@ -54,7 +55,7 @@ types: $(STAMP)
 	$(PY) -m mypy
 
 pytest: $(STAMP)
-	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PY) -m pytest -n $(WORKERS) $(ARGS)
+	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PY) -m pytest -n $(WORKERS) --dist loadfile $(ARGS)
 
 format: $(STAMP)
 	$(PY) -m ruff check --fix $(CODE)

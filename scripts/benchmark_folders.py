@@ -110,8 +110,14 @@ def await_more(folder: Path, process: subprocess.Popen[bytes]) -> None:
         time.sleep(0.01)
 
 
-def kills(folder: Path, photos: int, broken: int, times: int, words: Sequence[str]) -> bool:
-    """Kill a run time and again, resume it, and compare with one that was left alone."""
+def kills(
+    folder: Path, photos: int, broken: int, times: int, words: Sequence[str], *, spread: float = 0.5
+) -> bool:
+    """Kill a run time and again, resume it, and compare with one that was left alone.
+
+    Most kills come once a result was begun, and up to a part of a run's time later: all
+    those parts together are the spread.
+    """
     source, alone, killed = (folder / name for name in ("in", "alone", "killed"))
     write_photos(source, photos, broken)
     common = (source, "-r", "-j", 2, "--threads", 1, *words)
@@ -128,7 +134,7 @@ def kills(folder: Path, photos: int, broken: int, times: int, words: Sequence[st
         )
         if number % 4 != 3:  # else perhaps before it is under way
             await_more(killed, process)
-        time.sleep(rng.uniform(0, 0.5 / (times + 1)) * whole.seconds)
+        time.sleep(rng.uniform(0, spread / (times + 1)) * whole.seconds)
         process.send_signal(SIGNALS[number % 3])
         code = process.wait()
         left = contents(killed)
