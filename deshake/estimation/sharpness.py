@@ -23,10 +23,10 @@ Image = NDArray[np.float32]
 
 _STRONGEST = 0.99  # quantile
 _OF_NOISE = 2.576 * math.sqrt(2)  # that quantile of differences between two pixels of unit noise
-_SHARP = 0.72  # real shaken photos: 0.52 to 0.71, one 0.76; sharp ones: from 0.73
+_SHARP = 0.67  # real shaken photos: 0.51 to 0.66, one 0.76; sharp ones: from 0.68, one 0.63
 _SURELY_SHARP = 0.8
 _HARDLY_SHARP = 0.65  # with all kernels mere points there is nothing to gain
-_SOFT = ((0.6, 1.2), (0.67, 1.7))
+_SOFT = ((0.6, 1.2), (_SHARP, 1.7))
 """Sharper than this, and the kernel's standard deviation (px) below that: soft, not shaken. Even
 paths of 4 px leave 0.60 and have 1.2, those of 2 px leave 0.68; real shaken photos that come near
 have 0.62 and 1.6, 0.66 and 2.1, a simulated shake by 8 px 0.65 and 2.2."""
