@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from deshake.errors import EstimationError
 from deshake.estimation.blind import BlindEstimate, check_size, estimate_blind
 from deshake.estimation.candidates import STILL, choose, edge_candidates, is_at_rest, is_soft
-from deshake.estimation.kernel_faults import FILLED, faults, spread_px
+from deshake.estimation.kernel_faults import FILLED, faults
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
 from deshake.geometry.rotations import grid_steps
@@ -194,11 +193,7 @@ def best_estimate(
         )
         return _left(found, choice.confidence, note)
     if is_soft(picture, choice.kernel):
-        across = math.sqrt(12) * spread_px(choice.kernel)
-        note = (
-            f"the photo is a little soft rather than shaken, by about {across:.0f} pixels: "
-            "it is left as it is"
-        )
+        note = "the photo is a little soft rather than shaken: it is left as it is"
         return _left(found, min(choice.confidence, _HOPELESS), note)
     notes = list(found.notes)
     filled = sum(FILLED in candidate.notes for candidate in candidates.values())
