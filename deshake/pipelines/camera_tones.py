@@ -119,7 +119,9 @@ def camera_pair(
     with contextlib.suppress(EstimationError):  # then one factor has to do
         if needs_curves(g, Af, mask):
             noisy = with_tones_of(g, f_N, registration, blur, mask, threads=threads)
-            return noisy, local_trust(g, blurred_planes(noisy.denoised, blur), mask, blur.margin)
+            Af = blurred_planes(noisy.denoised, blur)
+            strict = noisy.misfit == _MISFIT  # its colours were wrong
+            return noisy, local_trust(g, Af, mask, blur.margin, strict=strict)
     return None, np.ones(mask.shape, np.float32)
 
 

@@ -28,7 +28,7 @@ _LEAST_PX: Final = 8  # reach of the parts
 _CONTRAST: Final = np.float32(0.1)  # of the light, below which a part tells no gain of its own
 _GAINS: Final = (0.4, 2.5)
 _AROUND_PX: Final = 4  # over which detail is compared
-_FAINT: Final = np.float32(1.0)  # median misfits below which detail tells nothing
+_FAINT: Final = (np.float32(3.0), np.float32(1.0))  # median misfits that tell nothing; if strict
 _TIMES: Final = 2.0  # the usual share of detail unexplained: there the noisy photo counts little
 _HALF: Final = (0.15, 0.5)  # bounds of that
 _NOTHING: Final = 1e-9
@@ -105,13 +105,15 @@ def local_tones(g: Image, Af: Image, mask: Mask, reach: int) -> LocalTones:
     return LocalTones(gain, offset)
 
 
-def local_trust(g: Image, Af: Image, mask: Mask, reach: int) -> Image:
+def local_trust(g: Image, Af: Image, mask: Mask, reach: int, *, strict: bool = False) -> Image:
     """Tell how far the noisy photo explains what detail the blurred one shows, (h, w), 0..1.
 
     Parameters
     ----------
     g, Af, mask, reach
         As of `local_tones`, after those have been matched.
+    strict : bool
+        Whether to ask for as much as the noisy photo explains elsewhere.
 
     """
     reach = max(reach, _LEAST_PX)
@@ -126,8 +128,8 @@ def local_trust(g: Image, Af: Image, mask: Mask, reach: int) -> Image:
     share = float(lost[mask].sum(dtype=np.float64)) / max(
         float(shown[mask].sum(dtype=np.float64)), _NOTHING
     )
-    half = np.float32(np.clip(_TIMES * share, *_HALF))
-    shown += _FAINT * np.median(lost[mask]) + np.float32(_NOTHING)
+    half = np.float32(np.clip(_TIMES * share, *_HALF) if strict else _HALF[1])
+    shown += _FAINT[strict] * np.median(lost[mask]) + np.float32(_NOTHING)
     lost /= half * shown
     trust: Image = np.exp(-np.square(np.square(lost)))
     return trust
