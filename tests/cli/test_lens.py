@@ -72,6 +72,31 @@ def test_strength_blends_with_the_straight_photo(deshake, shaken, lens, pan, tmp
     np.testing.assert_array_equal(np.asarray(Image.open(nothing)), np.asarray(Image.open(straight)))
 
 
+def test_no_lens_is_undone_twice(deshake, shaken, lens, pan, tmp_path):
+    photo = shaken("a.png")
+    kernel, out, again = tmp_path / "k.npz", tmp_path / "one.png", tmp_path / "two.png"
+    with np.load(pan) as file, np.load(lens) as bent:
+        names = ("camera_matrix", "distortion")
+        np.savez(kernel, **{name: (bent if name in names else file)[name] for name in file})
+    assert deshake("deblur", photo, kernel, "-o", out).code == 0
+    for words in (
+        ("deblur", out, kernel, "-o", again),
+        ("fix", out, "--camera", lens, "-o", again),
+        ("estimate-blind", out, "--camera", lens, "-o", again),
+        ("calibrate", out, "--lens"),
+    ):
+        outcome = deshake(*words)
+        assert outcome.code == 1
+        error, hint = outcome.err.splitlines()
+        assert (
+            error == f"error: {out}: was straightened by deshake already: no lens is left to undo"
+        )
+        assert hint.startswith("hint: leave --lens out")
+    assert not again.exists()
+    assert deshake("deblur", out, pan, "-o", again).code == 0
+    assert deshake("deblur", again, kernel, "-o", tmp_path / "three.png").code == 1
+
+
 def test_a_pair_through_a_lens(deshake, pair, tmp_path):
     blurred, noisy = pair
     lens, found = tmp_path / "lens.npz", tmp_path / "r.npz"

@@ -47,11 +47,20 @@ def photo(truth: np.ndarray) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def found(photo: np.ndarray) -> dict[str, BlindEstimate]:
-    return {
-        name: estimate_kernel(photo, CAMERA, estimator=name, blur_px=12, threads=2)
-        for name in ESTIMATORS
-    }
+def shares() -> dict[str, list[float]]:
+    """Shares done, as each estimator told them."""
+    return {name: [] for name in ESTIMATORS}
+
+
+@pytest.fixture(scope="module")
+def found(photo: np.ndarray, shares: dict[str, list[float]]) -> dict[str, BlindEstimate]:
+    def run(name: Estimator) -> BlindEstimate:
+        def told(share: float, _text: str) -> None:
+            shares[name].append(share)
+
+        return estimate_kernel(photo, CAMERA, estimator=name, blur_px=12, threads=2, progress=told)
+
+    return {name: run(name) for name in ESTIMATORS}
 
 
 @pytest.mark.parametrize("name", ESTIMATORS)
@@ -234,10 +243,8 @@ def test_small_and_flat_photos_are_errors(name: Estimator) -> None:
         estimate_kernel(np.full(SHAPE, 0.5, np.float32), CAMERA, estimator=name)
 
 
-def test_progress_rises_to_one(photo: np.ndarray) -> None:
-    told: list[float] = []
-    estimate_kernel(
-        photo, CAMERA, blur_px=8, threads=2, progress=lambda share, _text: told.append(share)
-    )
-    assert told == sorted(told)
-    assert told[-1] == 1
+@pytest.mark.parametrize("name", ESTIMATORS)
+@pytest.mark.usefixtures("found")
+def test_progress_rises_to_one(shares: dict[str, list[float]], name: str) -> None:
+    assert shares[name] == sorted(shares[name])
+    assert shares[name][-1] == 1
