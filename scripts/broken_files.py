@@ -33,8 +33,8 @@ __all__ = ["Case", "Outcome", "cases", "run"]
 
 _SECONDS, _HANG, _BYTES = 10.0, 30.0, 1e9
 _ADDRESSES = 4 << 30  # what a child may map; what it may use is measured
-_FIX = ("--blur-size", 3, "--estimator", "edges", "--quality", "fast", "--iterations", 2)
-_FIX = (*_FIX, "--focal-35mm", 30, "-o", "{out}", "--overwrite")
+_FIX = ("--blur-size", 3, "--estimator", "edges", "--uniform", "--quality", "fast")
+_FIX = (*_FIX, "--iterations", 2, "--focal-35mm", 30, "-o", "{out}", "--overwrite")
 _RUNS = {
     "kernel": [("deblur", "{a.png}", "{file}", "--iterations", 2, "-o", "{out}", "--overwrite")],
     "camera": [("estimate-blind", "{a.png}", "--camera", "{file}", "-o", "{npz}", "--overwrite")],

@@ -176,4 +176,4 @@ def exiftool() -> Iterator[Reader | None]:
         return found | ({"profile": base64.b64decode(profile[7:])} if profile else {})
 
     yield ask
-    run.communicate(b"-stay_open\nFalse\n", timeout=20)
+    run.communicate(b"-stay_open\nFalse\n", timeout=60)

@@ -68,6 +68,9 @@ def test_every_option_is_in_the_man_page(pages: dict[str, str], name: str) -> No
 
 @pytest.mark.skipif(shutil.which("man") is None, reason="needs man")
 def test_man_finds_the_pages_of_an_installation_and_can_set_them(tmp_path: Path) -> None:
+    version = subprocess.run(["man", "--version"], capture_output=True, text=True, check=False)
+    if not version.stdout.startswith("man 2"):  # small images have a man that says it is not there
+        pytest.skip("needs man-db")
     shared = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
     shared = shared["tool"]["hatch"]["build"]["targets"]["wheel"]["shared-data"]
     shutil.copytree(ROOT / "man", tmp_path / shared["man"])

@@ -22,6 +22,7 @@ _INPUTS = {
     "input_sha256": "from another input",
     "noisy_sha256": "with another noisy photo",
     "mask_sha256": "with another mask",
+    "registration": "with another registration",
 }
 
 
@@ -65,14 +66,14 @@ def _compare(
     """Collect what differs: inputs by their names, options with both values."""
     for name, now in expected.items():
         before = told.get(name)
-        if isinstance(now, dict):
+        if name in _INPUTS:
+            if before != now and _INPUTS[name] not in found:
+                found.append(_INPUTS[name])
+        elif isinstance(now, dict):
             before = before if isinstance(before, dict) else {}
             # Of options all are known; those that are by default may be left out.
             missing = dict.fromkeys(before) if name == "options" else {}
             _compare(before, missing | now, found, changed)
-        elif before != now and name in _INPUTS:
-            if _INPUTS[name] not in found:
-                found.append(_INPUTS[name])
         elif before != now:
             changed.append(f"{name} {_said(before)}, now {_said(now)}")
 

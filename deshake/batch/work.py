@@ -3,28 +3,31 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 from deshake.batch.estimate_work import kernel_origin
-from deshake.batch.footprint import estimate_memory, photo_memory, restoration_memory
+from deshake.batch.footprint import estimate_memory, restoration_memory, worked_size
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions
 from deshake.errors import DeshakeError
 from deshake.io.files import STREAM
 from deshake.io.kernel_file import read_kernel
-from deshake.io.picture_size import PictureSize
 from deshake.pipelines.file_stages import deblur_file, fix_file
 from deshake.pipelines.finishing import AS_IT_IS, Finish
-from deshake.pipelines.pair_deblurring import PairRestorationOptions, deblur_pair_file
-from deshake.pipelines.pair_fixing import fix_pair_file
-from deshake.pipelines.photo_provenance import photo_origin
+from deshake.pipelines.pair_deblurring import PairRestorationOptions
+from deshake.pipelines.pair_file_stages import deblur_pair_file, fix_pair_file
+from deshake.pipelines.photo_provenance import photo_origin, registration_origin
+from deshake.pipelines.register import known_registration
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from deshake.batch.plan import Job
+    from deshake.io.picture_size import PictureSize
     from deshake.io.transfer import TransferName
-    from deshake.pipelines.stages import EstimateOptions
+    from deshake.pipelines.pair_file_stages import FixedPair
+    from deshake.pipelines.stages import Estimate, EstimateOptions
 
     Progress = Callable[[float, str], None]
 
@@ -75,16 +78,12 @@ class Fix:
         How the photo is deblurred.
     finish : Finish
         What is wanted of the result beside it; the ``mask`` is the job's.
-    linear, provenance : bool
-        As in `fix_file` and `deblur_file`.
 
     """
 
     options: EstimateOptions
     restoration: RestorationOptions | PairRestorationOptions = BY_DEFAULT
     finish: Finish = AS_IT_IS
-    linear: bool = False
-    provenance: bool = True
 
     def __call__(
         self, job: Job, *, threads: int | None, progress: Progress | None
@@ -93,15 +92,14 @@ class Fix:
         output, kernel = job.place, job.others.get("kernel")
         common: dict[str, Any] = {
             "overwrite": job.overwrite,
-            "finish": replace(self.finish, mask=job.needs.get("mask")),
-            "linear": self.linear,
-            "provenance": self.provenance,
+            "finish": _with_mask(self.finish, job),
             "overwrite_others": job.overwrite_others,
             "threads": threads,
             "progress": progress,
         }
+        found: FixedPair | Estimate
         if isinstance(self.restoration, PairRestorationOptions):
-            return fix_pair_file(
+            found = fix_pair_file(
                 job.source,
                 job.needs["noisy"],
                 output,
@@ -109,20 +107,33 @@ class Fix:
                 self.options,
                 restoration=self.restoration,
                 **common,
-            ).report()
-        return fix_file(
-            job.source, output, kernel, self.options, restoration=self.restoration, **common
-        ).report()
+            )
+        else:
+            found = fix_file(
+                job.source, output, kernel, self.options, restoration=self.restoration, **common
+            )
+        return found.report() | self.finish.report()
 
-    def memory(self, job: Job, size: PictureSize, threads: int) -> int:  # noqa: ARG002
+    def memory(self, job: Job, size: PictureSize, threads: int) -> int:
         """Predict the memory that it takes."""
-        blur, seen = self.options.blur_size, _seen(size, self.finish)
-        needed = restoration_memory(seen, self.restoration, threads, blur)
-        return max(photo_memory(size), estimate_memory(seen, threads), needed)
+        seen = worked_size(size, self.finish)
+        blur = self.options.blur_size
+        if blur is not None and size.pixels:
+            blur *= math.sqrt(seen.pixels / size.pixels)
+        needed = restoration_memory(
+            size,
+            self.restoration,
+            threads,
+            blur,
+            finish=self.finish,
+            masked=job.needs.get("mask") is not None,
+            bends=self.options.undoes_lens,
+        )
+        return max(estimate_memory(seen, threads), needed)
 
     def origin(self, job: Job) -> dict[str, Any]:
         """Return the inputs and the options of both stages."""
-        noisy, finish = job.needs.get("noisy"), replace(self.finish, mask=job.needs.get("mask"))
+        noisy, finish = job.needs.get("noisy"), _with_mask(self.finish, job)
         known = photo_origin(
             job.source,
             self.restoration,
@@ -147,16 +158,12 @@ class Deblur:
         The file's transfer curve.
     finish : Finish
         What is wanted of the result beside it; the ``mask`` is the job's.
-    linear, provenance : bool
-        As in `fix_file` and `deblur_file`.
 
     """
 
     restoration: RestorationOptions | PairRestorationOptions = BY_DEFAULT
     transfer: TransferName | None = None
     finish: Finish = AS_IT_IS
-    linear: bool = False
-    provenance: bool = True
 
     def __call__(
         self, job: Job, *, threads: int | None, progress: Progress | None
@@ -165,9 +172,7 @@ class Deblur:
         kernel = job.needs["kernel"]
         common: dict[str, Any] = {
             "transfer": self.transfer,
-            "finish": replace(self.finish, mask=job.needs.get("mask")),
-            "linear": self.linear,
-            "provenance": self.provenance,
+            "finish": _with_mask(self.finish, job),
             "overwrite": job.overwrite,
             "threads": threads,
             "progress": progress,
@@ -189,33 +194,46 @@ class Deblur:
             )
         else:
             deblur_file(job.source, kernel, job.output, restoration=self.restoration, **common)
-        return figures
+        return figures | self.finish.report()
 
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:
         """Predict the memory that it takes."""
-        blur = None
+        blur, bends = None, False
         with contextlib.suppress(DeshakeError):
             if str(job.needs["kernel"]) != STREAM:
-                blur = read_kernel(job.needs["kernel"]).kernel.extent_px()
-        needed = restoration_memory(_seen(size, self.finish), self.restoration, threads, blur)
-        return max(photo_memory(size), needed)
+                kernel = read_kernel(job.needs["kernel"]).kernel
+                seen = worked_size(size, self.finish)
+                zoom = math.sqrt(seen.pixels / math.prod(kernel.camera.shape))
+                blur, bends = zoom * kernel.extent_px(), not kernel.camera.is_pinhole
+        return restoration_memory(
+            size,
+            self.restoration,
+            threads,
+            blur,
+            finish=self.finish,
+            masked=job.needs.get("mask") is not None,
+            bends=bends,
+        )
 
     def origin(self, job: Job) -> dict[str, Any]:
         """Return the inputs and the options, and those of the kernel."""
-        finish = replace(self.finish, mask=job.needs.get("mask"))
         known = photo_origin(
             job.source,
             self.restoration,
             transfer=self.transfer,
             noisy=job.needs.get("noisy"),
-            finish=finish,
+            finish=_with_mask(self.finish, job),
         )
         kernel = job.needs["kernel"]
         told = {} if str(kernel) == STREAM else read_kernel(kernel).provenance
+        registration = job.needs.get("registration")
+        if isinstance(self.restoration, PairRestorationOptions) and str(registration) != STREAM:
+            given = None if registration is None else known_registration(registration)
+            known["registration"] = registration_origin(given, told)
         names = ("options", "input_sha256", "noisy_sha256", "camera")
         return known | {"kernel": {name: told[name] for name in names if name in told}}
 
 
-def _seen(size: PictureSize, finish: Finish) -> PictureSize:
-    """Return the size at which the work is done."""
-    return PictureSize(size.pixels // 16, size.channels) if finish.preview else size
+def _with_mask(finish: Finish, job: Job) -> Finish:
+    """Return what is wanted of a job's result, the mask being the job's own."""
+    return replace(finish, mask=job.needs.get("mask"))

@@ -17,9 +17,7 @@ from deshake.cli.finishing import finish_options
 from deshake.cli.options import (
     FILE,
     general_options,
-    linear_option,
     output_option,
-    provenance_option,
     transfer_option,
 )
 from deshake.cli.restoration import check_pair, noisy_option, restoration, restoration_options
@@ -32,6 +30,7 @@ if TYPE_CHECKING:
     from deshake.cli.batch import Batch
     from deshake.cli.context import Context
     from deshake.io.transfer import TransferName
+    from deshake.pipelines.finishing import Finish
 
 __all__ = ["command"]
 
@@ -60,8 +59,6 @@ __all__ = ["command"]
 @restoration_options
 @finish_options
 @transfer_option
-@linear_option
-@provenance_option
 @batch_options
 @general_options
 @click.pass_obj
@@ -75,13 +72,8 @@ def command(
     noisy: Path | None,
     registration: Path | None,
     transfer: TransferName | None,
-    strength: float,
     mask: Path | None,
-    preview: bool,
-    compare: bool,
-    linear: bool,
-    keep_geometry: bool,
-    no_provenance: bool,
+    finish: Finish,
     batch: Batch,
     **choices: Any,  # noqa: ANN401 - how to deblur
 ) -> int:
@@ -99,7 +91,6 @@ def command(
     from deshake.batch.plan import Extra
     from deshake.batch.work import Deblur
     from deshake.pipelines.comparison import comparison_name
-    from deshake.pipelines.finishing import Finish
 
     if noisy is None and registration is not None:
         raise click.UsageError("--registration needs --noisy.")
@@ -116,16 +107,9 @@ def command(
         needs |= {"noisy": lambda _: noisy, "registration": lambda _: registration}
     if mask is not None:
         needs["mask"] = for_masks(mask, photos)
-    extras = {"sheet": Extra(None, comparison_name)} if compare else {}
+    extras = {"sheet": Extra(None, comparison_name)} if finish.compare else {}
     jobs = planned(photos, output, batch, extras=extras, needs=needs)
-    work = Deblur(
-        chosen,
-        transfer,
-        Finish(strength, None, preview, compare, keep_geometry),
-        linear=linear,
-        provenance=not no_provenance,
-    )
-    return run_batch(context, jobs, work, batch)
+    return run_batch(context, jobs, Deblur(chosen, transfer, finish), batch)
 
 
 def _kernels(path: Path) -> Callable[[Found], Path]:

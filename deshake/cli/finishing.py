@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeVar
+from functools import wraps
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
@@ -18,8 +19,33 @@ F = TypeVar("F", bound="Callable[..., Any]")
 
 
 def finish_options(command: F) -> F:
-    """Add --strength, --mask, --preview, --compare and --keep-geometry."""
+    """Add what `Finish` takes, and hand it over as ``finish``; --mask, a file or folder, apart."""
+
+    @wraps(command)
+    def collected(
+        *args: Any,  # noqa: ANN401
+        no_provenance: bool,
+        **values: Any,  # noqa: ANN401
+    ) -> Any:  # noqa: ANN401
+        from deshake.pipelines.finishing import Finish
+
+        names = "strength", "preview", "compare", "keep_geometry", "linear"
+        given = {name: values.pop(name) for name in names}
+        finish = Finish(**given, with_provenance=not no_provenance)
+        return command(*args, finish=finish, **values)
+
     for option in (
+        click.option(
+            "--no-provenance",
+            is_flag=True,
+            help="Add nothing to the photo's metadata about how it was deblurred.",
+        ),
+        click.option(
+            "--linear",
+            is_flag=True,
+            help="Write the result of a RAW file in linear light and the sensor's colours.  "
+            "[default: in sRGB]",
+        ),
         click.option(
             "--keep-geometry",
             is_flag=True,
@@ -54,5 +80,5 @@ def finish_options(command: F) -> F:
             help="How much of the result to take, from 0 to 1; the rest is the photo.",
         ),
     ):
-        command = option(command)
-    return command
+        collected = option(collected)
+    return cast("F", collected)

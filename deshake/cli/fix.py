@@ -19,9 +19,7 @@ from deshake.cli.options import (
     FILE,
     estimate_options,
     general_options,
-    linear_option,
     output_option,
-    provenance_option,
 )
 from deshake.cli.restoration import check_pair, noisy_option, restoration, restoration_options
 
@@ -30,6 +28,7 @@ if TYPE_CHECKING:
 
     from deshake.cli.batch import Batch
     from deshake.cli.context import Context
+    from deshake.pipelines.finishing import Finish
 
 __all__ = ["command"]
 
@@ -51,8 +50,6 @@ __all__ = ["command"]
 @estimate_options
 @restoration_options
 @finish_options
-@linear_option
-@provenance_option
 @batch_options
 @general_options
 @click.pass_obj
@@ -68,13 +65,8 @@ def command(
     method: str | None,
     quality: str,
     iterations: int | None,
-    strength: float,
     mask: Path | None,
-    preview: bool,
-    compare: bool,
-    linear: bool,
-    keep_geometry: bool,
-    no_provenance: bool,
+    finish: Finish,
     batch: Batch,
     **choices: Any,  # noqa: ANN401 - the fields of EstimateOptions
 ) -> int:
@@ -93,7 +85,6 @@ def command(
     from deshake.io.kernel_file import read_camera
     from deshake.pipelines.comparison import comparison_name
     from deshake.pipelines.file_stages import kernel_name
-    from deshake.pipelines.finishing import Finish
     from deshake.pipelines.stages import EstimateOptions
 
     chosen = restoration(noisy, method=method, quality=quality, iterations=iterations)
@@ -105,17 +96,11 @@ def command(
     needs: dict[str, Any] = {} if noisy is None else {"noisy": lambda _: noisy}
     if mask is not None:
         needs["mask"] = for_masks(mask, photos)
-    if compare:
+    if finish.compare:
         extras["sheet"] = Extra(None, comparison_name)
     jobs = planned(photos, output, batch, extras=extras, needs=needs)
     known = None if camera is None else read_camera(camera)
-    work = Fix(
-        EstimateOptions(camera=known, **choices),
-        chosen,
-        Finish(strength, None, preview, compare, keep_geometry),
-        linear=linear,
-        provenance=not no_provenance,
-    )
+    work = Fix(EstimateOptions(camera=known, **choices), chosen, finish)
     return run_batch(context, jobs, work, batch)
 
 

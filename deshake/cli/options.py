@@ -32,12 +32,10 @@ __all__ = [
     "json_option",
     "kernel_argument",
     "lens_options",
-    "linear_option",
     "one_to_stdout",
     "output_option",
     "overwrite_option",
     "photo_argument",
-    "provenance_option",
     "region_option",
     "transfer_option",
     "uniform_option",
@@ -219,21 +217,10 @@ kernel_argument = click.argument("kernel", type=FILE)
 overwrite_option = click.option(
     "--overwrite", is_flag=True, help="Replace the output if it exists."
 )
-provenance_option = click.option(
-    "--no-provenance",
-    is_flag=True,
-    help="Add nothing to the photo's metadata about how it was deblurred.",
-)
 transfer_option = click.option(
     "--transfer",
     type=click.Choice(["linear", "srgb", "gamma22"]),
     help="How the file's values stand for light.  [default: by its colour profile, else srgb]",
-)
-linear_option = click.option(
-    "--linear",
-    is_flag=True,
-    help="Write the result of a RAW file in linear light and the sensor's colours.  "
-    "[default: in sRGB]",
 )
 camera_option = click.option(
     "--camera",

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import exp, pi, radians
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -70,6 +70,14 @@ class Registration:
     scale: float
     confidence: float
     camera: Camera
+
+    def report(self) -> dict[str, Any]:
+        """Return what it says, the camera aside, as JSON data."""
+        return {
+            "theta": self.theta.tolist(),
+            "scale": self.scale,
+            "confidence": self.confidence,
+        }
 
 
 def register(

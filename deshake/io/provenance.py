@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from deshake.io.metadata import Metadata
 
-__all__ = ["NAMESPACE", "PROPERTY", "read_provenance", "with_provenance"]
+__all__ = ["NAMESPACE", "PROPERTY", "carried_provenance", "read_provenance", "with_provenance"]
 
 NAMESPACE: Final = ("deshake", "urn:deshake:photo:1#")
 """Prefix and name of the XMP namespace."""
@@ -66,6 +66,11 @@ def with_provenance(metadata: Metadata, provenance: Mapping[str, Any]) -> Metada
     return replace(metadata, exif=with_software(metadata.exif, software), xmp=packet)
 
 
+def carried_provenance(metadata: Metadata) -> dict[str, Any] | None:
+    """Return the provenance in a photo's metadata; None if there is none."""
+    return _find(metadata.xmp)
+
+
 def read_provenance(path: str | os.PathLike[str]) -> dict[str, Any] | None:
     """Return the provenance that a photo of deshake's carries; None if there is none.
 
@@ -84,7 +89,7 @@ def read_provenance(path: str | os.PathLike[str]) -> dict[str, Any] | None:
         return None
 
 
-def _find(data: mmap.mmap) -> dict[str, Any] | None:
+def _find(data: mmap.mmap | bytes) -> dict[str, Any] | None:
     at = -1
     for _ in range(_MAX_PLACES):
         at = data.find(_KEY, at + 1)

@@ -14,6 +14,7 @@ from deshake.io.lens_profiles import find_profile
 from deshake.io.photo import read_photo
 from deshake.io.sensors import FULL_FRAME_DIAGONAL, assumed_focal_length, focal_length
 from deshake.pipelines.fitting import fitting_camera
+from deshake.pipelines.lens import check_unstraightened
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -142,15 +143,18 @@ def calibrate_file(
     PhotoError
         If the photo cannot be read.
     CalibrationError
-        If nothing tells the focal length, or the lens is not found.
+        If nothing tells the focal length, or the lens is not found or was undone already.
     OutputError
         If the camera file cannot be written.
 
     """
     if output is not None:
         check_output(output, source, overwrite=overwrite)
+    photo = read_photo(source)
+    if lens or lens_model is not None:
+        check_unstraightened(photo)
     found = calibrate(
-        read_photo(source),
+        photo,
         focal_px=focal_px,
         focal_35mm=focal_35mm,
         lens=lens,

@@ -6,31 +6,28 @@ Outputs are checked before any work is done for them, and appear whole or not at
 from __future__ import annotations
 
 import contextlib
-import logging
 from typing import TYPE_CHECKING
 
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions
 from deshake.errors import OutputError
-from deshake.io.conversion import lost, output_format
+from deshake.io.conversion import output_format
 from deshake.io.files import STREAM, check_output, default_output, write_bytes
 from deshake.io.kernel_file import read_kernel, write_kernel
-from deshake.io.photo import encode_photo, read_photo, write_photo
-from deshake.pipelines.comparison import comparison_sheet
+from deshake.io.photo import encode_photo, read_photo
 from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.fitting import fitting_kernel
 from deshake.pipelines.latent_picture import latent_photo
-from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
+from deshake.pipelines.outputs import gone_on_failure, prepared, write_result
+from deshake.pipelines.photo_provenance import photo_provenance
 from deshake.pipelines.preview import preview_estimate
 from deshake.pipelines.progress import part
 from deshake.pipelines.stages import deblur, estimate
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
     from pathlib import Path
 
-    from deshake.geometry.kernel import RotationKernel
     from deshake.io.encoding import Format
-    from deshake.io.kernel_file import KernelFile
     from deshake.io.photo import Photo
     from deshake.io.transfer import TransferName
     from deshake.pipelines.stages import Estimate, EstimateOptions
@@ -42,14 +39,8 @@ __all__ = [
     "deblur_file",
     "estimate_file",
     "fix_file",
-    "gone_on_failure",
-    "kernel_kept",
     "kernel_name",
-    "prepared",
-    "sheet_kept",
 ]
-
-_log = logging.getLogger(__name__)
 
 _ESTIMATE_PIXELS = 8e6
 """Pixels whose deblurring takes about as long as an estimate, which has a size of its own."""
@@ -112,17 +103,14 @@ def deblur_file(
     transfer: TransferName | None = None,
     restoration: RestorationOptions = BY_DEFAULT,
     finish: Finish = AS_IT_IS,
-    linear: bool = False,
-    provenance: bool = True,
     overwrite: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Path:
     """Deblur a photo with the kernel of a file, write the result, and return where.
 
-    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. With
-    `provenance` it tells in its metadata how it came about. The sheet of `finish` is kept only
-    together with it.
+    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. The
+    sheet of `finish` is kept only together with it.
 
     Raises
     ------
@@ -139,7 +127,7 @@ def deblur_file(
     finish.check(path, source, kernel_file, overwrite=overwrite)
     content = read_kernel(kernel_file)
     photo = read_photo(source, transfer=transfer)
-    photo, mask = finish.prepare(prepared(photo, path, linear=linear))
+    photo, mask = finish.prepare(prepared(photo, path, finish))
     kernel = fitting_kernel(content, photo, kernel_file)
     result = deblur(
         photo,
@@ -149,13 +137,18 @@ def deblur_file(
         threads=threads,
         progress=progress,
     )
-    photo, mask = finish.before(photo, mask, kernel.camera)
-    result = finish.blend(photo, result, mask)
-    if provenance:
-        told = photo_provenance(photo, content, restoration, transfer=transfer, finish=finish)
-        result = with_photo_provenance(result, told)
-    with sheet_kept(finish.sheet(path), photo, result, kernel, overwrite=overwrite):
-        write_photo(path, result, overwrite=overwrite)
+    told = photo_provenance(photo, content, restoration, transfer=transfer, finish=finish)
+    write_result(
+        path,
+        result,
+        photo,
+        mask,
+        kernel,
+        finish=finish,
+        provenance=told,
+        overwrite=overwrite,
+        overwrite_others=overwrite,
+    )
     return path
 
 
@@ -167,8 +160,6 @@ def fix_file(
     *,
     restoration: RestorationOptions = BY_DEFAULT,
     finish: Finish = AS_IT_IS,
-    linear: bool = False,
-    provenance: bool = True,
     overwrite: bool = False,
     overwrite_others: bool = False,
     threads: int | None = None,
@@ -177,8 +168,7 @@ def fix_file(
     """Estimate the kernel of a photo, deblur the photo with it, and write both.
 
     The kernel file, if `kernel_file` is given, and the sheet of `finish` are kept only together
-    with the photo. With `provenance` the photo tells in its metadata how it came about; with
-    `linear` the result of a RAW file is in linear light.
+    with the photo.
 
     Raises
     ------
@@ -193,7 +183,7 @@ def fix_file(
         check_output(kernel_file, source, output, overwrite=overwrite_others)
     finish.check(output, source, *filter(None, [kernel_file]), overwrite=overwrite_others)
     photo = read_photo(source, transfer=options.transfer)
-    whole = prepared(photo, output, linear=linear)
+    whole = prepared(photo, output, finish)
     photo, mask = finish.prepare(whole)
     pixels = photo.shape[0] * photo.shape[1]
     share = _ESTIMATE_PIXELS / (_ESTIMATE_PIXELS + pixels)
@@ -212,87 +202,24 @@ def fix_file(
         threads=threads,
         progress=second,
     )
-    photo, mask = finish.before(photo, mask, kernel.camera)
-    result = finish.blend(photo, result, mask)
-    if provenance:
-        told = photo_provenance(
-            photo, found.content, restoration, transfer=options.transfer, finish=finish
-        )
-        result = with_photo_provenance(result, told)
-    with (
-        kernel_kept(kernel_file, found.content, overwrite=overwrite_others),
-        sheet_kept(finish.sheet(output), photo, result, kernel, overwrite=overwrite_others),
-    ):
-        write_photo(output, result, overwrite=overwrite)
+    told = photo_provenance(
+        photo, found.content, restoration, transfer=options.transfer, finish=finish
+    )
+    write_result(
+        output,
+        result,
+        photo,
+        mask,
+        kernel,
+        finish=finish,
+        provenance=told,
+        kept=None if kernel_file is None else (kernel_file, found.content),
+        overwrite=overwrite,
+        overwrite_others=overwrite_others,
+    )
     return found
-
-
-@contextlib.contextmanager
-def kernel_kept(path: Path | None, content: KernelFile, *, overwrite: bool) -> Iterator[None]:
-    """Write a kernel file, if a path is given, and keep it only if what follows succeeds."""
-    if path is None:
-        yield
-        return
-    with gone_on_failure(path):
-        write_kernel(path, content, overwrite=overwrite)
-        yield
-
-
-@contextlib.contextmanager
-def sheet_kept(
-    path: Path | None, photo: Photo, result: Photo, kernel: RotationKernel, *, overwrite: bool
-) -> Iterator[None]:
-    """Write a sheet that compares before and after, if a path is given, and keep it likewise."""
-    if path is None:
-        yield
-        return
-    with gone_on_failure(path):
-        write_bytes(path, comparison_sheet(photo, result, kernel), overwrite=overwrite)
-        yield
-
-
-@contextlib.contextmanager
-def gone_on_failure(path: Path) -> Iterator[None]:
-    """Remove a file that was not there before, if what follows fails."""
-    existed = path.exists()
-    try:
-        yield
-    except BaseException:
-        if not existed:
-            path.unlink(missing_ok=True)
-        raise
 
 
 def _latent_format(path: Path, photo: Photo) -> Format:
     """Return the format of a latent picture: by its name, PNG for standard output."""
     return "PNG" if str(path) == STREAM else output_format(path, photo)
-
-
-def prepared(photo: Photo, output: Path, *, linear: bool = False) -> Photo:
-    """Return a photo as it will be written, after checking that it can be.
-
-    That takes a second now and saves minutes later. What the result will lack is said.
-
-    Parameters
-    ----------
-    photo : Photo
-        The photo that was read.
-    output : Path
-        Where its result goes.
-    linear : bool, keyword-only
-        Whether the result of a RAW file is written in linear light.
-
-    Raises
-    ------
-    OutputError, PhotoError
-        If the photo cannot be written under that name, or is no RAW file and was to be linear.
-
-    """
-    if linear:
-        photo = photo.in_linear_light()
-    form = output_format(output, photo)
-    if form not in {photo.encoding.format, "PNG", "TIFF"}:  # which hold everything
-        encode_photo(photo, form)
-    for note in (*photo.notes, *lost(photo.encoding, form)):
-        _log.warning("%s: %s", photo.source, note)
-    return photo

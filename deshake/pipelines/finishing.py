@@ -1,6 +1,7 @@
 """What is wanted of a result beside the deblurring: a preview of it, a part of it, a sheet.
 
-Every way from a photo to its result begins with `Finish.prepare` and ends with `Finish.blend`.
+Every way from a photo to its result goes through `Finish.prepare`, `Finish.before` and
+`Finish.blend`.
 """
 
 from __future__ import annotations
@@ -41,6 +42,10 @@ class Finish:
         Whether a sheet that compares before and after is drawn, beside the result.
     keep_geometry : bool
         Whether the result is bent as the photo is, where the kernel's camera has a lens that bends.
+    linear : bool
+        Whether the result of a RAW file is written in linear light.
+    with_provenance : bool
+        Whether the result tells in its metadata how it came about.
 
     Raises
     ------
@@ -54,6 +59,8 @@ class Finish:
     preview: bool = False
     compare: bool = False
     keep_geometry: bool = False
+    linear: bool = False
+    with_provenance: bool = True
 
     def __post_init__(self) -> None:
         """Check the strength."""
@@ -129,7 +136,13 @@ class Finish:
             told["preview"] = True
         if self.keep_geometry:
             told["keep_geometry"] = True
+        if self.linear:
+            told["linear"] = True
         return told
+
+    def report(self) -> dict[str, Any]:
+        """Return what to know of a result beside its figures, as JSON data."""
+        return {"preview": True} if self.preview else {}
 
 
 AS_IT_IS: Final = Finish()

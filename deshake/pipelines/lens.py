@@ -22,6 +22,7 @@ from deshake.errors import CalibrationError
 from deshake.geometry.camera import Camera
 from deshake.geometry.distortion import pinhole, undistorted
 from deshake.io.frame_tags import reframed
+from deshake.io.provenance import carried_provenance
 from deshake.operators.lens_warp import LensWarp
 
 if TYPE_CHECKING:
@@ -32,6 +33,8 @@ __all__ = [
     "bent",
     "bent_kernel",
     "camera_at",
+    "check_unstraightened",
+    "is_straightened",
     "straight_kernel",
     "straight_pair",
     "straight_region",
@@ -39,6 +42,29 @@ __all__ = [
 ]
 
 Region = tuple[int, int, int, int]
+
+
+def is_straightened(photo: Photo) -> bool:
+    """Tell whether a photo says in its provenance that its lens was undone already."""
+    told = carried_provenance(photo.metadata)
+    return told is not None and bool(told.get("straightened"))
+
+
+def check_unstraightened(photo: Photo) -> None:
+    """Refuse to undo the lens of a photo a second time.
+
+    Raises
+    ------
+    CalibrationError
+        If it was undone already.
+
+    """
+    if is_straightened(photo):
+        raise CalibrationError(
+            "was straightened by deshake already: no lens is left to undo",
+            hint="leave --lens out, or use a camera or a kernel without distortion",
+            file=photo.source,
+        )
 
 
 def straightened(photo: Photo, camera: Camera, *, whole: bool = False) -> tuple[Photo, Camera]:
@@ -63,11 +89,12 @@ def straightened(photo: Photo, camera: Camera, *, whole: bool = False) -> tuple[
     Raises
     ------
     CalibrationError
-        If the distortion is too strong.
+        If the distortion is too strong, or the photo was straightened already.
 
     """
     if camera.is_pinhole:
         return photo, camera
+    check_unstraightened(photo)
     seen = _pinhole(photo, camera, whole=whole)
     warp = LensWarp(camera, seen)
     straight = replace(

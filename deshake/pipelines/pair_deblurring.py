@@ -1,4 +1,4 @@
-"""Deblurring a photo with a noisy one of the same scene, Sec. 6: objects, and from file to file."""
+"""Deblurring a photo with a noisy one of the same scene, Sec. 6."""
 
 from __future__ import annotations
 
@@ -14,40 +14,29 @@ from deshake.deconvolution.clipped_noise import unclipped_mean
 from deshake.deconvolution.denoising import NoisyPhoto, noisy_photo
 from deshake.deconvolution.fusion import fuse
 from deshake.deconvolution.residual import residual_richardson_lucy
-from deshake.errors import DeshakeError, OutputError
+from deshake.errors import DeshakeError
 from deshake.estimation.registration import register, registered
 from deshake.geometry.camera import Camera
-from deshake.io.files import STREAM, check_output, default_output
-from deshake.io.kernel_file import read_kernel
-from deshake.io.photo import read_pair, write_photo
 from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import ShakeBlur
 from deshake.pipelines.calibration import camera_for
 from deshake.pipelines.camera_tones import blurred_planes, camera_pair, fitted_factor
-from deshake.pipelines.file_stages import prepared, sheet_kept
-from deshake.pipelines.finishing import AS_IT_IS, Finish
-from deshake.pipelines.fitting import check_registration, fitting_kernel
-from deshake.pipelines.lens import bent, straight_kernel, straight_pair
-from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
-from deshake.pipelines.preview import preview_photo
+from deshake.pipelines.lens import bent, straight_kernel, straight_pair, straightened
 from deshake.pipelines.progress import part
-from deshake.pipelines.register import known_registration
 from deshake.pipelines.stages import EstimateOptions, luminance
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from deshake.deconvolution.restoration import Restoration
     from deshake.deconvolution.sparse_gradients import Quality
     from deshake.estimation.registration import Registration
     from deshake.geometry.kernel import RotationKernel
     from deshake.io.photo import Photo
-    from deshake.io.transfer import TransferName
 
     Progress = Callable[[float, str], None]
 
-__all__ = ["PairMethod", "PairRestorationOptions", "deblur_pair", "deblur_pair_file"]
+__all__ = ["PairMethod", "PairRestorationOptions", "deblur_pair"]
 
 _log = logging.getLogger(__name__)
 
@@ -106,7 +95,7 @@ def deblur_pair(
     """Deblur a photo with a kernel for its size and a noisy photo of the same scene.
 
     Format, depth, opacity and metadata stay as they are. Photos through a lens that bends are
-    straightened first. The kernel of a camera that stood still leaves the photo as it is.
+    straightened first. The kernel of a camera that stood still undoes nothing else.
 
     Parameters
     ----------
@@ -132,12 +121,12 @@ def deblur_pair(
         If the photos do not show the same scene.
 
     """
+    lens = kernel.camera if registration is None else registration.camera
     if not kernel.theta[kernel.weights > 0].any():
         if progress is not None:
             progress(1.0, "nothing to undo")
-        return blurred
+        return blurred if keep_geometry else straightened(blurred, lens)[0]
     start = 0.0
-    lens = kernel.camera if registration is None else registration.camera
     straight, other, seen = straight_pair(blurred, noisy, lens, whole=keep_geometry)
     kernel = straight_kernel(kernel, lens, seen)
     try:
@@ -169,75 +158,6 @@ def deblur_pair(
     _log.info("%s: deblurred in %d iterations", blurred.source, restored.iterations)
     result = straight.with_pixels(restored.pixels)
     return bent(result, blurred, lens) if keep_geometry else result
-
-
-def deblur_pair_file(
-    source: Path,
-    noisy_file: Path,
-    kernel_file: Path,
-    output: Path | None,
-    options: PairRestorationOptions,
-    *,
-    registration: Path | None = None,
-    transfer: TransferName | None = None,
-    finish: Finish = AS_IT_IS,
-    linear: bool = False,
-    provenance: bool = True,
-    overwrite: bool = False,
-    threads: int | None = None,
-    progress: Progress | None = None,
-) -> Path:
-    """Deblur a photo with a noisy one and the kernel of a file; write the result, return where.
-
-    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. With
-    `provenance` it tells in its metadata how it came about. The sheet of `finish` is kept only
-    together with it.
-
-    Raises
-    ------
-    PhotoError, KernelFileError, EstimationError
-        If a photo, the kernel or the registration cannot be read, or they do not fit each other.
-    OutputError
-        If the result cannot be written.
-
-    """
-    if output is not None and str(output) == STREAM:
-        raise OutputError("photos are not written to standard output", hint="name a file with -o")
-    path = default_output(source, output, overwrite=overwrite)
-    inputs = [item for item in (noisy_file, kernel_file, registration) if item is not None]
-    check_output(path, *inputs, overwrite=overwrite)
-    finish.check(path, source, *inputs, overwrite=overwrite)
-    content = read_kernel(kernel_file)
-    known = None if registration is None else known_registration(registration)
-    photo, noisy = read_pair(source, noisy_file, transfer=transfer)
-    photo = prepared(photo, path, linear=linear)
-    if known is not None:
-        check_registration(known.camera, photo, registration)
-    photo, mask = finish.prepare(photo)
-    if finish.preview:
-        noisy = preview_photo(noisy)
-        known = None if known is None else replace(known, camera=known.camera.scaled(*photo.shape))
-    kernel = fitting_kernel(content, photo, kernel_file)
-    result = deblur_pair(
-        photo,
-        noisy,
-        kernel,
-        options,
-        registration=known,
-        keep_geometry=finish.keep_geometry,
-        threads=threads,
-        progress=progress,
-    )
-    photo, mask = finish.before(photo, mask, kernel.camera)
-    result = finish.blend(photo, result, mask)
-    if provenance:
-        told = photo_provenance(
-            photo, content, options, transfer=transfer, noisy=noisy, finish=finish
-        )
-        result = with_photo_provenance(result, told)
-    with sheet_kept(finish.sheet(path), photo, result, kernel, overwrite=overwrite):
-        write_photo(path, result, overwrite=overwrite)
-    return path
 
 
 def _restored(

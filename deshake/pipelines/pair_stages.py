@@ -240,11 +240,7 @@ def _provenance(
         "options": goes_by,
         "input_sha256": sha256(pair[0].source),
         "noisy_sha256": sha256(pair[1].source),
-        "registration": {
-            "theta": registration.theta.tolist(),
-            "scale": registration.scale,
-            "confidence": registration.confidence,
-        },
+        "registration": registration.report(),
         "scale": found.scale,
         "explained": found.explained,
         "unexplained": found.unexplained,

@@ -15,18 +15,20 @@ from deshake import __version__
 from deshake.io.files import sha256
 from deshake.io.provenance import NAMESPACE, with_provenance
 from deshake.pipelines.finishing import AS_IT_IS, Finish
+from deshake.pipelines.lens import is_straightened
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
     from deshake.deconvolution.methods import RestorationOptions
+    from deshake.estimation.registration import Registration
     from deshake.io.kernel_file import KernelFile
     from deshake.io.photo import Photo
     from deshake.io.transfer import TransferName
     from deshake.pipelines.pair_deblurring import PairRestorationOptions
 
-__all__ = ["photo_origin", "photo_provenance", "with_photo_provenance"]
+__all__ = ["photo_origin", "photo_provenance", "registration_origin", "with_photo_provenance"]
 
 _log = logging.getLogger(__name__)
 
@@ -40,9 +42,10 @@ def photo_provenance(
     *,
     transfer: TransferName | None = None,
     noisy: Photo | None = None,
+    registration: Registration | None = None,
     finish: Finish = AS_IT_IS,
-) -> dict[str, Any]:
-    """Tell how a photo was deblurred, as JSON data.
+) -> dict[str, Any] | None:
+    """Tell how a photo was deblurred, as JSON data; None: that is not wanted.
 
     Parameters
     ----------
@@ -56,12 +59,21 @@ def photo_provenance(
         The transfer curve, if one was given.
     noisy : Photo, optional
         The noisy photo of the same scene.
+    registration : Registration, optional
+        How it lies, if that was given; told if it is another one than the kernel's.
     finish : Finish
         What was wanted beside the deblurring.
 
     """
+    if not finish.with_provenance:
+        return None
     other = None if noisy is None else noisy.source
     known = photo_origin(photo.source, restoration, transfer=transfer, noisy=other, finish=finish)
+    if is_straightened(photo) or not (content.kernel.camera.is_pinhole or finish.keep_geometry):
+        known["straightened"] = True
+    other_one = registration_origin(registration, content.provenance)
+    if other_one is not None:
+        known["registration"] = other_one
     return {
         "deshake": __version__,
         "command": "deblur",
@@ -83,6 +95,15 @@ def photo_origin(
         "input_sha256": sha256(source),
     }
     return found if noisy is None else found | {"noisy_sha256": sha256(noisy)}
+
+
+def registration_origin(
+    registration: Registration | None, kernel: Mapping[str, Any]
+) -> dict[str, Any] | None:
+    """Return what a photo tells of its registration; None if its kernel's provenance has it."""
+    if registration is None or registration.report() == kernel.get("registration"):
+        return None
+    return registration.report()
 
 
 def with_photo_provenance(result: Photo, provenance: Mapping[str, Any]) -> Photo:

@@ -26,8 +26,8 @@ from deshake.io.registration_file import (
     write_registration,
 )
 from deshake.pipelines.calibration import calibrate, camera_for
-from deshake.pipelines.file_stages import gone_on_failure
 from deshake.pipelines.lens import straight_pair
+from deshake.pipelines.outputs import gone_on_failure
 from deshake.pipelines.stages import EstimateOptions, luminance
 
 if TYPE_CHECKING:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -75,3 +76,16 @@ def jobs(tmp_path: Path) -> Callable[..., list[Job]]:
         return made
 
     return make
+
+
+@pytest.fixture
+def await_sleepers(tmp_path: Path) -> Callable[..., None]:
+    """Wait until the jobs of some numbers sleep."""
+
+    def wait(*numbers: int) -> None:
+        deadline = time.monotonic() + 60
+        while not all((tmp_path / f"{number}.out.begun").exists() for number in numbers):
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+
+    return wait

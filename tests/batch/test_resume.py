@@ -45,6 +45,7 @@ def test_what_this_work_made_is_not_doubted(job):
         (replace(FIX, options=replace(OPTIONS, focal_35mm=50)), "--focal-35mm 40, now --focal"),
         (replace(FIX, restoration=RestorationOptions("rl")), "method sparse, now rl"),
         (replace(FIX, finish=Finish(0.5)), "strength by default, now 0.5"),
+        (replace(FIX, finish=Finish(linear=True)), "linear by default, now True"),
     ],
 )
 def test_other_options_are_said(job, work, words):

@@ -38,21 +38,20 @@ def test_word_comes_back_for_every_job(process, jobs):
     assert kinds[:3] == [Said, Shown, Result]
     assert heard[0] == ("deshake.trial", logging.WARNING, f"{heard[2].job.source}: mind")
     line.close()
-    worker.join(10)
+    worker.join(60)
     assert worker.exitcode == 0
 
 
-def test_it_leaves_cleanly_on_sigterm_and_not_on_sigint(process, jobs, tmp_path):
+def test_it_leaves_cleanly_on_sigterm_and_not_on_sigint(process, jobs, await_sleepers, tmp_path):
     worker, line = process
-    [job] = jobs("sleep 60")
+    [job] = jobs("sleep 600")
     line.send(job)
-    while not (tmp_path / "0.out.begun").exists():
-        time.sleep(0.02)
+    await_sleepers(0)
     os.kill(worker.pid, signal.SIGINT)
     time.sleep(0.1)
     assert worker.is_alive()
     os.kill(worker.pid, signal.SIGTERM)
-    worker.join(10)
+    worker.join(60)
     assert worker.exitcode == 128 + signal.SIGTERM
     assert {path.name for path in tmp_path.iterdir()} == {"0.jpg", "0.out.begun"}
 

@@ -87,7 +87,7 @@ def test_what_is_no_kernel(refused, shaken, tmp_path, name):
     photo = shaken("a.jpg")
     start = time.process_time()
     error = refused("deblur", photo, "-o", tmp_path / "out.jpg", kernel=path)
-    assert time.process_time() - start < 1
+    assert time.process_time() - start < 3
     assert error.startswith(f"error: {path}: ")
     assert what in error
 
@@ -123,4 +123,4 @@ def test_a_huge_kernel_eats_no_memory(shaken, tmp_path):
     code, grown, took = done.stdout.split()
     assert int(code) == 1
     assert int(grown) < 100_000 * (1024 if sys.platform == "darwin" else 1)
-    assert float(took) < 1
+    assert float(took) < 3

@@ -270,6 +270,18 @@ def test_a_noisy_photo_helps(deshake, pair, kernel, tmp_path):
     assert result < 0.7 * min(others)
 
 
+def test_a_registration_of_its_own_is_told_and_noticed(deshake, pair, kernel, tmp_path):
+    blurred, noisy, registration = pair
+    out = tmp_path / "out.png"
+    args = (blurred, kernel, "--noisy", noisy, "-o", out, "--iterations", 1)
+    given = ("--registration", registration)
+    assert deshake("deblur", *args, *given).code == 0
+    told = read_provenance(out)["registration"]
+    assert told == {"theta": [0, 0, 0], "scale": 1, "confidence": 1}
+    assert "another" not in deshake("deblur", *args, *given, "--skip-existing").err
+    assert "with another registration" in deshake("deblur", *args, "--skip-existing").err
+
+
 @pytest.mark.parametrize(
     ("args", "what"),
     [

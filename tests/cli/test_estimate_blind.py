@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 FAST = ("--blur-size", 3)
+EDGES = (*FAST, "--estimator", "edges")
 LENS = ("--focal-35mm", 40)
 
 
@@ -61,7 +62,7 @@ def test_writes_a_kernel_with_its_provenance(deshake, shaken, tmp_path):
 def test_runs_and_threads_do_not_change_a_byte(deshake, shaken, tmp_path):
     photo = shaken("a.jpg")
     found = set()
-    for number, threads in enumerate((1, 1, 3)):
+    for number, threads in enumerate((1, 3)):
         out = tmp_path / f"{number}.npz"
         args = (*FAST, *LENS, "--threads", threads, "-q")
         assert deshake("estimate-blind", photo, "-o", out, *args).code == 0
@@ -73,13 +74,13 @@ def test_a_camera_file_stands_for_the_options(deshake, shaken, tmp_path):
     photo = shaken("a.jpg")
     deshake("calibrate", photo, *LENS, "-o", tmp_path / "c.npz")
     for name, lens in (("one", LENS), ("two", ("--camera", tmp_path / "c.npz"))):
-        assert deshake("estimate-blind", photo, *FAST, *lens, "-o", tmp_path / name).code == 0
+        assert deshake("estimate-blind", photo, *EDGES, *lens, "-o", tmp_path / name).code == 0
     assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
 
 
 def test_an_assumed_lens_is_said(deshake, shaken, tmp_path):
     photo = shaken("a.jpg")
-    outcome = deshake("estimate-blind", photo, *FAST)
+    outcome = deshake("estimate-blind", photo, *EDGES)
     assert outcome.code == 0
     assert f"warning: {photo}: its metadata state no focal length; a 50 mm-equ" in outcome.err
     camera = read_kernel(tmp_path / "a.kernel.npz").kernel.camera
@@ -87,21 +88,21 @@ def test_an_assumed_lens_is_said(deshake, shaken, tmp_path):
 
 
 def test_a_uniform_kernel_does_not_roll(deshake, shaken, tmp_path):
-    assert deshake("estimate-blind", shaken("a.jpg"), *FAST, *LENS, "--uniform").code == 0
+    assert deshake("estimate-blind", shaken("a.jpg"), *EDGES, *LENS, "--uniform").code == 0
     kernel = read_kernel(tmp_path / "a.kernel.npz").kernel
     assert kernel.camera.is_uniform
     assert abs(kernel.theta[:, 2]).max() < 1e-9
 
 
 def test_a_region_shapes_the_kernel_of_the_whole_photo(deshake, shaken, tmp_path):
-    assert deshake("estimate-blind", shaken("a.jpg"), *FAST, "--region", "10,5,80,60").code == 0
+    assert deshake("estimate-blind", shaken("a.jpg"), *EDGES, "--region", "10,5,80,60").code == 0
     content = read_kernel(tmp_path / "a.kernel.npz")
     assert content.kernel.camera.shape == (80, 100)
     assert content.provenance["options"]["region"] == [10, 5, 80, 60]
 
 
 def test_an_angle_bounds_the_blur(deshake, shaken, tmp_path):
-    args = (*LENS, "--max-angle", "1.5")
+    args = (*LENS, "--max-angle", "1.5", "--estimator", "edges")
     assert deshake("estimate-blind", shaken("a.jpg"), *args).code == 0
     content = read_kernel(tmp_path / "a.kernel.npz")
     assert content.provenance["options"]["max_angle"] == 1.5
@@ -184,8 +185,8 @@ def test_the_latent_picture_is_sharper_than_the_photo(deshake, street, tmp_path)
 
 def test_the_latent_picture_goes_to_standard_output(shaken, tmp_path):
     command = [sys.executable, "-m", "deshake", "estimate-blind", str(shaken("a.jpg")), "-q"]
-    args = ("--blur-size", "3", "--estimator", "edges", "--latent", "-")
-    run = subprocess.run([*command, *args], capture_output=True, check=True)
+    args = (*EDGES, "--uniform", "--latent", "-")
+    run = subprocess.run([*command, *map(str, args)], capture_output=True, check=True)
     with Image.open(io.BytesIO(run.stdout)) as picture:
         assert (picture.format, picture.mode, picture.size) == ("PNG", "L", (100, 80))
     assert (tmp_path / "a.kernel.npz").exists()

@@ -181,5 +181,5 @@ def test_finds_a_shake_in_files_as_cameras_write_them(rolled, file, exposure) ->
     read = ((codes / 255) ** 2.2).astype(np.float32)
     usable = codes < 255
     assert (exposure > 1) == (usable.mean() < 0.97)
-    how = {"usable": usable, "setting": SETTINGS[1], "threads": 1}
+    how = {"usable": usable, "blur_px": 10, "setting": SETTINGS[1], "threads": 1}
     assert misfit(estimate_edges(read, true.camera, **how).kernel, true) < 0.35

@@ -47,11 +47,20 @@ def photo(truth: np.ndarray) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def found(photo: np.ndarray) -> dict[str, BlindEstimate]:
-    return {
-        name: estimate_kernel(photo, CAMERA, estimator=name, blur_px=12, threads=2)
-        for name in ESTIMATORS
-    }
+def shares() -> dict[str, list[float]]:
+    """Shares done, as each estimator told them."""
+    return {name: [] for name in ESTIMATORS}
+
+
+@pytest.fixture(scope="module")
+def found(photo: np.ndarray, shares: dict[str, list[float]]) -> dict[str, BlindEstimate]:
+    def run(name: Estimator) -> BlindEstimate:
+        def told(share: float, _text: str) -> None:
+            shares[name].append(share)
+
+        return estimate_kernel(photo, CAMERA, estimator=name, blur_px=12, threads=2, progress=told)
+
+    return {name: run(name) for name in ESTIMATORS}
 
 
 @pytest.mark.parametrize("name", ESTIMATORS)
@@ -175,6 +184,22 @@ def test_how_small_a_shake_may_hide_is_said(
     assert "looks sharp" in left.notes[0]
 
 
+def test_a_soft_photo_is_left_as_it_is(found: dict[str, BlindEstimate], truth: np.ndarray) -> None:
+    soft = cv2.blur(truth, (1, 3))
+
+    def best(length: int) -> BlindEstimate:
+        path = np.array([[0, 0, 0], [length, 0, 0]]) * grid_steps(CAMERA)
+        kernel = RotationKernel.from_path(path, CAMERA).centred()
+        return best_estimate(soft, {"fine": replace(found["edges"], kernel=kernel)}, threads=2)
+
+    left = best(3)
+    assert left.name == STILL
+    assert left.confidence <= 0.1
+    assert len(left.notes) == 1
+    assert "a little soft rather than shaken" in left.notes[0]
+    assert not any("soft" in note for note in best(8).notes)
+
+
 def test_half_of_the_candidates_tell_a_photo_out_of_focus(
     found: dict[str, BlindEstimate], photo: np.ndarray
 ) -> None:
@@ -218,10 +243,8 @@ def test_small_and_flat_photos_are_errors(name: Estimator) -> None:
         estimate_kernel(np.full(SHAPE, 0.5, np.float32), CAMERA, estimator=name)
 
 
-def test_progress_rises_to_one(photo: np.ndarray) -> None:
-    told: list[float] = []
-    estimate_kernel(
-        photo, CAMERA, blur_px=8, threads=2, progress=lambda share, _text: told.append(share)
-    )
-    assert told == sorted(told)
-    assert told[-1] == 1
+@pytest.mark.parametrize("name", ESTIMATORS)
+@pytest.mark.usefixtures("found")
+def test_progress_rises_to_one(shares: dict[str, list[float]], name: str) -> None:
+    assert shares[name] == sorted(shares[name])
+    assert shares[name][-1] == 1

@@ -61,7 +61,7 @@ def test_a_trial_stops_at_a_coarse_scale_and_goes_on_from_there(
     gradients: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(scales, "_TRIAL_SIDE", 60)
-    work, straight = under_way(gradients, 8), under_way(gradients, 8)
+    work, straight = under_way(gradients, 6), under_way(gradients, 6)
     assert work.try_coarse() == work.outermost
     assert 60 <= work.reports[-1].width < 60 * 1.5
     kernel, confidence = work.run()
@@ -72,7 +72,7 @@ def test_a_trial_stops_at_a_coarse_scale_and_goes_on_from_there(
 
 
 def test_a_box_too_small_is_touched(gradients: np.ndarray) -> None:
-    tight, wide = under_way(gradients, 1), under_way(gradients, 12)
+    tight, wide = under_way(gradients, 1), under_way(gradients, 8)
     for work in (tight, wide):
         work.run()
     assert tight.outermost > wide.outermost

@@ -37,7 +37,7 @@ def test_what_a_killed_process_leaves_is_stale_and_not_before(tmp_path):
         [part] = tmp_path.iterdir()
         assert part.read_bytes() == b"half"
         process.kill()
-        process.wait(10)
+        process.wait(60)
     assert part.exists()
     assert remove_stale_parts(tmp_path) == 1
     assert list(tmp_path.iterdir()) == []

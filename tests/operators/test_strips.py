@@ -20,7 +20,7 @@ def test_results_come_in_order(threads: int) -> None:
 
 
 def test_work_is_shared_by_the_threads() -> None:
-    both = threading.Barrier(2, timeout=20)
+    both = threading.Barrier(2, timeout=60)
     list(in_order(lambda _: both.wait(), STRIPS[:2], 2))
 
 

@@ -71,21 +71,6 @@ def test_progress_rises_from_estimate_to_deblurring(photo, tmp_path):
     assert len({text for _, text in told}) > 2
 
 
-@pytest.mark.parametrize("existed", [False, True])
-def test_the_kernel_goes_if_the_photo_cannot_be_written(photo, tmp_path, monkeypatch, existed):
-    kernel = tmp_path / "k.npz"
-    if existed:
-        kernel.write_text("an older one")
-
-    def fail(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(file_stages, "write_photo", fail)
-    with pytest.raises(KeyboardInterrupt):
-        fix_file(photo, tmp_path / "o.png", kernel, OPTIONS, overwrite_others=existed)
-    assert kernel.exists() == existed
-
-
 @pytest.mark.parametrize(
     ("name", "what"),
     [

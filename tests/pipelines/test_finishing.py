@@ -48,6 +48,7 @@ def test_provenance_tells_what_is_not_by_default(mask):
     told = Finish(0.5, mask, preview=True, compare=True).provenance()
     digest = hashlib.sha256(mask.read_bytes()).hexdigest()
     assert told == {"strength": 0.5, "mask_sha256": digest, "preview": True}
+    assert Finish(linear=True, with_provenance=False).provenance() == {"linear": True}
 
 
 @pytest.mark.parametrize("strength", [-0.1, 1.1, float("nan")])

@@ -17,8 +17,8 @@ from deshake.operators.shake_blur import ShakeBlur
 from deshake.pipelines.pair_deblurring import (
     PairRestorationOptions,
     deblur_pair,
-    deblur_pair_file,
 )
+from deshake.pipelines.pair_file_stages import deblur_pair_file
 
 HEIGHT, WIDTH, BEYOND = 130, 170, 20
 CAMERA = Camera.from_focal(200, HEIGHT, WIDTH)

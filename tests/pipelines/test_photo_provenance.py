@@ -3,16 +3,20 @@ from __future__ import annotations
 import hashlib
 import json
 
+import numpy as np
 import pytest
 from PIL import Image
 
 from deshake import __version__
 from deshake.deconvolution.methods import RestorationOptions
+from deshake.estimation.registration import Registration
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.io.kernel_file import KernelFile
 from deshake.io.photo import read_photo, write_photo
 from deshake.io.provenance import read_provenance
+from deshake.pipelines.finishing import Finish
+from deshake.pipelines.lens import is_straightened
 from deshake.pipelines.pair_deblurring import PairRestorationOptions
 from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
 
@@ -48,6 +52,8 @@ def test_it_tells_what_was_done_to_what(photo):
         "kernel": {"camera": "EXIF"},
     }
     json.dumps(told)
+    silent = Finish(with_provenance=False)
+    assert photo_provenance(photo, content({}), RestorationOptions(), finish=silent) is None
 
 
 def test_a_pair_names_both_photos(photo, tmp_path):
@@ -56,6 +62,34 @@ def test_a_pair_names_both_photos(photo, tmp_path):
     told = photo_provenance(photo, content({}), PairRestorationOptions(), noisy=noisy)
     assert told["noisy_sha256"] == hashlib.sha256(noisy.source.read_bytes()).hexdigest()
     assert told["options"]["method"] == "fusion"
+
+
+def test_a_registration_is_told_where_the_kernel_does_not_tell_it(photo):
+    camera = Camera.from_focal(10, 8, 12)
+    one, other = (Registration(np.array([0, y, 0.0]), 2.0, 0.9, camera) for y in (0.1, 0.2))
+    found = content({"registration": one.report()})
+    told = [
+        photo_provenance(photo, found, PairRestorationOptions(), noisy=photo, registration=given)
+        for given in (None, one, other)
+    ]
+    assert "registration" not in told[0] | told[1]
+    assert told[2]["registration"] == {"theta": [0, 0.2, 0], "scale": 2, "confidence": 0.9}
+
+
+def test_a_straightened_photo_says_so_for_good(photo):
+    pinhole = content({})
+    lens = Camera.from_focal(10, 8, 12).with_lens(np.array([-0.1, 0, 0, 0]))
+    bent = KernelFile(pinhole.kernel.for_camera(lens))
+    options = RestorationOptions()
+    assert "straightened" not in photo_provenance(photo, pinhole, options)
+    kept = photo_provenance(photo, bent, options, finish=Finish(keep_geometry=True))
+    assert "straightened" not in kept
+    told = photo_provenance(photo, bent, options)
+    assert told["straightened"] is True
+    result = with_photo_provenance(photo, told)
+    assert is_straightened(result)
+    assert not is_straightened(photo)
+    assert photo_provenance(result, pinhole, options)["straightened"] is True
 
 
 def test_a_kernel_of_many_words_does_not_swell_the_photo(photo):

@@ -15,7 +15,7 @@ NAMES = ["delta", "flat", "roll", "path", "far", "uniform", "cloud"]
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_kernel_has_a_picture(kernels, name):
-    start = time.perf_counter()
+    start = time.process_time()
     picture = render_kernel(kernels[name], size=400)
     assert picture.shape == (400, 400, 3)
     assert picture.dtype == np.uint8
@@ -23,7 +23,7 @@ def test_every_kernel_has_a_picture(kernels, name):
     assert (picture[:, -1] == 255).all()  # no label runs out of the picture
     assert (picture[:, 0] == 255).all()
     assert picture.std() > 5
-    assert time.perf_counter() - start < 10
+    assert time.process_time() - start < 10
 
 
 def test_pictures_are_reproducible(kernels):

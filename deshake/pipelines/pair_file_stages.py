@@ -1,37 +1,42 @@
-"""A blurred and a noisy photo of one scene, from files to the sharp photo: all of Sec. 6 in one go.
+"""The stages for a blurred and a noisy photo of one scene, from files to the sharp photo.
 
-The stages are those of ``register``, ``estimate-pair`` and ``deblur --noisy``, each with what the
-one before it found. That is why the results are the same to the byte.
+`fix_pair_file` does all of Sec. 6 in one go: the stages of ``register``, ``estimate-pair`` and
+``deblur --noisy``, each with what the one before it found. That is why the results are the same to
+the byte.
 """
 
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from deshake.io.files import check_output
-from deshake.io.photo import read_pair, write_photo
-from deshake.pipelines.file_stages import kernel_kept, prepared, sheet_kept
+from deshake.errors import OutputError
+from deshake.io.files import STREAM, check_output, default_output
+from deshake.io.kernel_file import read_kernel
+from deshake.io.photo import read_pair
 from deshake.pipelines.finishing import AS_IT_IS, Finish
+from deshake.pipelines.fitting import check_registration, fitting_kernel
+from deshake.pipelines.outputs import prepared, write_result
 from deshake.pipelines.pair_deblurring import PairRestorationOptions, deblur_pair
 from deshake.pipelines.pair_stages import estimate_pair
-from deshake.pipelines.photo_provenance import photo_provenance, with_photo_provenance
+from deshake.pipelines.photo_provenance import photo_provenance
 from deshake.pipelines.preview import preview_options, preview_photo
 from deshake.pipelines.progress import part
-from deshake.pipelines.register import find_registration
+from deshake.pipelines.register import find_registration, known_registration
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from deshake.io.transfer import TransferName
     from deshake.pipelines.pair_stages import PairKernel
     from deshake.pipelines.register import Found
     from deshake.pipelines.stages import EstimateOptions
 
     Progress = Callable[[float, str], None]
 
-__all__ = ["FixedPair", "fix_pair_file"]
+__all__ = ["FixedPair", "deblur_pair_file", "fix_pair_file"]
 
 _log = logging.getLogger(__name__)
 
@@ -62,6 +67,83 @@ class FixedPair:
         }
 
 
+def deblur_pair_file(
+    source: Path,
+    noisy_file: Path,
+    kernel_file: Path,
+    output: Path | None,
+    options: PairRestorationOptions,
+    *,
+    registration: Path | None = None,
+    transfer: TransferName | None = None,
+    finish: Finish = AS_IT_IS,
+    overwrite: bool = False,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Path:
+    """Deblur a photo with a noisy one and the kernel of a file; write the result, return where.
+
+    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. The
+    sheet of `finish` is kept only together with it.
+
+    Raises
+    ------
+    PhotoError, KernelFileError, EstimationError
+        If a photo, the kernel or the registration cannot be read, or they do not fit each other.
+    OutputError
+        If the result cannot be written.
+
+    """
+    if output is not None and str(output) == STREAM:
+        raise OutputError("photos are not written to standard output", hint="name a file with -o")
+    path = default_output(source, output, overwrite=overwrite)
+    inputs = [item for item in (noisy_file, kernel_file, registration) if item is not None]
+    check_output(path, *inputs, overwrite=overwrite)
+    finish.check(path, source, *inputs, overwrite=overwrite)
+    content = read_kernel(kernel_file)
+    known = None if registration is None else known_registration(registration)
+    photo, noisy = read_pair(source, noisy_file, transfer=transfer)
+    photo = prepared(photo, path, finish)
+    if known is not None:
+        check_registration(known.camera, photo, registration)
+    photo, mask = finish.prepare(photo)
+    if finish.preview:
+        noisy = preview_photo(noisy)
+        known = None if known is None else replace(known, camera=known.camera.scaled(*photo.shape))
+    kernel = fitting_kernel(content, photo, kernel_file)
+    result = deblur_pair(
+        photo,
+        noisy,
+        kernel,
+        options,
+        registration=known,
+        keep_geometry=finish.keep_geometry,
+        threads=threads,
+        progress=progress,
+    )
+    told = photo_provenance(
+        photo,
+        content,
+        options,
+        transfer=transfer,
+        noisy=noisy,
+        registration=known,
+        finish=finish,
+    )
+    write_result(
+        path,
+        result,
+        photo,
+        mask,
+        kernel,
+        finish=finish,
+        provenance=told,
+        overwrite=overwrite,
+        overwrite_others=overwrite,
+    )
+    return path
+
+
 def fix_pair_file(
     blurred: Path,
     noisy: Path,
@@ -71,8 +153,6 @@ def fix_pair_file(
     *,
     restoration: PairRestorationOptions,
     finish: Finish = AS_IT_IS,
-    linear: bool = False,
-    provenance: bool = True,
     overwrite: bool = False,
     overwrite_others: bool = False,
     threads: int | None = None,
@@ -94,10 +174,6 @@ def fix_pair_file(
         How the photo is deblurred.
     finish : Finish
         What is wanted beside it; its sheet, too, is kept only together with the result.
-    linear : bool
-        Whether the result of a RAW file is written in linear light.
-    provenance : bool
-        Whether the result tells in its metadata how it came about.
     overwrite, overwrite_others : bool
         Whether an existing result, or other existing outputs, may be replaced.
     threads : int, optional
@@ -119,7 +195,7 @@ def fix_pair_file(
     inputs = blurred, noisy, *filter(None, [kernel_file])
     finish.check(output, *inputs, overwrite=overwrite_others)
     whole, f_N = read_pair(blurred, noisy, transfer=options.transfer)
-    g, mask = finish.prepare(prepared(whole, output, linear=linear))
+    g, mask = finish.prepare(prepared(whole, output, finish))
     if finish.preview:
         options = preview_options(options, whole, g)
         f_N = preview_photo(f_N)
@@ -147,22 +223,25 @@ def fix_pair_file(
         threads=threads,
         progress=part(progress, _ESTIMATED, 1),
     )
-    g, mask = finish.before(g, mask, kernel.content.kernel.camera)
-    result = finish.blend(g, result, mask)
-    undone = kernel.content.kernel
-    if provenance:
-        told = photo_provenance(
-            g,
-            kernel.content,
-            restoration,
-            transfer=options.transfer,
-            noisy=f_N,
-            finish=finish,
-        )
-        result = with_photo_provenance(result, told)
-    with (
-        kernel_kept(kernel_file, kernel.content, overwrite=overwrite_others),
-        sheet_kept(finish.sheet(output), g, result, undone, overwrite=overwrite_others),
-    ):
-        write_photo(output, result, overwrite=overwrite)
+    told = photo_provenance(
+        g,
+        kernel.content,
+        restoration,
+        transfer=options.transfer,
+        noisy=f_N,
+        registration=found.registration,
+        finish=finish,
+    )
+    write_result(
+        output,
+        result,
+        g,
+        mask,
+        kernel.content.kernel,
+        finish=finish,
+        provenance=told,
+        kept=None if kernel_file is None else (kernel_file, kernel.content),
+        overwrite=overwrite,
+        overwrite_others=overwrite_others,
+    )
     return FixedPair(found, kernel)

@@ -10,9 +10,9 @@ from skimage import data
 from deshake.errors import OutputError, PhotoError
 from deshake.io.kernel_file import read_kernel
 from deshake.io.photo import read_photo
-from deshake.pipelines import pair_fixing
+from deshake.pipelines import outputs, pair_file_stages
 from deshake.pipelines.pair_deblurring import PairRestorationOptions
-from deshake.pipelines.pair_fixing import fix_pair_file
+from deshake.pipelines.pair_file_stages import fix_pair_file
 from deshake.pipelines.stages import EstimateOptions
 
 HEIGHT, WIDTH = 110, 150
@@ -76,7 +76,7 @@ def test_the_kernel_goes_with_the_photo(pair, tmp_path, monkeypatch):
     def fail(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(pair_fixing, "write_photo", fail)
+    monkeypatch.setattr(outputs, "write_photo", fail)
     out, kernel = tmp_path / "out.png", tmp_path / "k.npz"
     with pytest.raises(KeyboardInterrupt):
         fix_pair_file(*pair, out, kernel, OPTIONS, restoration=QUICK, threads=1)
@@ -96,7 +96,7 @@ def test_what_cannot_be_written_is_told_before_the_work(pair, tmp_path, monkeypa
     def fail(*_, **__):
         raise AssertionError
 
-    monkeypatch.setattr(pair_fixing, "find_registration", fail)
+    monkeypatch.setattr(pair_file_stages, "find_registration", fail)
     (tmp_path / "k.npz").write_text("mine")
     for out, kernel in ((tmp_path / "no" / "out.png", None), (tmp_path / "out.gif", None)):
         with pytest.raises(OutputError):
