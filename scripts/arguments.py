@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING
 
-__all__ = ["at_least"]
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["at_least", "names"]
 
 
 def at_least(least: int, text: str) -> int:
@@ -16,3 +20,12 @@ def at_least(least: int, text: str) -> int:
     if number < least:
         raise argparse.ArgumentTypeError(f"must be at least {least}")
     return number
+
+
+def names(text: str, known: Sequence[str]) -> list[str]:
+    """Read a list of names, separated by commas."""
+    found = [name.strip() for name in text.split(",")]
+    if not set(found) <= set(known):
+        message = f"{text!r} is not among {', '.join(known)}"
+        raise argparse.ArgumentTypeError(message)
+    return found

@@ -31,6 +31,7 @@ from typing import TYPE_CHECKING, NamedTuple, get_args
 
 import cv2
 import numpy as np
+from arguments import names
 from hand_shakes import find_logs, hand_path
 from numpy.typing import NDArray
 from PIL import Image as Pictures
@@ -252,15 +253,6 @@ def summary(table: Sequence[Scores], methods: Sequence[str]) -> str:
             f"{(gain > true / 2).mean():.2f} gain half of what the true kernel does"
         )
     return "\n".join(lines)
-
-
-def names(text: str, known: Sequence[str]) -> list[str]:
-    """Read a list of names, separated by commas."""
-    found = [name.strip() for name in text.split(",")]
-    if not set(found) <= set(known):
-        message = f"{text!r} is not among {', '.join(known)}"
-        raise argparse.ArgumentTypeError(message)
-    return found
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -115,15 +115,19 @@ class Share(NamedTuple):
     bare_cpu: float
 
 
+def mosaic(shape: tuple[int, int]) -> Image:
+    """Return the sharp scene (h, w, 3) in linear light."""
+    tile = decode(data.astronaut(), Srgb()) * BRIGHTEST
+    tile = cv2.resize(tile, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)
+    more = [(0, max(side - n, 0)) for side, n in zip(shape, tile.shape, strict=False)]
+    return np.pad(tile, [*more, (0, 0)], mode="symmetric")[: shape[0], : shape[1]]
+
+
 def write_photo(case: Case, file: Path) -> None:
     """Blur a mosaic and write it as an array of linear light."""
     kernel = case.kernel()
     flow = FilterFlow(kernel.camera, kernel.theta, channels=3)
-    tile = decode(data.astronaut(), Srgb()) * BRIGHTEST
-    tile = cv2.resize(tile, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)
-    more = [(0, max(side - n, 0)) for side, n in zip(flow.latent_shape, tile.shape, strict=False)]
-    scene = np.pad(tile, [*more, (0, 0)], mode="symmetric")
-    photo = flow.blur(scene[: flow.latent_shape[0], : flow.latent_shape[1]], kernel.weights)
+    photo = flow.blur(mosaic(flow.latent_shape), kernel.weights)
     noise = np.random.default_rng(0).standard_normal(photo.shape, np.float32)
     np.save(file, np.clip(photo + np.float32(SIGMA) * noise, 0, 1))
 

@@ -22,13 +22,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from arguments import names
 from benchmark_blind import (
     PHOTOS,
     RESTORATIONS,
     Case,
     aligned_psnr,
     display,
-    names,
     psnr,
     read,
     shake,

@@ -26,7 +26,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
-from benchmark_blind import aligned, display, names, psnr
+from arguments import names
+from benchmark_blind import aligned, display, psnr
 from numpy.typing import NDArray
 from PIL import Image as Pictures
 from skimage import data

@@ -10,25 +10,42 @@ import math
 from typing import TYPE_CHECKING, Final
 
 from deshake.io.picture_size import PictureSize, picture_size
+from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.pair_deblurring import PairRestorationOptions
+from deshake.pipelines.preview import preview_side
 
 if TYPE_CHECKING:
     from deshake.batch.plan import Job
     from deshake.batch.work import Work
     from deshake.deconvolution.methods import RestorationOptions
 
-__all__ = ["default_blur", "estimate_memory", "memory_needed", "photo_memory", "restoration_memory"]
+__all__ = [
+    "default_blur",
+    "estimate_memory",
+    "memory_needed",
+    "photo_memory",
+    "restoration_memory",
+    "worked_size",
+]
 
 _PROCESS: Final = 200e6
 """Libraries, and what is too small to count."""
-_PHOTO: Final = {1: 25, 3: 45}
-"""Bytes a pixel for reading and writing a photo, by its colours."""
+_PHOTO: Final = {1: 16, 3: 28}
+"""Bytes a pixel for reading a photo, by its colours; a mosaic of a sensor takes no more."""
+_LUMINANCE: Final = {1: 9, 3: 17}
+"""The same for an estimate, beside the photo."""
 _ESTIMATE: Final = 200e6
-"""For an estimate, whose working size is its own."""
+"""For what an estimate does at its own working size."""
 _RESTORATION: Final = {1: 70, 3: 115}
 """Bytes a pixel for deblurring, by its colours."""
-_PAIR: Final = {1: 150, 3: 240}
+_PAIR: Final = {1: 180, 3: 290}
 """The same with a noisy photo."""
+_MASK: Final = 4
+"""Bytes a pixel for a mask."""
+_LENS: Final = 14
+"""Bytes a pixel for straightening a photo, each of a pair."""
+_KEPT: Final = 27
+"""The same where the geometry is kept: the straight picture is larger than the photo."""
 _BLUR: Final = 28e3
 """Bytes for each square of the blur's extent in pixels: blocks are as wide as the blur needs."""
 _THREAD: Final = 45e6
@@ -45,13 +62,14 @@ def memory_needed(job: Job, work: Work, threads: int) -> int:
 
 
 def photo_memory(size: PictureSize) -> int:
-    """Predict the memory for reading a photo and writing it."""
+    """Predict the memory for reading a photo."""
     return int(_PROCESS + _PHOTO[size.channels] * size.pixels)
 
 
 def estimate_memory(size: PictureSize, threads: int) -> int:
     """Predict the memory for estimating a kernel."""
-    return int(photo_memory(size) + _ESTIMATE + _THREAD * (threads - 1))
+    more = _LUMINANCE[size.channels] * size.pixels + _ESTIMATE + _THREAD * (threads - 1)
+    return int(photo_memory(size) + more)
 
 
 def restoration_memory(
@@ -59,27 +77,56 @@ def restoration_memory(
     options: RestorationOptions | PairRestorationOptions,
     threads: int,
     blur: float | None = None,
+    *,
+    finish: Finish = AS_IT_IS,
+    masked: bool = False,
+    bends: bool = False,
 ) -> int:
-    """Predict the memory for deblurring.
+    """Predict the memory for deblurring, reading included.
 
     Parameters
     ----------
     size : PictureSize
-        The photo.
+        The photo as it is read.
     options : RestorationOptions or PairRestorationOptions
         How it is deblurred.
     threads : int
         By so many threads.
     blur : float, optional
-        Extent of the blur in pixels; by default a likely one.
+        Extent of the blur in pixels of the size that is worked at; by default a likely one.
+    finish : Finish
+        What is wanted of the result.
+    masked : bool
+        Whether a mask is read with each photo.
+    bends : bool
+        Whether a lens is undone.
 
     """
-    table = _PAIR if isinstance(options, PairRestorationOptions) else _RESTORATION
-    extent = default_blur(size) if blur is None else blur
+    seen = worked_size(size, finish)
+    paired = isinstance(options, PairRestorationOptions)
+    each = (_PAIR if paired else _RESTORATION)[seen.channels]
+    if bends:
+        each += (_KEPT if finish.keep_geometry else _LENS) * (2 if paired else 1)
+    mask = _MASK if masked else 0
+    extent = default_blur(seen) if blur is None else blur
     more = _BLUR * extent**2 + _THREAD * (threads - 1)
-    return int(_PROCESS + table[size.channels] * size.pixels + more)
+    reading = photo_memory(size) + mask * size.pixels
+    return int(max(reading, _PROCESS + (each + mask) * seen.pixels + more))
+
+
+def worked_size(size: PictureSize, finish: Finish) -> PictureSize:
+    """Return the size at which a photo is worked on: that of its preview, if one is wanted."""
+    if not finish.preview:
+        return size
+    side = _longer_side(size)
+    share = min(preview_side(side) / side, 1) if side else 1
+    return PictureSize(round(size.pixels * share**2), size.channels)
 
 
 def default_blur(size: PictureSize) -> float:
     """Return the extent in pixels of a blur that is not out of the ordinary; photos are 3:2."""
-    return _LIKELY_BLUR * math.sqrt(1.5 * size.pixels)
+    return _LIKELY_BLUR * _longer_side(size)
+
+
+def _longer_side(size: PictureSize) -> float:
+    return math.sqrt(1.5 * size.pixels)

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 from deshake.batch.estimate_work import kernel_origin
-from deshake.batch.footprint import estimate_memory, photo_memory, restoration_memory
+from deshake.batch.footprint import estimate_memory, restoration_memory, worked_size
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions
 from deshake.errors import DeshakeError
 from deshake.io.files import STREAM
 from deshake.io.kernel_file import read_kernel
-from deshake.io.picture_size import PictureSize
 from deshake.pipelines.file_stages import deblur_file, fix_file
 from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.pair_deblurring import PairRestorationOptions
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from deshake.batch.plan import Job
+    from deshake.io.picture_size import PictureSize
     from deshake.io.transfer import TransferName
     from deshake.pipelines.pair_file_stages import FixedPair
     from deshake.pipelines.stages import Estimate, EstimateOptions
@@ -113,11 +114,22 @@ class Fix:
             )
         return found.report() | self.finish.report()
 
-    def memory(self, job: Job, size: PictureSize, threads: int) -> int:  # noqa: ARG002
+    def memory(self, job: Job, size: PictureSize, threads: int) -> int:
         """Predict the memory that it takes."""
-        blur, seen = self.options.blur_size, _seen(size, self.finish)
-        needed = restoration_memory(seen, self.restoration, threads, blur)
-        return max(photo_memory(size), estimate_memory(seen, threads), needed)
+        seen = worked_size(size, self.finish)
+        blur = self.options.blur_size
+        if blur is not None and size.pixels:
+            blur *= math.sqrt(seen.pixels / size.pixels)
+        needed = restoration_memory(
+            size,
+            self.restoration,
+            threads,
+            blur,
+            finish=self.finish,
+            masked=job.needs.get("mask") is not None,
+            bends=self.options.undoes_lens,
+        )
+        return max(estimate_memory(seen, threads), needed)
 
     def origin(self, job: Job) -> dict[str, Any]:
         """Return the inputs and the options of both stages."""
@@ -186,12 +198,22 @@ class Deblur:
 
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:
         """Predict the memory that it takes."""
-        blur = None
+        blur, bends = None, False
         with contextlib.suppress(DeshakeError):
             if str(job.needs["kernel"]) != STREAM:
-                blur = read_kernel(job.needs["kernel"]).kernel.extent_px()
-        needed = restoration_memory(_seen(size, self.finish), self.restoration, threads, blur)
-        return max(photo_memory(size), needed)
+                kernel = read_kernel(job.needs["kernel"]).kernel
+                seen = worked_size(size, self.finish)
+                zoom = math.sqrt(seen.pixels / math.prod(kernel.camera.shape))
+                blur, bends = zoom * kernel.extent_px(), not kernel.camera.is_pinhole
+        return restoration_memory(
+            size,
+            self.restoration,
+            threads,
+            blur,
+            finish=self.finish,
+            masked=job.needs.get("mask") is not None,
+            bends=bends,
+        )
 
     def origin(self, job: Job) -> dict[str, Any]:
         """Return the inputs and the options, and those of the kernel."""
@@ -215,8 +237,3 @@ class Deblur:
 def _with_mask(finish: Finish, job: Job) -> Finish:
     """Return what is wanted of a job's result, the mask being the job's own."""
     return replace(finish, mask=job.needs.get("mask"))
-
-
-def _seen(size: PictureSize, finish: Finish) -> PictureSize:
-    """Return the size at which the work is done."""
-    return PictureSize(size.pixels // 16, size.channels) if finish.preview else size

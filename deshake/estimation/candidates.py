@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from deshake.estimation import judge
 from deshake.estimation.edges import SETTINGS, EdgeEstimate, EdgeSetting, estimate_edges
-from deshake.estimation.kernel_faults import is_point
-from deshake.estimation.sharpness import looks_sharp
+from deshake.estimation.kernel_faults import is_point, spread_px
+from deshake.estimation.sharpness import looks_sharp, looks_soft
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ __all__ = [
     "choose",
     "edge_candidates",
     "is_at_rest",
+    "is_soft",
     "reduced",
 ]
 
@@ -218,3 +219,12 @@ def is_at_rest(grey: Image, kernels: Mapping[str, RotationKernel]) -> bool:
     camera = next(iter(kernels.values())).camera
     seen = reduced(grey, camera, None, _SHARP_SIDE)[0]
     return looks_sharp(seen, collapsed=points / len(kernels))
+
+
+def is_soft(grey: Image, kernel: RotationKernel) -> bool:
+    """Tell whether a photo (h, w) is soft rather than shaken, by the kernel that was chosen.
+
+    The kernel is measured in the photo's own pixels: wide blur may be little at a smaller size.
+    """
+    seen = reduced(grey, kernel.camera, None, _SHARP_SIDE)[0]
+    return looks_soft(seen, spread_px(kernel))

@@ -16,7 +16,16 @@ from deshake.geometry.rotations import grid_steps
 if TYPE_CHECKING:
     from deshake.geometry.kernel import RotationKernel
 
-__all__ = ["COLLAPSED", "FILLED", "SCATTERED", "TOUCHING", "faults", "is_filled", "is_point"]
+__all__ = [
+    "COLLAPSED",
+    "FILLED",
+    "SCATTERED",
+    "TOUCHING",
+    "faults",
+    "is_filled",
+    "is_point",
+    "spread_px",
+]
 
 COLLAPSED = "the kernel is hardly more than a point: little of a shake was found"
 TOUCHING = "the kernel touches its bounds: try a larger --blur-size"
@@ -69,6 +78,16 @@ def is_point(kernel: RotationKernel) -> bool:
     from_heaviest = np.abs(kernel.theta - kernel.theta[np.argmax(kernel.weights)])
     near = np.all(from_heaviest < 1.5 * kernel.steps, 1)
     return bool(kernel.weights[near].sum() > _POINT)
+
+
+def spread_px(kernel: RotationKernel) -> float:
+    """Standard deviation of a kernel along its longest axis, in pixels of its camera.
+
+    An even path as long as l has ``l / sqrt(12)``.
+    """
+    moved = kernel.theta / grid_steps(kernel.camera)
+    spread = np.cov(moved.T, aweights=kernel.weights, ddof=0)
+    return float(np.sqrt(max(np.linalg.eigvalsh(spread)[-1], 0.0)))
 
 
 def is_filled(kernel: RotationKernel) -> bool:

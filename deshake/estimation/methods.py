@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from deshake.errors import EstimationError
 from deshake.estimation.blind import BlindEstimate, check_size, estimate_blind
-from deshake.estimation.candidates import STILL, choose, edge_candidates, is_at_rest
+from deshake.estimation.candidates import STILL, choose, edge_candidates, is_at_rest, is_soft
 from deshake.estimation.kernel_faults import FILLED, faults
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
@@ -66,8 +66,9 @@ def estimate_kernel(
     -------
     BlindEstimate
         Its confidence is the judge's: the chance that deblurring betters the photo. Where there is
-        hardly one, or the photo looks sharp, the kernel is that of a camera that stood still,
-        which leaves the photo as it is: the notes say so, and the confidence is 0.1 at most.
+        hardly one, or the photo looks sharp or merely soft, the kernel is that of a camera that
+        stood still, which leaves the photo as it is: the notes say so, and the confidence is 0.1
+        at most.
 
     Raises
     ------
@@ -191,6 +192,9 @@ def best_estimate(
             f"confidence {choice.confidence:.2f}): the photo is left as it is"
         )
         return _left(found, choice.confidence, note)
+    if is_soft(picture, choice.kernel):
+        note = "the photo is a little soft rather than shaken: it is left as it is"
+        return _left(found, min(choice.confidence, _HOPELESS), note)
     notes = list(found.notes)
     filled = sum(FILLED in candidate.notes for candidate in candidates.values())
     if 2 * filled >= len(candidates) and FILLED not in notes:

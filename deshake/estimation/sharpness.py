@@ -17,15 +17,19 @@ from numpy.typing import NDArray
 
 from deshake.estimation.latent_edges import noise_level
 
-__all__ = ["looks_sharp", "sharpness"]
+__all__ = ["looks_sharp", "looks_soft", "sharpness"]
 
 Image = NDArray[np.float32]
 
 _STRONGEST = 0.99  # quantile
 _OF_NOISE = 2.576 * math.sqrt(2)  # that quantile of differences between two pixels of unit noise
-_SHARP = 0.72  # real shaken photos: 0.52 to 0.71, one 0.76; sharp ones: from 0.73
+_SHARP = 0.67  # real shaken photos: 0.51 to 0.66, one 0.76; sharp ones: from 0.68, one 0.63
 _SURELY_SHARP = 0.8
 _HARDLY_SHARP = 0.65  # with all kernels mere points there is nothing to gain
+_SOFT = ((0.6, 1.2), (_SHARP, 1.7))
+"""Sharper than this, and the kernel's standard deviation (px) below that: soft, not shaken. Even
+paths of 4 px leave 0.60 and have 1.2, those of 2 px leave 0.68; real shaken photos that come near
+have 0.62 and 1.6, 0.66 and 2.1, a simulated shake by 8 px 0.65 and 2.2."""
 _FLAT = 1e-6
 
 
@@ -66,6 +70,24 @@ def looks_sharp(grey: Image, *, collapsed: float = 1.0) -> bool:
     found = sharpness(grey)
     least = _HARDLY_SHARP if collapsed == 1 else _SHARP if collapsed >= 0.5 else _SURELY_SHARP
     return found > least
+
+
+def looks_soft(grey: Image, spread_px: float) -> bool:
+    """Tell whether a photo is a little soft rather than shaken: its lens, its focus, its making.
+
+    The blur that is found in such a photo is small, while its edges are steeper than a shake
+    leaves them: to undo it would sharpen the photo, which nobody asked for.
+
+    Parameters
+    ----------
+    grey : (h, w) array of float32
+        The photo in linear light.
+    spread_px : float
+        Standard deviation of the kernel that was estimated from it, in pixels of the whole photo.
+
+    """
+    found = sharpness(grey)
+    return any(found > least and spread_px < widest for least, widest in _SOFT)
 
 
 def _steepness(image: Image, noise: float) -> list[float]:

@@ -64,6 +64,13 @@ class EstimateOptions:
     estimator: Estimator = "auto"
     preview: bool = False
 
+    @property
+    def undoes_lens(self) -> bool:
+        """Whether a lens that bends is undone, as far as the options tell."""
+        if self.camera is not None:
+            return not self.camera.camera.is_pinhole
+        return bool(self.lens) or self.lens_model is not None
+
     def provenance(self) -> dict[str, Any]:
         """Return what shapes the kernel, for its file; the camera is told apart."""
         names = ("transfer", "blur_size", "max_angle", "region", "uniform", "estimator")

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from deshake.io.photo import Photo
     from deshake.pipelines.stages import Estimate, EstimateOptions
 
-__all__ = ["preview_estimate", "preview_options", "preview_photo"]
+__all__ = ["preview_estimate", "preview_options", "preview_photo", "preview_side"]
 
 _FACTOR: Final = 4
 _LEAST_SIDE: Final = 640  # px of the longer side
@@ -38,7 +38,12 @@ def preview_photo(photo: Photo) -> Photo:
     Pixels are means of linear light; where one of them clipped, the smaller one counts as
     clipped. Format, depth and metadata stay as they are.
     """
-    return _reduced(photo, max(max(photo.shape) / _FACTOR, _LEAST_SIDE))
+    return _reduced(photo, preview_side(max(photo.shape)))
+
+
+def preview_side(side: float) -> float:
+    """Return the longer side of a photo's preview in pixels, which a small photo may not reach."""
+    return max(side / _FACTOR, _LEAST_SIDE)
 
 
 def preview_estimate(

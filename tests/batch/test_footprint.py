@@ -12,13 +12,14 @@ from deshake.batch.footprint import (
     memory_needed,
     photo_memory,
     restoration_memory,
+    worked_size,
 )
 from deshake.batch.plan import Job
 from deshake.batch.work import Deblur, Fix
 from deshake.deconvolution.methods import RestorationOptions
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
-from deshake.io.kernel_file import KernelFile, write_kernel
+from deshake.io.kernel_file import CameraFile, KernelFile, write_kernel
 from deshake.io.picture_size import PictureSize
 from deshake.pipelines.finishing import Finish
 from deshake.pipelines.pair_deblurring import PairRestorationOptions
@@ -43,8 +44,58 @@ def test_larger_photos_in_colour_and_wider_blurs_need_more(photo):
     wide = memory_needed(photo("RGB"), Fix(EstimateOptions(blur_size=200)), 1)
     assert wide > 1.2e9
     assert memory_needed(photo("RGB"), fix, 4) > colour + 0.1e9
-    small = memory_needed(photo("RGB"), Fix(EstimateOptions(), finish=Finish(preview=True)), 1)
-    assert small < colour
+
+
+def test_previews_masks_and_lenses_count(photo, tmp_path):
+    job = photo("RGB")
+    pixels = 1_500_000
+    options = EstimateOptions(blur_size=100)  # so wide that the deblurring takes the most
+    plain = memory_needed(job, Fix(options), 1)
+    masked = replace(job, needs={"mask": job.source})
+    assert memory_needed(masked, Fix(options), 1) == plain + 4 * pixels
+    assert memory_needed(job, Fix(options, finish=Finish(preview=True)), 1) < plain
+    camera = Camera.from_focal(1500, 1000, 1500)
+    lens = CameraFile(camera.with_lens(np.array([-0.1, 0, 0, 0])), "made up")
+    by_name, by_file = replace(options, lens=True), replace(options, camera=lens)
+    straight, same = (memory_needed(job, Fix(each), 1) for each in (by_name, by_file))
+    kept = memory_needed(job, Fix(by_file, finish=Finish(keep_geometry=True)), 1)
+    assert plain < straight == same < kept
+    kernel = tmp_path / "k.npz"
+    found = []
+    for each in (camera, lens.camera):
+        still = KernelFile(RotationKernel.delta(each))
+        write_kernel(kernel, still, overwrite=True)
+        found.append(memory_needed(replace(job, needs={"kernel": kernel}), Deblur(), 1))
+    assert found[1] - found[0] == straight - plain
+
+
+def test_a_preview_has_its_least_size():
+    finish = Finish(preview=True)
+    assert worked_size(PictureSize(24_000_000, 3), finish) == (1_500_000, 3)
+    assert worked_size(PictureSize(1_500_000, 1), finish).pixels == pytest.approx(
+        640 * 427, rel=0.01
+    )
+    assert worked_size(PictureSize(100_000, 3), finish).pixels == 100_000
+    assert worked_size(PictureSize(24_000_000, 3), Finish()).pixels == 24_000_000
+    assert worked_size(PictureSize(0, 1), finish).pixels == 0
+
+
+@pytest.mark.parametrize(
+    ("measured", "options", "more"),
+    [
+        (512e6, RestorationOptions(), {}),
+        (524e6, RestorationOptions(), {"masked": True}),
+        (555e6, RestorationOptions(), {"bends": True}),
+        (572e6, RestorationOptions(), {"bends": True, "finish": Finish(keep_geometry=True)}),
+        (184e6, RestorationOptions(), {"finish": Finish(preview=True)}),
+        (1054e6, PairRestorationOptions(), {}),
+    ],
+)
+def test_predictions_are_near_what_was_measured(measured, options, more):
+    """At 2160 x 1440 in colour, blurred by 18 pixels, which are 5 in the preview."""
+    blur = 5 if "finish" in more and more["finish"].preview else 18
+    found = restoration_memory(PictureSize(2160 * 1440, 3), options, 1, blur, **more)
+    assert 0.95 * measured < found < 1.6 * measured
 
 
 def test_the_kernel_tells_the_blur(photo, tmp_path):
@@ -74,5 +125,9 @@ def test_stages_differ():
     alone = restoration_memory(size, RestorationOptions(), 1)
     assert photo_memory(size) < estimate_memory(size, 1) < alone
     assert alone < restoration_memory(size, PairRestorationOptions(), 1)
+    kept = Finish(keep_geometry=True)
+    for finish, low, high in ((Finish(), 3.07e9, 3.5e9), (kept, 3.43e9, 3.8e9)):  # 3.07 and 3.43
+        found = restoration_memory(size, RestorationOptions(), 1, 30, finish=finish, bends=True)
+        assert low < found < high
     assert 2.8e9 < restoration_memory(size, RestorationOptions(), 1, 30) < 3.2e9  # measured: 2.8
     assert 3.3e9 < restoration_memory(size, RestorationOptions(), 1, 120) < 3.7e9  # 3.3

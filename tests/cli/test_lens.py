@@ -25,6 +25,16 @@ def lens(tmp_path_factory):
     return path
 
 
+@pytest.fixture
+def bent_pan(pan, lens, tmp_path):
+    """The kernel of the pan, with the lens's camera."""
+    path = tmp_path / "bent.npz"
+    with np.load(pan) as file, np.load(lens) as bent:
+        names = ("camera_matrix", "distortion")
+        np.savez(path, **{name: (bent if name in names else file)[name] for name in file})
+    return path
+
+
 @pytest.mark.parametrize("keep", [(), ("--keep-geometry",)])
 def test_fix_is_its_stages(deshake, shaken, lens, tmp_path, keep):
     photo = shaken("a.png", 16)
@@ -40,14 +50,10 @@ def test_fix_is_its_stages(deshake, shaken, lens, tmp_path, keep):
     assert read_kernel(kernel).kernel.camera.distortion.any()
 
 
-def test_both_geometries_have_the_photos_size_and_differ(deshake, shaken, lens, pan, tmp_path):
+def test_both_geometries_have_the_photos_size_and_differ(deshake, shaken, bent_pan, pan, tmp_path):
     photo = shaken("a.png", 16)
-    kernel = tmp_path / "k.npz"
-    with np.load(pan) as file, np.load(lens) as bent:
-        names = ("camera_matrix", "distortion")
-        np.savez(kernel, **{name: (bent if name in names else file)[name] for name in file})
     pictures = []
-    ways = {"straight": (kernel,), "kept": (kernel, "--keep-geometry"), "pinhole": (pan,)}
+    ways = {"straight": (bent_pan,), "kept": (bent_pan, "--keep-geometry"), "pinhole": (pan,)}
     for name, way in ways.items():
         out = tmp_path / f"{name}.png"
         assert deshake("deblur", photo, *way, "-o", out).code == 0
@@ -57,30 +63,24 @@ def test_both_geometries_have_the_photos_size_and_differ(deshake, shaken, lens, 
     assert np.abs(kept - plain).mean() < 0.6 * np.abs(straight - plain).mean()
 
 
-def test_strength_blends_with_the_straight_photo(deshake, shaken, lens, pan, tmp_path):
+def test_strength_blends_with_the_straight_photo(deshake, shaken, bent_pan, tmp_path):
     photo = shaken("a.png", 16)
-    kernel, still = tmp_path / "k.npz", tmp_path / "still.npz"
-    with np.load(pan) as file, np.load(lens) as bent:
-        names = ("camera_matrix", "distortion")
-        keys = {name: (bent if name in names else file)[name] for name in file}
-    np.savez(kernel, **keys)
-    np.savez(still, **keys | {"theta": np.zeros((1, 3)), "weights": np.ones(1)})
+    still = tmp_path / "still.npz"
+    with np.load(bent_pan) as file:
+        np.savez(still, **dict(file) | {"theta": np.zeros((1, 3)), "weights": np.ones(1)})
     nothing, straight = tmp_path / "nothing.png", tmp_path / "straight.png"
     more = ("--strength", 0, "--compare", "--no-provenance")
-    assert deshake("deblur", photo, kernel, "-o", nothing, *more).code == 0
+    assert deshake("deblur", photo, bent_pan, "-o", nothing, *more).code == 0
     assert deshake("deblur", photo, still, "-o", straight, "--no-provenance").code == 0
     np.testing.assert_array_equal(np.asarray(Image.open(nothing)), np.asarray(Image.open(straight)))
 
 
-def test_no_lens_is_undone_twice(deshake, shaken, lens, pan, tmp_path):
+def test_no_lens_is_undone_twice(deshake, shaken, lens, bent_pan, pan):
     photo = shaken("a.png")
-    kernel, out, again = tmp_path / "k.npz", tmp_path / "one.png", tmp_path / "two.png"
-    with np.load(pan) as file, np.load(lens) as bent:
-        names = ("camera_matrix", "distortion")
-        np.savez(kernel, **{name: (bent if name in names else file)[name] for name in file})
-    assert deshake("deblur", photo, kernel, "-o", out).code == 0
+    out, again = photo.with_name("one.png"), photo.with_name("two.png")
+    assert deshake("deblur", photo, bent_pan, "-o", out).code == 0
     for words in (
-        ("deblur", out, kernel, "-o", again),
+        ("deblur", out, bent_pan, "-o", again),
         ("fix", out, "--camera", lens, "-o", again),
         ("estimate-blind", out, "--camera", lens, "-o", again),
         ("calibrate", out, "--lens"),
@@ -94,7 +94,7 @@ def test_no_lens_is_undone_twice(deshake, shaken, lens, pan, tmp_path):
         assert hint.startswith("hint: leave --lens out")
     assert not again.exists()
     assert deshake("deblur", out, pan, "-o", again).code == 0
-    assert deshake("deblur", again, kernel, "-o", tmp_path / "three.png").code == 1
+    assert deshake("deblur", again, bent_pan, "-o", photo.with_name("three.png")).code == 1
 
 
 def test_a_pair_through_a_lens(deshake, pair, tmp_path):

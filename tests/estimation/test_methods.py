@@ -184,6 +184,22 @@ def test_how_small_a_shake_may_hide_is_said(
     assert "looks sharp" in left.notes[0]
 
 
+def test_a_soft_photo_is_left_as_it_is(found: dict[str, BlindEstimate], truth: np.ndarray) -> None:
+    soft = cv2.blur(truth, (1, 3))
+
+    def best(length: int) -> BlindEstimate:
+        path = np.array([[0, 0, 0], [length, 0, 0]]) * grid_steps(CAMERA)
+        kernel = RotationKernel.from_path(path, CAMERA).centred()
+        return best_estimate(soft, {"fine": replace(found["edges"], kernel=kernel)}, threads=2)
+
+    left = best(3)
+    assert left.name == STILL
+    assert left.confidence <= 0.1
+    assert len(left.notes) == 1
+    assert "a little soft rather than shaken" in left.notes[0]
+    assert not any("soft" in note for note in best(8).notes)
+
+
 def test_half_of_the_candidates_tell_a_photo_out_of_focus(
     found: dict[str, BlindEstimate], photo: np.ndarray
 ) -> None:

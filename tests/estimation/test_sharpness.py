@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from skimage import data
 
-from deshake.estimation.sharpness import looks_sharp, sharpness
+from deshake.estimation.sharpness import looks_sharp, looks_soft, sharpness
 
 PHOTOS = {"coffee": data.coffee, "motorcycle": lambda: data.stereo_motorcycle()[0]}
 
@@ -40,3 +40,13 @@ def test_exposure_and_a_little_noise_count_little(photo: np.ndarray) -> None:
 
 def test_what_is_flat_is_not_sharp() -> None:
     assert sharpness(np.full((60, 80), 0.3, np.float32)) == 0
+
+
+def test_what_is_a_little_soft_was_not_shaken(photo: np.ndarray) -> None:
+    hardly, slightly = cv2.blur(photo, (2, 1)), cv2.blur(photo, (3, 1))
+    assert not looks_sharp(hardly, collapsed=0)
+    assert looks_soft(hardly, 1.6)
+    assert not looks_soft(hardly, 1.8)  # so wide a blur is no softness
+    assert looks_soft(slightly, 1.1)
+    assert not looks_soft(slightly, 1.6)
+    assert not looks_soft(cv2.blur(photo, (6, 1)), 1.1)
