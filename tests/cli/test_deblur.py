@@ -13,9 +13,11 @@ from PIL import Image
 from deshake import __version__
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
-from deshake.io.kernel_file import KernelFile, write_kernel
+from deshake.io.kernel_file import KernelFile, read_kernel, write_kernel
 from deshake.io.provenance import read_provenance
 from deshake.io.registration_file import RegistrationFile, write_registration
+from deshake.io.transfer import Srgb, decode, encode
+from deshake.operators.warps import Warps
 
 
 @pytest.fixture
@@ -233,17 +235,17 @@ def test_what_a_format_cannot_hold_is_told_before_the_work(deshake, kernel, tmp_
 
 
 @pytest.fixture
-def pair(shaken, tmp_path):
+def pair(kernel, tmp_path):
     """A blurred photo, a noisy one of the same scene and their registration."""
-    blurred, noisy = shaken("a.png"), tmp_path / "noisy.png"
-    grey = cv2.resize(
-        np.random.default_rng(5).random((8, 10), np.float32), (100, 80), interpolation=3
-    )
-    sharp = np.clip(0.5 + 3 * (grey - 0.5), 0.05, 0.95)
-    picture = np.stack([sharp, 0.8 * sharp + 0.1, 0.9 * sharp], -1)
-    noise = np.random.default_rng(6).normal(0, 0.05, picture.shape)
-    for path, light in ((tmp_path / "sharp.png", picture), (noisy, picture + noise)):
-        Image.fromarray(np.rint(light.clip(0, 1) * 255).astype(np.uint8)).save(path)
+    blurred, noisy = tmp_path / "a.png", tmp_path / "noisy.png"
+    turn = read_kernel(kernel).kernel
+    blocks = np.random.default_rng(5).random((9, 11, 3), np.float32)
+    scene = decode(np.rint(255 * blocks).astype(np.uint8).repeat(10, 0).repeat(10, 1), Srgb())
+    light = Warps(turn.camera, turn.theta, margin=5).blur(scene, turn.weights)
+    sharp = scene[5:-5, 5:-5]
+    noise = np.random.default_rng(6).normal(0, 0.05, sharp.shape)
+    for path, seen in ((tmp_path / "sharp.png", sharp), (noisy, sharp + noise), (blurred, light)):
+        Image.fromarray(encode(seen.clip(0, 1).astype(np.float32), Srgb(), 8)).save(path)
     registration = tmp_path / "r.npz"
     write_registration(
         registration, RegistrationFile(np.zeros(3), 1.0, Camera.from_focal(120, 80, 100))
