@@ -23,7 +23,7 @@ from deshake.operators.planes import channels_first
 from deshake.pipelines.stages import largest_blur, luminance
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from deshake.estimation.pair import PairEstimate
     from deshake.estimation.registration import Registration
@@ -125,16 +125,12 @@ class RegisteredPair:
 
     def noise(self) -> Iterator[Image]:
         """Draw noise like that of the noisy photo's mixed channels, and register it as it was."""
-        planes, shares = self._stored, self.shares()
-        if len(shares) != len(planes):
-            shares = np.full(len(planes), 1 / len(planes))
+        planes = self._stored
+        shares = _shares_of(planes, self.shares())
         if self.slopes is None:
-            variance = np.zeros(planes.shape[1:], np.float32)
-            for plane, share, model in zip(planes, shares, self._models, strict=True):
-                variance += np.float32(share**2) * _variance(plane, *model)
-            np.sqrt(variance, out=variance)
+            sigma = _mixed_deviation(planes, shares, self._models)
             for twin in range(_TWINS):
-                noise = _drawn(variance, np.random.default_rng(twin))
+                noise = _drawn(sigma, np.random.default_rng(twin))
                 yield registered(noise, self.registration)[0]
             return
         for twin in range(_TWINS):
@@ -150,13 +146,8 @@ class RegisteredPair:
     def _blurred_noise(self, shares: NDArray[np.float64]) -> Image:
         """Draw noise like that of the blurred photo's mixed channels."""
         planes = channels_first(self.blurred.pixels)
-        if len(shares) != len(planes):
-            shares = np.full(len(planes), 1 / len(planes))
-        variance = np.zeros(planes.shape[1:], np.float32)
-        for plane, share in zip(planes, shares, strict=True):
-            model = noise_model(np.ascontiguousarray(plane))
-            variance += np.float32(share**2) * _variance(plane, *model)
-        return _drawn(np.sqrt(variance), np.random.default_rng(_TWINS))
+        sigma = _mixed_deviation(planes, _shares_of(planes, shares), _noise_models(planes))
+        return _drawn(sigma, np.random.default_rng(_TWINS))
 
     @cached_property
     def _stored(self) -> Image:
@@ -167,7 +158,7 @@ class RegisteredPair:
     @cached_property
     def _models(self) -> list[tuple[float, float]]:
         """Slope and floor of each channel's noise."""
-        return [noise_model(np.ascontiguousarray(plane)) for plane in self._stored]
+        return _noise_models(self._stored)
 
 
 def _mixed(image: Image, shares: NDArray[np.float64]) -> Image:
@@ -179,6 +170,27 @@ def _mixed(image: Image, shares: NDArray[np.float64]) -> Image:
     for plane, share in zip(planes, shares, strict=True):
         grey += np.float32(share) * plane
     return grey
+
+
+def _shares_of(planes: Image, shares: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the shares of an image's channels; equal ones if these are not its own."""
+    count = len(planes)
+    return shares if len(shares) == count else np.full(count, 1 / count)
+
+
+def _noise_models(planes: Image) -> list[tuple[float, float]]:
+    """Return slope and floor of the noise of each channel."""
+    return [noise_model(np.ascontiguousarray(plane)) for plane in planes]
+
+
+def _mixed_deviation(
+    planes: Image, shares: NDArray[np.float64], models: Sequence[tuple[float, float]]
+) -> Image:
+    """Return the standard deviation of the noise of mixed channels."""
+    variance = np.zeros(planes.shape[1:], np.float32)
+    for plane, share, model in zip(planes, shares, models, strict=True):
+        variance += np.float32(share**2) * _variance(plane, *model)
+    return np.asarray(np.sqrt(variance), np.float32)
 
 
 def _variance(light: Image, slope: float, floor: float) -> Image:
