@@ -4,10 +4,11 @@
     python scripts/benchmark_blind.py --data DIR --photos coffee,china --windows 2 --methods edges
 
 DIR holds orientation logs of a hand-held phone (`hand_shakes`). Two of the photos are looked for
-in it, manmade_01.png and houses_big.jpg; a development dependency ships the others. Each is blurred
-in linear light along windows of 1/8 to 0.8 s of the logs by exact warps, cropped to what was wholly
-seen, given the noise of photons and readout and made an 8-bit JPEG. Paths are stretched to blur by
-8 to 28 px.
+in it, manmade_01.png and houses_big.jpg; development dependencies ship the others. Each is brought
+to 900 px on the longer side (four are smaller, and as soft afterwards as photos of cameras are),
+blurred in linear light along windows of 1/8 to 1 s of the logs by exact warps, cropped to what was
+wholly seen, given the noise of photons and readout and made an 8-bit JPEG. Paths are stretched to
+blur by 10 to 40 px.
 
 Each photo is deblurred with the kernel of each method and with the true one. Printed are gains in
 PSNR (dB) of display values over the photo as it is, after a shift and turn that fit the truth best:
@@ -68,9 +69,10 @@ RESTORATIONS = {
     "sparse": RestorationOptions(),
     "rl": RestorationOptions(method="rl", iterations=15),
 }
-LONGEST = 1024  # px: larger photos are reduced, and sharper for it
+LONGEST = 900  # px
 FOCAL = 1.1  # widths of the photo
-EXTENTS = (8.0, 28.0)  # px
+EXTENTS = (10.0, 40.0)  # px
+EXPOSURES = (0.125, 1.0)  # s
 PHOTONS = 4000  # at full scale
 READ_NOISE = 0.003
 QUALITY = 92
@@ -122,15 +124,18 @@ class Run(NamedTuple):
 
 
 def read(photo: str, folder: Path) -> Codes:
-    """Read a photo; raise DeshakeError where it is not in the folder."""
+    """Read a photo, as large as all; raise DeshakeError where it is not in the folder."""
     if photo in SHIPPED:
-        return np.ascontiguousarray(SHIPPED[photo]())
-    places = sorted(folder.rglob(FOUND[photo]))
-    if not places:
-        raise DeshakeError(f"no {FOUND[photo]}", file=folder, hint="leave it out by --photos")
-    picture = Pictures.open(places[0]).convert("RGB")
-    picture.thumbnail((LONGEST, LONGEST), Pictures.Resampling.BOX)
-    return np.asarray(picture)
+        picture = Pictures.fromarray(SHIPPED[photo]())
+    else:
+        places = sorted(folder.rglob(FOUND[photo]))
+        if not places:
+            raise DeshakeError(f"no {FOUND[photo]}", file=folder, hint="leave it out by --photos")
+        picture = Pictures.open(places[0]).convert("RGB")
+    scale = LONGEST / max(picture.size)
+    size = round(picture.width * scale), round(picture.height * scale)
+    way = Pictures.Resampling.BOX if scale < 1 else Pictures.Resampling.BICUBIC
+    return np.asarray(picture.resize(size, way))
 
 
 def shake(case: Case, folder: Path, seed: int, focal: float = FOCAL) -> Shaken:
@@ -139,7 +144,7 @@ def shake(case: Case, folder: Path, seed: int, focal: float = FOCAL) -> Shaken:
     sharp = decode(read(case.photo, folder), Srgb())
     high, wide = sharp.shape[:2]
     whole = Camera.from_focal(focal * wide, high, wide)
-    path = hand_path(find_logs(folder), rng)
+    path = hand_path(find_logs(folder), rng, EXPOSURES)
     extent = RotationKernel.from_path(path, whole).extent_px()
     path = (path - path.mean(0)) * rng.uniform(*EXTENTS) / extent
     kernel = RotationKernel.from_path(path, whole).centred()
@@ -263,7 +268,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--data", type=Path, required=True, help="folder of orientation logs")
     photos, methods = partial(names, known=PHOTOS), partial(names, known=METHODS)
     parser.add_argument("--photos", type=photos, default=PHOTOS, help="default: all six")
-    parser.add_argument("--windows", type=int, default=4, help="paths for each; default: 4")
+    parser.add_argument("--windows", type=int, default=6, help="paths for each; default: 6")
     default = ["auto", "uniform"]
     parser.add_argument("--methods", type=methods, default=default, help="default: auto,uniform")
     parser.add_argument("--restoration", choices=RESTORATIONS, default="sparse")

@@ -105,10 +105,10 @@ def margin(grey: NDArray[np.float32], kernel: RotationKernel, usable: NDArray[np
     """How much better the judge finds a kernel than no shake at all; 0 for no shake."""
     small, camera, known = reduced(grey, kernel.camera, usable, JUDGE_SIDE)
     still, found = (
-        judge.score(small, trial.for_camera(camera), usable=known, threads=1).total
+        judge.score(small, trial.for_camera(camera), usable=known, threads=1)
         for trial in (RotationKernel.delta(kernel.camera), kernel)
     )
-    return still - found
+    return judge.margin(found, still)
 
 
 def header(factors: Sequence[float]) -> str:

@@ -46,10 +46,17 @@ def read_log(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return np.array(times), np.array(matrices).reshape(-1, 3, 3)
 
 
-def hand_path(logs: Sequence[Path], rng: np.random.Generator) -> NDArray[np.float64]:
-    """Cut a window out of a log: orientations (T, 3) of the camera against its middle one."""
+def hand_path(
+    logs: Sequence[Path],
+    rng: np.random.Generator,
+    exposures: tuple[float, float] = EXPOSURES,
+) -> NDArray[np.float64]:
+    """Cut a window as long as an exposure (s, of a range) out of a log.
+
+    Returned are orientations (T, 3) of the camera against its middle one.
+    """
     times, matrices = read_log(logs[rng.integers(len(logs))])
-    exposure = rng.uniform(*EXPOSURES)
+    exposure = rng.uniform(*exposures)
     start = times[0] + rng.uniform() * (times[-1] - times[0] - exposure)
     seen = matrices[(times >= start) & (times < start + exposure)]
     turned = np.einsum("nij,ik->njk", seen, seen[len(seen) // 2])

@@ -2,9 +2,13 @@ from __future__ import annotations
 
 import argparse
 
+import numpy as np
 import pytest
 from benchmark_blind import Case
-from benchmark_focal import Scores, Trial, line, main, numbers, summary
+from benchmark_focal import Scores, Trial, line, main, margin, numbers, summary
+
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
 
 FACTORS = (0.5, 1.0, 2.0)
 TABLE = [
@@ -35,3 +39,13 @@ def test_the_true_focal_length_is_among_the_factors(text):
 def test_missing_data_are_told(tmp_path, capsys):
     assert main(["--data", str(tmp_path)]) == 1
     assert "no orientation logs" in capsys.readouterr().err
+
+
+def test_the_margin_is_the_judges_against_no_shake():
+    squares = np.kron(np.random.default_rng(0).random((8, 12)), np.ones((10, 10))).astype(np.float32)
+    known = np.ones(squares.shape, bool)
+    still = RotationKernel.delta(Camera.from_focal(120, 80, 120))
+    turning = np.stack([np.zeros(9), np.linspace(-0.05, 0.05, 9), np.zeros(9)], 1)
+    wide = RotationKernel.from_path(turning, still.camera)
+    assert margin(squares, still, known) == 0
+    assert margin(squares, wide, known) < 0  # the squares are sharp as they are
