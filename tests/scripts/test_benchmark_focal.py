@@ -42,7 +42,9 @@ def test_missing_data_are_told(tmp_path, capsys):
 
 
 def test_the_margin_is_the_judges_against_no_shake():
-    squares = np.kron(np.random.default_rng(0).random((8, 12)), np.ones((10, 10))).astype(np.float32)
+    squares = np.kron(np.random.default_rng(0).random((8, 12)), np.ones((10, 10))).astype(
+        np.float32
+    )
     known = np.ones(squares.shape, bool)
     still = RotationKernel.delta(Camera.from_focal(120, 80, 120))
     turning = np.stack([np.zeros(9), np.linspace(-0.05, 0.05, 9), np.zeros(9)], 1)
