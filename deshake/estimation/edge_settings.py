@@ -56,6 +56,7 @@ SETTINGS = (
     EdgeSetting("fine", 8e-2, 2e-3, 3),
     EdgeSetting("medium", 8e-2, 5e-3, 4, cut=0.02, carried=0.03, most=200),
     EdgeSetting("level", 8e-2, 2e-3, 3, roll=False),
+    EdgeSetting("display", 8e-2, 5e-3, 4, cut=0.02, carried=0.03, most=200, gamma=2.2),
     EdgeSetting("wide", 8e-2, 2e-3, 3, roll=False, side=320, gamma=2.2),
     EdgeSetting(
         "wide-medium", 8e-2, 5e-3, 4, 0.02, carried=0.03, most=200, roll=False, side=320, gamma=2.2

@@ -44,6 +44,7 @@ _FINISHING_PRICE = 1e-3
 _FINISHING_CUT = 0.015
 _LEAST_PRICE = 10.0  # of an edge, in variances of the noise, that tells it from noise
 _ROOM_STEPS = 2  # grid steps that the box is wider than the bound of the blur
+_WIDEST = 60.0  # px of a scale: kernels that would be wider end at a coarser one
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +56,8 @@ class EdgeEstimate:
     kernel : RotationKernel
         The kernel, its centroid at the origin.
     latent : (2, h, w) array of float32
-        Gradients of the last latent picture: differences to the right and to the lower neighbour,
-        in linear light, in the kernel's frame.
+        Gradients of the last latent picture, at the size of the last scale: differences to the
+        right and to the lower neighbour, in linear light, in the kernel's frame.
 
     """
 
@@ -80,7 +81,8 @@ def estimate_edges(
     Parameters
     ----------
     grey : (h, w) array of float32
-        The photo in linear light, at the size to work at: 640 px or so.
+        The photo in linear light, at the largest size to work at: 640 px or so. Kernels that would
+        be wider than 60 px there are estimated at a smaller one.
     camera : Camera
         Its camera; of the uniform model with `Camera.uniform` and no roll.
     usable : (h, w) array of bool, optional
@@ -157,12 +159,14 @@ class _Run:
             camera = self.camera.scaled(*size)
             active = self._start(camera) if active is None else self._finer(active, camera)
             active = self._estimate(active, level)
+            if active.above(self.setting.cut).extent_px() * _RATIO > _WIDEST:
+                break  # finer, it would break up, at many times the cost
         assert active is not None  # noqa: S101 - there is at least one scale
         kernel = self._finished(active)
-        latent = turned_gradients(self._latent_in_light(kernel), self.camera, kernel.centroid)
+        latent = turned_gradients(self._latent_in_light(kernel), kernel.camera, kernel.centroid)
         if progress is not None:
             progress(1.0, "kernel estimated")
-        return EdgeEstimate(kernel.centred(), latent)
+        return EdgeEstimate(kernel.centred().for_camera(self.camera), latent)
 
     def _latent_in_light(self, kernel: RotationKernel) -> Image:
         """Gradients of the last latent picture in linear light."""
@@ -170,7 +174,7 @@ class _Run:
         if self.setting.gamma == 1:
             return self.latent / np.float32(self.contrast)
         light, contrast = contrast_scaled(self.light)
-        scale = EdgeScale(kernel, light, self.usable, self.threads)
+        scale = EdgeScale(kernel, *self._resized(light, kernel.camera), self.threads)
         scale.edges(kernel, self.setting.last, shock=False)
         return scale.latent_gradients() / np.float32(contrast)
 
@@ -214,7 +218,7 @@ class _Run:
     def _estimate(self, kernel: RotationKernel, level: int) -> RotationKernel:
         """Estimate picture and kernel in turn at one scale."""
         camera = kernel.camera
-        grey, usable = self._resized(camera)
+        grey, usable = self._resized(self.grey, camera)
         total = self.scales * _ITERATIONS
         setting = self.setting
         scale = EdgeScale(kernel, grey, usable, self.threads)
@@ -243,7 +247,7 @@ class _Run:
             return kernel
         cut = min(self.setting.cut, _FINISHING_CUT)
         kernel = self._inside(kernel.dilated(self.axes))
-        scale = EdgeScale(kernel, *self._resized(kernel.camera), self.threads)
+        scale = EdgeScale(kernel, *self._resized(self.grey, kernel.camera), self.threads)
         for _ in range(_FINISHING):
             edges = scale.strong_edges(kernel, _FINISHING_PRICE)
             kernel = scale.refined(kernel, edges, cut=cut)
@@ -262,12 +266,13 @@ class _Run:
         fits = np.abs(grown.indices).max() <= limit and len(grown.weights) <= _MOST_GROWN
         return grown if fits else kernel
 
-    def _resized(self, camera: Camera) -> tuple[Image, Mask | None]:
+    def _resized(self, picture: Image, camera: Camera) -> tuple[Image, Mask | None]:
+        """Reduce a picture, and the mask with it, to the size of a scale."""
         if camera.shape == self.camera.shape:
-            return self.grey, self.usable
+            return picture, self.usable
         size = camera.width, camera.height
-        grey = cv2.resize(self.grey, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+        small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.float32)
         if self.usable is None:
-            return grey, None
+            return small, None
         part = cv2.resize(self.usable.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-        return grey, np.asarray(part > _BELIEVED)
+        return small, np.asarray(part > _BELIEVED)

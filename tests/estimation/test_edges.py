@@ -93,6 +93,18 @@ def test_finds_a_rotation_about_all_axes(rolled) -> None:
     assert 0.6 < roll / np.sqrt(true.weights @ true.theta[:, 2] ** 2) < 1.4
 
 
+def test_wide_kernels_are_estimated_at_a_coarser_scale(
+    rolled, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grey, true = rolled
+    monkeypatch.setattr(edges, "_WIDEST", 9.0)
+    found = estimate_edges(grey, true.camera, threads=1)
+    assert found.kernel.camera is true.camera
+    assert found.kernel.steps[0] > 1.3 * true.steps[0]
+    assert found.latent.shape[1] < grey.shape[0] / 1.3
+    assert misfit(found.kernel, true) < 0.4
+
+
 def test_threads_and_exposure_change_nothing(rolled) -> None:
     grey, true = rolled
     small = cv2.resize(grey, (120, 120), interpolation=cv2.INTER_AREA)
