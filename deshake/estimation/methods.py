@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from deshake.errors import EstimationError
 from deshake.estimation.blind import BlindEstimate, check_size, estimate_blind
 from deshake.estimation.candidates import STILL, choose, edge_candidates, is_at_rest, is_soft
+from deshake.estimation.edges import EdgeEstimate
 from deshake.estimation.kernel_faults import FILLED, faults
+from deshake.estimation.refinement import refined
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
 from deshake.geometry.rotations import grid_steps
@@ -19,7 +21,13 @@ from deshake.geometry.rotations import grid_steps
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-__all__ = ["Estimator", "best_estimate", "estimate_candidates", "estimate_kernel"]
+__all__ = [
+    "Estimator",
+    "best_estimate",
+    "estimate_candidates",
+    "estimate_kernel",
+    "refined_estimate",
+]
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -33,7 +41,8 @@ _HOPELESS = 0.1  # confidence below which the photo is better left as it is
 _COARSE = 1.5  # pixels of the photo in a step of a kernel, above which the user is told
 _UNSEEN = 2  # steps: the extent of kernels that are mere points
 _EDGES_SHARE = 0.5  # of the time, where both estimators run
-_JUDGED_AT = 0.98  # of the time
+_REFINED_FROM = 0.8  # of the time
+_JUDGED_AT = 0.98  # of the time until then
 
 
 def estimate_kernel(
@@ -58,7 +67,8 @@ def estimate_kernel(
         Its camera.
     estimator : {"auto", "edges", "variational"}
         The paper's variational inference (Sec. 5), sharp edges with several settings, or both;
-        the judge takes the kernel that explains the photo best.
+        the judge takes the kernel that explains the photo best. Unless the paper's inference is
+        asked for, or uniform blur, it is refined then.
     clipped, blur_px, region, uniform, threads, progress
         As for `estimate_blind`.
 
@@ -77,6 +87,7 @@ def estimate_kernel(
 
     """
     tell = progress or (lambda _share, _text: None)
+    end = 1.0 if estimator == "variational" else _REFINED_FROM
     candidates = estimate_candidates(
         grey,
         camera,
@@ -86,9 +97,18 @@ def estimate_kernel(
         region=region,
         uniform=uniform,
         threads=threads,
-        progress=lambda share, text: tell(_JUDGED_AT * share, text),
+        progress=lambda share, text: tell(end * _JUDGED_AT * share, text),
     )
     found = best_estimate(grey, candidates, clipped=clipped, region=region, threads=threads)
+    if estimator != "variational":
+        found = refined_estimate(
+            grey,
+            found,
+            clipped=clipped,
+            region=region,
+            threads=threads,
+            progress=lambda share, text: tell(end + (1 - end) * share, text),
+        )
     tell(1.0, "kernel estimated")
     return found
 
@@ -205,6 +225,42 @@ def best_estimate(
             "compare the result with the photo"
         )
     return replace(found, confidence=choice.confidence, notes=notes)
+
+
+def refined_estimate(
+    grey: Image,
+    found: BlindEstimate,
+    *,
+    clipped: Mask | None = None,
+    region: Region | None = None,
+    threads: int | None = None,
+    progress: Callable[[float, str], None] | None = None,
+) -> BlindEstimate:
+    """Refine what was found at a higher resolution; the same where that betters nothing.
+
+    Uniform kernels are left, too: they are finished where they are found.
+
+    Parameters
+    ----------
+    grey : (h, w) array of float32
+        The photo in linear light, 0..1.
+    found : BlindEstimate
+        What `best_estimate` took; its confidence and notes stay.
+    clipped, region, threads, progress
+        As for `estimate_kernel`.
+
+    """
+    whole = found.kernel.camera
+    if whole.is_uniform or found.name == STILL:
+        return found
+    x, y, w, h = (0, 0, whole.width, whole.height) if region is None else region
+    picture = grey[y : y + h, x : x + w]
+    usable = None if clipped is None else ~clipped[y : y + h, x : x + w]
+    rough = EdgeEstimate(found.kernel.for_camera(whole.cropped(x, y, w, h)), found.latent)
+    fine = refined(picture, rough, usable=usable, threads=threads, progress=progress)
+    if fine is rough:
+        return found
+    return replace(found, kernel=fine.kernel.for_camera(whole), latent=fine.latent)
 
 
 def _no_shake(kernels: Iterable[RotationKernel]) -> str:
