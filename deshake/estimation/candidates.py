@@ -18,12 +18,12 @@ from deshake.estimation import judge
 from deshake.estimation.edges import SETTINGS, EdgeEstimate, EdgeSetting, estimate_edges
 from deshake.estimation.kernel_faults import is_point, spread_px
 from deshake.estimation.sharpness import looks_sharp, looks_soft
+from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
+from deshake.geometry.rotations import grid_steps
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
-
-    from deshake.geometry.camera import Camera
 
 __all__ = [
     "JUDGE_SIDE",
@@ -136,7 +136,15 @@ def edge_candidates(
     """
     rolls = axes[2] and not camera.is_uniform
     # the first of those that come to the same
-    distinct = {replace(one, name="", roll=one.roll and rolls): one for one in reversed(settings)}
+    distinct = {
+        replace(
+            one,
+            name="",
+            roll=one.roll and rolls and not one.uniform,
+            uniform=one.uniform and not camera.is_uniform,
+        ): one
+        for one in reversed(settings)
+    }
     tried = [setting for setting in settings if setting in distinct.values()]
     estimates: dict[str, EdgeEstimate] = {}
     for done, setting in enumerate(tried):
@@ -149,7 +157,7 @@ def edge_candidates(
         bound = None if blur_px is None else blur_px * smaller.width / camera.width
         found = estimate_edges(
             picture,
-            smaller,
+            Camera.uniform(*smaller.shape) if setting.uniform else smaller,
             usable=known,
             blur_px=bound,
             axes=(axes[0], axes[1], axes[2] and setting.roll),
@@ -157,8 +165,25 @@ def edge_candidates(
             threads=threads,
             progress=advance,
         )
-        estimates[setting.name] = replace(found, kernel=found.kernel.for_camera(camera))
+        kernel = _turned(found.kernel, smaller) if setting.uniform else found.kernel
+        estimates[setting.name] = replace(found, kernel=kernel.for_camera(camera))
     return estimates
+
+
+def _turned(kernel: RotationKernel, camera: Camera) -> RotationKernel:
+    """Take the translations of the uniform model for rotations of a camera.
+
+    A turn by theta moves the middle of the frame by ``f theta``, and what is x beside it by
+    ``(f + x^2 / f) theta``: on the mean of the frame it moves as far as the translation.
+    """
+    if camera.is_uniform:
+        return kernel
+    f = camera.focal_px
+    moved = f + np.array([camera.height, camera.width, 0]) ** 2 / (12 * f)
+    scale = kernel.camera.focal_px / moved
+    steps = kernel.steps * scale
+    steps[2] = grid_steps(camera)[2]
+    return RotationKernel(kernel.theta * scale, kernel.weights, steps, camera)
 
 
 def choose(

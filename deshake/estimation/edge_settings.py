@@ -37,6 +37,9 @@ class EdgeSetting:
     gamma : float
         Edges are looked for in light to the power of ``1 / gamma``. Blur adds up in linear light
         only; but there the lights outweigh whatever else has edges.
+    uniform : bool
+        Whether one blur is looked for all over the frame. It is found the more surely, also where
+        the true one is not quite so.
 
     """
 
@@ -50,6 +53,7 @@ class EdgeSetting:
     roll: bool = True
     side: int = 640
     gamma: float = 1.0
+    uniform: bool = False
 
 
 SETTINGS = (
@@ -61,6 +65,8 @@ SETTINGS = (
     EdgeSetting(
         "wide-medium", 8e-2, 5e-3, 4, 0.02, carried=0.03, most=200, roll=False, side=320, gamma=2.2
     ),
+    EdgeSetting("uniform", 8e-2, 2e-3, 3, uniform=True),
+    EdgeSetting("uniform-display", 8e-2, 5e-3, 4, cut=0.02, gamma=2.2, uniform=True),
 )
 """Settings that fail on different photos, for a judge to choose between their kernels."""
 

@@ -135,6 +135,29 @@ def test_settings_without_roll_turn_about_two_axes(shaken) -> None:
     assert list(level_only) == ["free"]  # the other would be the same
 
 
+def test_translations_are_taken_for_turns_that_blur_as_they_do(sharp) -> None:
+    camera = Camera.from_focal(240.0, 200 - 2 * MARGIN, 260 - 2 * MARGIN)
+    path = np.array([[-1.0, -4, 0], [0, 0, 0], [2, 1, 0], [1, 4, 0]]) * grid_steps(camera)
+    kernel = RotationKernel.from_path(path, camera).centred()
+    grey = ShakeBlur(kernel, margin=MARGIN, kind="warps").forward(sharp)
+    settings = [EdgeSetting("u", 8e-2, 2e-3, 3, uniform=True), EdgeSetting("v", 8e-2, 2e-3, 3)]
+    how = {"settings": settings, "blur_px": 12, "threads": 1}
+    turned = edge_candidates(grey, camera, **how)["u"].kernel
+    assert turned.camera is camera
+    assert np.ptp(turned.theta[:, 2]) == 0
+    same = edge_candidates(grey, Camera.uniform(*grey.shape), axes=(True, True, False), **how)
+    assert list(same) == ["u"]  # the other would be the same
+    points = np.array([[x, y] for x in (8, 61, 114, 166, 219) for y in (8, 84, 159)])
+    moved, shifted = (
+        np.sqrt(((found.displacements(points) ** 2).sum(-1) @ found.weights).mean())
+        for found in (turned, same["u"].kernel)
+    )
+    assert moved == pytest.approx(shifted, rel=0.05)
+    blurred = ShakeBlur(turned, margin=MARGIN).forward(sharp)
+    still = sharp[MARGIN:-MARGIN, MARGIN:-MARGIN]
+    assert np.square(blurred - grey).mean() < 0.15 * np.square(still - grey).mean()
+
+
 def test_settings_work_at_their_own_size_and_tones(shaken) -> None:
     grey, true = shaken
     setting = EdgeSetting("a", 8e-2, 5e-3, 3, roll=False)
