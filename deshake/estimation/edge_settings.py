@@ -66,7 +66,9 @@ SETTINGS = (
         "wide-medium", 8e-2, 5e-3, 4, 0.02, carried=0.03, most=200, roll=False, side=320, gamma=2.2
     ),
     EdgeSetting("uniform", 8e-2, 2e-3, 3, uniform=True),
-    EdgeSetting("uniform-display", 8e-2, 5e-3, 4, cut=0.02, gamma=2.2, uniform=True),
+    EdgeSetting(
+        "uniform-display", 8e-2, 5e-3, 4, 0.02, carried=0.03, most=200, gamma=2.2, uniform=True
+    ),
 )
 """Settings that fail on different photos, for a judge to choose between their kernels."""
 
