@@ -8,13 +8,14 @@ is always among the candidates, and tells how far the choice is to be trusted.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from deshake.estimation import judge
+from deshake.estimation.edge_settings import EAGER
 from deshake.estimation.edges import SETTINGS, EdgeEstimate, EdgeSetting, estimate_edges
 from deshake.estimation.kernel_faults import is_point, spread_px
 from deshake.estimation.sharpness import looks_sharp, looks_soft
@@ -34,10 +35,12 @@ __all__ = [
     "is_at_rest",
     "is_soft",
     "reduced",
+    "telling",
 ]
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+T = TypeVar("T")
 
 JUDGE_SIDE = 400
 """Longer side in pixels that photos are reduced to for the judge."""
@@ -238,16 +241,22 @@ def is_at_rest(grey: Image, kernels: Mapping[str, RotationKernel]) -> bool:
     """Tell whether a photo (h, w) was not shaken: it looks sharp, and kernels are mere points.
 
     Kernels alone are no proof, they collapse on shaken photos, too; sharpness alone is only where
-    there is no doubt of it.
+    there is no doubt of it. Kernels of `EAGER` settings are not asked.
     """
-    points = sum(is_point(kernel) for kernel in kernels.values())
+    asked = telling(kernels)
+    points = sum(is_point(kernel) for kernel in asked.values())
     camera = next(iter(kernels.values())).camera
     seen = reduced(grey, camera, None, _SHARP_SIDE)[0]
-    return looks_sharp(seen, collapsed=points / len(kernels))
+    return looks_sharp(seen, collapsed=points / len(asked))
+
+
+def telling(found: Mapping[str, T]) -> Mapping[str, T]:
+    """Leave out what `EAGER` settings found, if anything is left then."""
+    return {name: one for name, one in found.items() if name not in EAGER} or found
 
 
 def is_soft(grey: Image, kernel: RotationKernel) -> bool:
-    """Tell whether a photo (h, w) is soft rather than shaken, by the kernel that was chosen.
+    """Tell whether a photo (h, w) is soft rather than shaken, by the best of its telling kernels.
 
     The kernel is measured in the photo's own pixels: wide blur may be little at a smaller size.
     """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["FAINT", "SETTINGS", "EdgeSetting"]
+__all__ = ["EAGER", "FAINT", "SETTINGS", "EdgeSetting"]
 
 
 @dataclass(frozen=True)
@@ -71,6 +71,10 @@ SETTINGS = (
     ),
 )
 """Settings that fail on different photos, for a judge to choose between their kernels."""
+
+EAGER = frozenset(("display", "uniform", "uniform-display"))
+"""Names of settings that find a blur in sharp photos, too. What the others find, most of them a
+point, tells whether there was a shake."""
 
 FAINT = EdgeSetting("faint", 4e-2, 5e-3, 3, cut=0.01, carried=0.01, most=300)
 """For shakes that rest for most of the exposure and rush for the rest of it: faint tails are

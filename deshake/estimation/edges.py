@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from deshake.estimation.coarse_to_fine import turned_gradients
 from deshake.estimation.edge_scale import EdgeScale
 from deshake.estimation.edge_settings import FAINT, SETTINGS, EdgeSetting
-from deshake.estimation.latent_edges import contrast_scaled, noise_level
+from deshake.estimation.latent_edges import contrast_scaled, least_price
+from deshake.estimation.trimming import strongest
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
 from deshake.geometry.rotations import grid_steps
 
@@ -42,7 +43,6 @@ _BELIEVED = 0.5  # share of a pixel that must be usable when the photo is reduce
 _FINISHING = 4  # iterations at the finest scale, in the end
 _FINISHING_PRICE = 1e-3
 _FINISHING_CUT = 0.015
-_LEAST_PRICE = 10.0  # of an edge, in variances of the noise, that tells it from noise
 _ROOM_STEPS = 2  # grid steps that the box is wider than the bound of the blur
 _WIDEST = 60.0  # px of a scale: kernels that would be wider end at a coarser one
 
@@ -196,9 +196,7 @@ class _Run:
         )
         carried = self.setting.carried
         finer = finer.above(min(carried, _CARRIED_UNIFORM) if camera.is_uniform else carried)
-        if len(finer.weights) > self.setting.most:
-            floor = np.sort(finer.weights)[-self.setting.most]
-            finer = finer.above(floor / finer.weights.max())
+        finer = strongest(finer, self.setting.most)
         finer = finer.shifted(-np.rint(finer.centroid / finer.steps).astype(np.int64))
         return self._inside(finer.dilated(self.axes))
 
@@ -242,7 +240,7 @@ class _Run:
         blur is known well enough for that, and only where the noise is weaker than such edges.
         """
         kernel = kernel.above(self.setting.cut)
-        noisy = _LEAST_PRICE * noise_level(self.grey) ** 2 > _FINISHING_PRICE
+        noisy = least_price(self.grey) > _FINISHING_PRICE
         if noisy or not kernel.camera.is_uniform:
             return kernel
         cut = min(self.setting.cut, _FINISHING_CUT)

@@ -26,6 +26,7 @@ __all__ = [
     "differences",
     "edge_gradients",
     "l0_picture",
+    "least_price",
     "noise_level",
     "shocked",
     "strong_gradients",
@@ -39,6 +40,7 @@ _CONTRAST_SIDE = 100  # px, the longer side
 _LEAST_CONTRAST = 1e-4  # of 0..1: below it there is nothing to go by
 _SECOND_DIFFERENCES = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6
 _MEDIAN = 0.6745  # of the absolute value of a standard normal variable
+_LEAST_PRICE = 10.0  # of an edge, in variances of the noise
 _BETA_GROWTH = 2.83
 _SHOCK_STEPS = 2
 _SHOCK_TIME = 0.5
@@ -80,6 +82,11 @@ def noise_level(picture: Image, where: Mask | None = None) -> float:
     """Estimate the standard deviation of white noise, by the median of second differences."""
     rough = cv2.filter2D(picture, -1, _SECOND_DIFFERENCES)
     return float(np.median(np.abs(rough if where is None else rough[where]))) / _MEDIAN
+
+
+def least_price(picture: Image) -> float:
+    """Price `lam` of an edge that tells it from the noise of a picture."""
+    return _LEAST_PRICE * noise_level(picture) ** 2
 
 
 def differences(image: Image) -> tuple[Image, Image]:

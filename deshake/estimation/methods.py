@@ -10,8 +10,16 @@ from numpy.typing import NDArray
 
 from deshake.errors import EstimationError
 from deshake.estimation.blind import BlindEstimate, check_size, estimate_blind
-from deshake.estimation.candidates import STILL, choose, edge_candidates, is_at_rest, is_soft
+from deshake.estimation.candidates import (
+    STILL,
+    choose,
+    edge_candidates,
+    is_at_rest,
+    is_soft,
+    telling,
+)
 from deshake.estimation.edges import EdgeEstimate
+from deshake.estimation.judge import margin
 from deshake.estimation.kernel_faults import FILLED, faults
 from deshake.estimation.refinement import refined
 from deshake.geometry.camera import Camera
@@ -212,12 +220,14 @@ def best_estimate(
             f"confidence {choice.confidence:.2f}): the photo is left as it is"
         )
         return _left(found, choice.confidence, note)
-    if is_soft(picture, choice.kernel):
+    calm = max(telling(kernels), key=lambda name: margin(choice.scores[name], choice.scores[STILL]))
+    if is_soft(picture, kernels[calm]):
         note = "the photo is a little soft rather than shaken: it is left as it is"
         return _left(found, min(choice.confidence, _HOPELESS), note)
     notes = list(found.notes)
-    filled = sum(FILLED in candidate.notes for candidate in candidates.values())
-    if 2 * filled >= len(candidates) and FILLED not in notes:
+    asked = telling(candidates)
+    filled = sum(FILLED in candidate.notes for candidate in asked.values())
+    if 2 * filled >= len(asked) and FILLED not in notes:
         notes.append(FILLED)
     if choice.confidence < _DOUBTFUL:
         notes.append(

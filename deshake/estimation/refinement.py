@@ -19,7 +19,8 @@ from deshake.estimation.candidates import reduced
 from deshake.estimation.coarse_to_fine import turned_gradients
 from deshake.estimation.edge_scale import EdgeScale
 from deshake.estimation.edges import EdgeEstimate
-from deshake.estimation.latent_edges import contrast_scaled, noise_level
+from deshake.estimation.latent_edges import contrast_scaled, least_price
+from deshake.estimation.trimming import strongest
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
 from deshake.geometry.rotations import grid_steps
 
@@ -40,7 +41,6 @@ _ITERATIONS = 4
 _CARRIED = 0.02  # weights that a step begins with, of the largest
 _MOST = 300  # rotations that a step begins with, before it is given room
 _CUT = 0.03  # weights below this share of the largest are noise
-_LEAST_PRICE = 10.0  # of an edge, in variances of the noise, that tells it from noise
 _WIDEST = 60.0  # px: wider kernels are not known well enough for finer scales
 
 
@@ -166,12 +166,9 @@ def refined_once(
 
     """
     scaled, contrast = contrast_scaled(picture)
-    price = max(price, _LEAST_PRICE * noise_level(scaled) ** 2)
+    price = max(price, least_price(scaled))
     finer = kernel.for_camera(camera).resampled(grid_steps(camera), axes).above(_CARRIED)
-    if len(finer.weights) > _MOST:
-        floor = np.sort(finer.weights)[-_MOST]
-        finer = finer.above(floor / finer.weights.max())
-    finer = finer.dilated(axes)
+    finer = strongest(finer, _MOST).dilated(axes)
     scale = EdgeScale(finer, scaled, usable, threads)
     for _ in range(_ITERATIONS):
         finer = scale.refined(finer, scale.strong_edges(finer, price), cut=_CUT)

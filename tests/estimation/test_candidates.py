@@ -13,6 +13,7 @@ from deshake.estimation.candidates import (
     is_at_rest,
     reduced,
 )
+from deshake.estimation.edge_settings import EAGER
 from deshake.estimation.edges import EdgeSetting
 from deshake.estimation.judge import margin
 from deshake.estimation.kernel_faults import is_point
@@ -81,6 +82,10 @@ def test_a_photo_is_at_rest_if_it_is_sharp_and_most_kernels_are_points(sharp, sh
     mostly = {"a": point, "b": point, "c": true}
     assert is_at_rest(still, mostly)
     assert not is_at_rest(still, {"a": point, "b": true, "c": true})
+    eager = dict.fromkeys(EAGER, true)
+    assert is_at_rest(still, mostly | eager)
+    assert not is_at_rest(still, {"c": true} | dict.fromkeys(EAGER, point))
+    assert is_at_rest(still, dict.fromkeys(EAGER, point))  # where there is no other
     surely = cv2.addWeighted(still, 1.5, cv2.GaussianBlur(still, (0, 0), 1), -0.5, 0)
     assert is_at_rest(surely, {"a": true, "b": true})
     soft = cv2.GaussianBlur(still, (0, 0), 0.53)

@@ -2,12 +2,13 @@ from __future__ import annotations
 
 import pytest
 
-from deshake.estimation.edge_settings import FAINT, SETTINGS, EdgeSetting
+from deshake.estimation.edge_settings import EAGER, FAINT, SETTINGS, EdgeSetting
 
 
 def test_names_tell_settings_apart() -> None:
     names = [setting.name for setting in (*SETTINGS, FAINT)]
     assert len(set(names)) == len(names)
+    assert EAGER < {setting.name for setting in SETTINGS}
 
 
 @pytest.mark.parametrize("setting", [*SETTINGS, FAINT], ids=lambda setting: setting.name)

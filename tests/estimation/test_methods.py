@@ -198,6 +198,12 @@ def test_a_soft_photo_is_left_as_it_is(found: dict[str, BlindEstimate], truth: n
     assert len(left.notes) == 1
     assert "a little soft rather than shaken" in left.notes[0]
     assert not any("soft" in note for note in best(8).notes)
+    # whatever a setting finds that finds a blur in any photo
+    longer = best(8)
+    path = np.array([[0, 0, 0], [3, 0, 0]]) * grid_steps(CAMERA)
+    small = replace(longer, kernel=RotationKernel.from_path(path, CAMERA).centred())
+    both = best_estimate(soft, {"fine": small, "display": longer}, threads=2)
+    assert both.notes == left.notes
 
 
 def test_half_of_the_candidates_tell_a_photo_out_of_focus(
