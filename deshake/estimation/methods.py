@@ -20,7 +20,7 @@ from deshake.estimation.candidates import (
 )
 from deshake.estimation.edges import EdgeEstimate
 from deshake.estimation.judge import margin
-from deshake.estimation.kernel_faults import FILLED, faults
+from deshake.estimation.kernel_faults import FILLED, SCATTERED, faults
 from deshake.estimation.refinement import refined
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
@@ -84,9 +84,9 @@ def estimate_kernel(
     -------
     BlindEstimate
         Its confidence is the judge's: the chance that deblurring betters the photo. Where there is
-        hardly one, or the photo looks sharp or merely soft, the kernel is that of a camera that
-        stood still, which leaves the photo as it is: the notes say so, and the confidence is 0.1
-        at most.
+        hardly one, where a doubtful kernel is scattered like noise, too, and where the photo looks
+        sharp or merely soft, the kernel is that of a camera that stood still, which leaves the
+        photo as it is: the notes say so, and the confidence is 0.1 at most.
 
     Raises
     ------
@@ -214,12 +214,13 @@ def best_estimate(
     if is_at_rest(picture, kernels):
         note = f"{_no_shake(kernels.values())}, the photo looks sharp: it is left as it is"
         return _left(found, min(choice.confidence, _HOPELESS), note)
-    if choice.confidence < _HOPELESS:
+    scattered = choice.confidence < _DOUBTFUL and SCATTERED in found.notes
+    if choice.confidence < _HOPELESS or scattered:
         note = (
             f"no kernel was found that betters the photo, the best is doubtful ({choice.name}, "
             f"confidence {choice.confidence:.2f}): the photo is left as it is"
         )
-        return _left(found, choice.confidence, note)
+        return _left(found, min(choice.confidence, _HOPELESS), note)
     calm = max(telling(kernels), key=lambda name: margin(choice.scores[name], choice.scores[STILL]))
     if is_soft(picture, kernels[calm]):
         note = "the photo is a little soft rather than shaken: it is left as it is"

@@ -11,7 +11,7 @@ from deshake.deconvolution.poisson import poisson_image
 from deshake.deconvolution.richardson_lucy import richardson_lucy
 from deshake.errors import EstimationError
 from deshake.estimation.candidates import STILL
-from deshake.estimation.kernel_faults import FILLED, TOUCHING
+from deshake.estimation.kernel_faults import FILLED, SCATTERED, TOUCHING
 from deshake.estimation.methods import (
     Estimator,
     best_estimate,
@@ -182,6 +182,24 @@ def test_how_small_a_shake_may_hide_is_said(
     assert left.notes[0].startswith("no shake")
     assert says in left.notes[0]
     assert "looks sharp" in left.notes[0]
+
+
+def test_a_doubtful_kernel_that_is_scattered_leaves_the_photo_as_it_is(
+    found: dict[str, BlindEstimate], photo: np.ndarray
+) -> None:
+    good = found["edges"]
+    path = np.array([[0, -1, 0], [0, 1, 0]]) * grid_steps(CAMERA)
+    doubtful = None
+    for length in np.arange(1.0, 12, 0.5):  # too short or too long to be sure, not to be hoped
+        kernel = RotationKernel.from_path(path * length, CAMERA).centred()
+        one = best_estimate(photo, {"fine": replace(good, kernel=kernel, notes=[])}, threads=2)
+        if one.name != STILL and one.confidence < 0.5:
+            doubtful = replace(one, notes=[SCATTERED])
+            break
+    assert doubtful is not None
+    left = best_estimate(photo, {"fine": doubtful}, threads=2)
+    assert left.name == STILL
+    assert left.confidence <= 0.1
 
 
 def test_a_soft_photo_is_left_as_it_is(found: dict[str, BlindEstimate], truth: np.ndarray) -> None:
