@@ -18,7 +18,7 @@ from deshake.estimation.coarse_to_fine import turned_gradients
 from deshake.estimation.edge_scale import EdgeScale
 from deshake.estimation.edge_settings import FAINT, SETTINGS, EdgeSetting
 from deshake.estimation.latent_edges import contrast_scaled, least_price
-from deshake.estimation.trimming import strongest
+from deshake.estimation.trimming import main_piece, strongest
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
 from deshake.geometry.rotations import grid_steps
 
@@ -159,7 +159,7 @@ class _Run:
             camera = self.camera.scaled(*size)
             active = self._start(camera) if active is None else self._finer(active, camera)
             active = self._estimate(active, level)
-            if active.above(self.setting.cut).extent_px() * _RATIO > _WIDEST:
+            if main_piece(active).extent_px() * _RATIO > _WIDEST:  # strays may yet go
                 break  # finer, it would break up, at many times the cost
         assert active is not None  # noqa: S101 - there is at least one scale
         kernel = self._finished(active)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from deshake.geometry.kernel import RotationKernel
 
-__all__ = ["most_of", "strongest", "without_strays"]
+__all__ = ["main_piece", "most_of", "strongest", "without_strays"]
 
 _MOST = 0.8  # share of the weight that tells how wide a kernel is
 _STRAY = 0.03  # share of the weight that pieces of the kernel hold that are no noise
@@ -39,16 +39,29 @@ def most_of(kernel: RotationKernel) -> RotationKernel:
 
 def without_strays(kernel: RotationKernel) -> RotationKernel:
     """Return a kernel without what lies apart and holds little of its weight."""
+    piece, held = _pieces(kernel)
+    kept = held[piece] >= _STRAY
+    if not kept.any():
+        return kernel
+    return _only(kernel, kept)
+
+
+def main_piece(kernel: RotationKernel) -> RotationKernel:
+    """Return the heaviest piece of a kernel that hangs together."""
+    piece, held = _pieces(kernel)
+    return _only(kernel, piece == np.argmax(held))
+
+
+def _pieces(kernel: RotationKernel) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Tell which piece each rotation belongs to, and the weight of each piece."""
     place = kernel.indices - kernel.indices.min(0)
     box = np.zeros(place.max(0) + 1, np.uint8)
     box[tuple(place[kernel.weights > 0].T)] = 1
     near = scipy.ndimage.maximum_filter(box, 2 * _APART - 1, mode="constant")
     labels, count = scipy.ndimage.label(near, np.ones((3, 3, 3)))
-    piece = labels[tuple(place.T)]
-    kept = np.bincount(piece, kernel.weights, count + 1)[piece] >= _STRAY
-    if not kept.any():
-        return kernel
-    return _only(kernel, kept)
+    piece: NDArray[np.int64] = labels[tuple(place.T)]
+    held = np.bincount(piece, kernel.weights, count + 1).astype(np.float64)
+    return piece, held
 
 
 def _only(kernel: RotationKernel, kept: NDArray[np.generic]) -> RotationKernel:

@@ -97,7 +97,7 @@ def test_wide_kernels_are_estimated_at_a_coarser_scale(
     rolled, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     grey, true = rolled
-    monkeypatch.setattr(edges, "_WIDEST", 9.0)
+    monkeypatch.setattr(edges, "_WIDEST", 6.0)
     found = estimate_edges(grey, true.camera, threads=1)
     assert found.kernel.camera is true.camera
     assert found.kernel.steps[0] > 1.3 * true.steps[0]

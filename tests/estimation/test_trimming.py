@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deshake.estimation.trimming import most_of, strongest, without_strays
+from deshake.estimation.trimming import main_piece, most_of, strongest, without_strays
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
@@ -56,3 +56,11 @@ def test_a_kernel_all_in_pieces_stays_whole():
     scattered = {(5 * i, 0, 0): 1 for i in range(40)}
     whole = kernel(scattered)
     assert without_strays(whole) is whole
+
+
+def test_the_main_piece_is_the_heaviest_that_hangs_together():
+    far = {(9, -9, 3): 4, (9, -9, 4): 4}
+    found = main_piece(kernel(PATH | far))
+    assert indices(found) == set(PATH)
+    assert found.weights.sum() == pytest.approx(1)
+    assert indices(main_piece(kernel(PATH | dict.fromkeys(far, 9)))) == set(far)
