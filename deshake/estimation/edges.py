@@ -159,14 +159,20 @@ class _Run:
             camera = self.camera.scaled(*size)
             active = self._start(camera) if active is None else self._finer(active, camera)
             active = self._estimate(active, level)
-            if main_piece(active).extent_px() * _RATIO > _WIDEST:  # strays may yet go
-                break  # finer, it would break up, at many times the cost
+            if self._is_wide(active):
+                active = main_piece(active)  # a hand's path hangs together
+                if self._is_wide(active):
+                    break  # finer, it would break up, at many times the cost
         assert active is not None  # noqa: S101 - there is at least one scale
         kernel = self._finished(active)
         latent = turned_gradients(self._latent_in_light(kernel), kernel.camera, kernel.centroid)
         if progress is not None:
             progress(1.0, "kernel estimated")
         return EdgeEstimate(kernel.centred().for_camera(self.camera), latent)
+
+    def _is_wide(self, kernel: RotationKernel) -> bool:
+        """Tell whether a kernel would be wider at the next scale than is known well."""
+        return kernel.above(self.setting.cut).extent_px() * _RATIO > _WIDEST
 
     def _latent_in_light(self, kernel: RotationKernel) -> Image:
         """Gradients of the last latent picture in linear light."""
