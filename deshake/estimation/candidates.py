@@ -129,7 +129,8 @@ def edge_candidates(
     Returns
     -------
     dict
-        The estimates by the settings' names; the kernels are for `camera`, centred.
+        The estimates by the settings' names; the kernels are for `camera`, centred, those of
+        uniform settings to within half a step.
 
     Raises
     ------

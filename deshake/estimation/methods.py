@@ -138,18 +138,17 @@ def estimate_candidates(
     Parameters and errors are those of `estimate_kernel`. Estimates by edges have no confidence of
     their own.
     """
-    height, width = grey.shape
-    x, y, w, h = (0, 0, width, height) if region is None else region
+    (x, y, w, h), picture, usable = _within(region, grey, clipped)
     check_size(h, w, 1.0 if blur_px is None else blur_px)
-    whole = Camera.uniform(height, width) if uniform else camera
+    whole = Camera.uniform(*grey.shape) if uniform else camera
     tell = progress or (lambda _share, _text: None)
     share = {"auto": _EDGES_SHARE, "edges": 1.0, "variational": 0.0}[estimator]
     candidates: dict[str, BlindEstimate] = {}
     if estimator != "variational":
         by_edges = edge_candidates(
-            grey[y : y + h, x : x + w],
+            picture,
             whole.cropped(x, y, w, h),
-            usable=None if clipped is None else ~clipped[y : y + h, x : x + w],
+            usable=usable,
             blur_px=blur_px,
             axes=(True, True, False) if uniform else ALL_AXES,
             threads=threads,
@@ -201,14 +200,11 @@ def best_estimate(
         As for `estimate_kernel`.
 
     """
-    height, width = grey.shape
-    x, y, w, h = (0, 0, width, height) if region is None else region
-    picture = grey[y : y + h, x : x + w]
+    box, picture, usable = _within(region, grey, clipped)
     kernels = {
-        name: found.kernel.for_camera(found.kernel.camera.cropped(x, y, w, h))
+        name: found.kernel.for_camera(found.kernel.camera.cropped(*box))
         for name, found in candidates.items()
     }
-    usable = None if clipped is None else ~clipped[y : y + h, x : x + w]
     choice = choose(picture, kernels, usable=usable, threads=threads)
     found = candidates[choice.name]
     if is_at_rest(picture, kernels):
@@ -264,14 +260,22 @@ def refined_estimate(
     whole = found.kernel.camera
     if whole.is_uniform or found.name == STILL:
         return found
-    x, y, w, h = (0, 0, whole.width, whole.height) if region is None else region
-    picture = grey[y : y + h, x : x + w]
-    usable = None if clipped is None else ~clipped[y : y + h, x : x + w]
-    rough = EdgeEstimate(found.kernel.for_camera(whole.cropped(x, y, w, h)), found.latent)
+    box, picture, usable = _within(region, grey, clipped)
+    rough = EdgeEstimate(found.kernel.for_camera(whole.cropped(*box)), found.latent)
     fine = refined(picture, rough, usable=usable, threads=threads, progress=progress)
     if fine is rough:
         return found
     return replace(found, kernel=fine.kernel.for_camera(whole), latent=fine.latent)
+
+
+def _within(
+    region: Region | None, grey: Image, clipped: Mask | None
+) -> tuple[Region, Image, Mask | None]:
+    """Return a region, by default all of the photo, what it shows, and what is to be believed."""
+    height, width = grey.shape
+    x, y, w, h = box = (0, 0, width, height) if region is None else region
+    part = np.s_[y : y + h, x : x + w]
+    return box, grey[part], None if clipped is None else ~clipped[part]
 
 
 def _no_shake(kernels: Iterable[RotationKernel]) -> str:
