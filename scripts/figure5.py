@@ -31,8 +31,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from deshake.blind.variational.estimate import estimate_variational
 from deshake.deconvolution.richardson_lucy import richardson_lucy
-from deshake.estimation.blind import estimate_blind
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps, homographies
@@ -171,7 +171,7 @@ def score(sharp: Image, cell: Cell, model: str, seed: int) -> Score:
     start = time.perf_counter()
     photo, true = shaken(sharp, cell, seed)
     light = photo / np.float32(255)
-    found = estimate_blind(
+    found = estimate_variational(
         light,
         true.camera,
         blur_px=cell.extent + ROOM_PX,

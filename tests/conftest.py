@@ -1,4 +1,4 @@
-"""What every room's tests share: the command line, a camera's RAW file, photos of a chessboard."""
+"""What every room's tests share: the command line, a camera's RAW file, photos."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
+from skimage import data
 
 from deshake.cli.main import main
 from deshake.geometry.camera import Camera
@@ -218,3 +219,11 @@ def _photo_of_board(
 def boards() -> tuple[list[np.ndarray], tuple[int, int], Camera]:
     """Make photos of a chessboard; with its inner corners and the camera, whose lens bends."""
     return [_photo_of_board(*pose) for pose in BOARD_POSES], BOARD_CORNERS, BOARD_CAMERA
+
+
+@pytest.fixture(scope="session")
+def sharp() -> np.ndarray:
+    """A photograph in linear light, 0..1, (200, 260), sharp to the last pixel."""
+    grey = data.coffee()[:, 40:560] @ np.array([0.3, 0.59, 0.11]) / 255
+    small = cv2.resize(grey, (260, 200), interpolation=cv2.INTER_AREA)
+    return (small**2.2).astype(np.float32)

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.estimation.coarse_to_fine import turn
+from deshake.blind.variational.coarse_to_fine import turn
 from deshake.geometry.rotations import compose, grid_steps
 
 if TYPE_CHECKING:

@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from deshake.blind.kernel_faults import is_point, spread_px
 from deshake.estimation import judge
 from deshake.estimation.edge_settings import EAGER
 from deshake.estimation.edges import SETTINGS, EdgeEstimate, EdgeSetting, estimate_edges
-from deshake.estimation.kernel_faults import is_point, spread_px
 from deshake.estimation.sharpness import looks_sharp, looks_soft
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import ALL_AXES, RotationKernel

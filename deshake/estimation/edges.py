@@ -14,11 +14,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.estimation.coarse_to_fine import turned_gradients
+from deshake.blind.trimming import main_piece, strongest
+from deshake.blind.variational.coarse_to_fine import turned_gradients
 from deshake.estimation.edge_scale import EdgeScale
 from deshake.estimation.edge_settings import FAINT, SETTINGS, EdgeSetting
 from deshake.estimation.latent_edges import contrast_scaled, least_price
-from deshake.estimation.trimming import main_piece, strongest
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
 from deshake.geometry.rotations import grid_steps
 

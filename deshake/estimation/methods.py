@@ -8,8 +8,11 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from deshake.blind.bounds import check_size
+from deshake.blind.kernel_faults import FILLED, SCATTERED, faults
+from deshake.blind.result import BlindEstimate
+from deshake.blind.variational.estimate import estimate_variational
 from deshake.errors import EstimationError
-from deshake.estimation.blind import BlindEstimate, check_size, estimate_blind
 from deshake.estimation.candidates import (
     STILL,
     choose,
@@ -20,7 +23,6 @@ from deshake.estimation.candidates import (
 )
 from deshake.estimation.edges import EdgeEstimate
 from deshake.estimation.judge import margin
-from deshake.estimation.kernel_faults import FILLED, SCATTERED, faults
 from deshake.estimation.refinement import refined
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
@@ -78,7 +80,7 @@ def estimate_kernel(
         the judge takes the kernel that explains the photo best. Unless the paper's inference is
         asked for, or uniform blur, it is refined then.
     clipped, blur_px, region, uniform, threads, progress
-        As for `estimate_blind`.
+        As for `estimate_variational`.
 
     Returns
     -------
@@ -160,7 +162,7 @@ def estimate_candidates(
             candidates[name] = BlindEstimate(kernel, 0.0, notes, [], found.latent, name)
     if estimator != "edges":
         try:
-            inferred = estimate_blind(
+            inferred = estimate_variational(
                 grey,
                 camera,
                 clipped=clipped,

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from deshake.blind.trimming import most_of, strongest, without_strays
 from deshake.errors import EstimationError
 from deshake.estimation.pair_pixels import (
     PairPictures,
@@ -27,7 +28,6 @@ from deshake.estimation.pair_pixels import (
 )
 from deshake.estimation.pair_rows import PairRows
 from deshake.estimation.simplex import least_on_simplex
-from deshake.estimation.trimming import most_of, strongest, without_strays
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
 from deshake.geometry.rotations import grid_steps

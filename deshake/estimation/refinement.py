@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from deshake.blind.trimming import strongest
+from deshake.blind.variational.coarse_to_fine import turned_gradients
 from deshake.estimation import judge
 from deshake.estimation.candidates import reduced
-from deshake.estimation.coarse_to_fine import turned_gradients
 from deshake.estimation.edge_scale import EdgeScale
 from deshake.estimation.edges import EdgeEstimate
 from deshake.estimation.latent_edges import contrast_scaled, least_price
-from deshake.estimation.trimming import strongest
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
 from deshake.geometry.rotations import grid_steps
 

@@ -16,9 +16,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from deshake.blind.variational.coarse_to_fine import resize
 from deshake.errors import EstimationError
 from deshake.estimation.alignment import align, likeness, seen_in_frame, smooth
-from deshake.estimation.coarse_to_fine import resize
 from deshake.estimation.photometric import brightness_ratio, photometric_scale
 from deshake.estimation.rotation_search import distinct, exhaustive_search
 from deshake.estimation.small_pair import SmallPair, possible_turns, reduce_pair

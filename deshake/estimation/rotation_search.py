@@ -15,7 +15,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from deshake.estimation.coarse_to_fine import turn
+from deshake.blind.variational.coarse_to_fine import turn
 from deshake.geometry.rotations import compose, displacements, grid_steps, homographies
 from deshake.operators.strips import available_threads
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from deshake.estimation.blind import blur_bound
+from deshake.blind.bounds import blur_bound
 
 if TYPE_CHECKING:
     from deshake.estimation.methods import Estimator

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from deshake.estimation.blind import BlindEstimate
+    from deshake.blind.result import BlindEstimate
     from deshake.geometry.kernel import RotationKernel
     from deshake.io.kernel_file import CameraFile
     from deshake.io.photo import Photo

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
+from deshake.blind.variational.coarse_to_fine import turn
 from deshake.estimation.alignment import align, likeness, seen_in_frame, smooth
-from deshake.estimation.coarse_to_fine import turn
 from deshake.estimation.rotation_search import distance_px
 from deshake.geometry.camera import Camera
 

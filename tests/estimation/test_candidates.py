@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from deshake.blind.kernel_faults import is_point
 from deshake.estimation.candidates import (
     STILL,
     choose,
@@ -16,7 +17,6 @@ from deshake.estimation.candidates import (
 from deshake.estimation.edge_settings import EAGER
 from deshake.estimation.edges import EdgeSetting
 from deshake.estimation.judge import margin
-from deshake.estimation.kernel_faults import is_point
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps

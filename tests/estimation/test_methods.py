@@ -7,11 +7,11 @@ import cv2
 import numpy as np
 import pytest
 
+from deshake.blind.kernel_faults import FILLED, SCATTERED, TOUCHING
 from deshake.deconvolution.poisson import poisson_image
 from deshake.deconvolution.richardson_lucy import richardson_lucy
 from deshake.errors import EstimationError
 from deshake.estimation.candidates import STILL
-from deshake.estimation.kernel_faults import FILLED, SCATTERED, TOUCHING
 from deshake.estimation.methods import (
     Estimator,
     best_estimate,
@@ -24,7 +24,7 @@ from deshake.geometry.rotations import grid_steps
 from deshake.operators.shake_blur import ShakeBlur
 
 if TYPE_CHECKING:
-    from deshake.estimation.blind import BlindEstimate
+    from deshake.blind.result import BlindEstimate
 
 SHAPE = 120, 156
 CAMERA = Camera.from_focal(156.0, *SHAPE)

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from deshake.estimation.coarse_to_fine import turn
+from deshake.blind.variational.coarse_to_fine import turn
 from deshake.estimation.rotation_search import (
     Candidate,
     distance_px,

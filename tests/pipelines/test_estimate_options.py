@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from deshake.estimation.blind import blur_bound
+from deshake.blind.bounds import blur_bound
 from deshake.geometry.camera import Camera
 from deshake.io.kernel_file import CameraFile
 from deshake.pipelines.estimate_options import EstimateOptions, largest_blur

@@ -1,13 +1,11 @@
-"""Dense counterparts of the estimator's maps, and a shaken photograph."""
+"""The dense counterpart of the estimator's maps."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 import pytest
-from skimage import data
 
 from deshake.geometry.rotations import homographies
 
@@ -36,11 +34,3 @@ def _dense_weights(camera: Camera, theta: np.ndarray) -> np.ndarray:
 @pytest.fixture(scope="session")
 def dense_weights() -> Callable[[Camera, np.ndarray], np.ndarray]:
     return _dense_weights
-
-
-@pytest.fixture(scope="session")
-def sharp() -> np.ndarray:
-    """A photograph in linear light, 0..1, (200, 260), sharp to the last pixel."""
-    grey = data.coffee()[:, 40:560] @ np.array([0.3, 0.59, 0.11]) / 255
-    small = cv2.resize(grey, (260, 200), interpolation=cv2.INTER_AREA)
-    return (small**2.2).astype(np.float32)

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deshake.estimation.trimming import main_piece, most_of, strongest, without_strays
+from deshake.blind.trimming import main_piece, most_of, strongest, without_strays
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from deshake.estimation.coarse_to_fine import (
+from deshake.blind.variational.coarse_to_fine import (
     PyramidPlan,
     first_kernel,
     latent_differences,

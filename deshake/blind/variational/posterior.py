@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import erfcx
 
-from deshake.estimation.priors import KERNEL_PRIOR
+from deshake.blind.variational.priors import KERNEL_PRIOR
 
 if TYPE_CHECKING:
-    from deshake.estimation.priors import ExponentialMixture, GaussianMixture
+    from deshake.blind.variational.priors import ExponentialMixture, GaussianMixture
 
 __all__ = ["Posterior", "gradient_precision", "rectified_moments", "start", "weight_rate"]
 

@@ -1,26 +1,26 @@
-"""One photo to its blur kernel: the whole blind estimate (Secs. 5 and 7)."""
+"""One photo to its blur kernel by variational inference (Secs. 5 and 7)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from deshake.blind.bounds import check_size
+from deshake.blind.result import BlindEstimate
+from deshake.blind.variational import priors
+from deshake.blind.variational.coarse_to_fine import PyramidPlan, resize
+from deshake.blind.variational.scales import ScaleByScale
 from deshake.errors import EstimationError
-from deshake.estimation import priors
-from deshake.estimation.coarse_to_fine import PyramidPlan, resize
-from deshake.estimation.scales import ScaleByScale, ScaleReport
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
-from deshake.geometry.rotations import grid_steps
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["BLUR_SHARES", "BlindEstimate", "blur_bound", "check_size", "estimate_blind"]
+__all__ = ["BLUR_SHARES", "estimate_variational"]
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -29,7 +29,6 @@ BLUR_SHARES = (0.015, 0.025, 0.04, 0.06)
 """Bounds of the blur that are tried where none is given, in longer sides of the photo."""
 
 _LONGEST_SIDE = 640  # px, of the finest working resolution
-_SMALLEST_PHOTO = 48  # px, shorter side
 _CONTRAST = 30.0  # rms gradient, of 0..256, that the photo is scaled to at 100 px
 _CONTRAST_SIDE = 100  # px
 _LEAST_CONTRAST = 0.02  # of 0..256 at 100 px: below it there is nothing to go by
@@ -40,46 +39,7 @@ _MOST_SMOOTHING = 1.0  # px
 _CLOSE = 0.005  # the same at a coarse scale, where a larger one costs little
 
 
-@dataclass(frozen=True, eq=False)
-class BlindEstimate:
-    """A blur kernel and how far to trust it.
-
-    Parameters
-    ----------
-    kernel : RotationKernel
-        The kernel, for the camera of the whole photo.
-    confidence : float
-        Agreement of the last two scales, 0..1: the cosine between their kernels, less the weight
-        that lies on the bounds. It is not calibrated against known truth.
-    notes : list of str
-        What the user should know, in plain words.
-    scales : list of ScaleReport
-        From coarse to fine.
-    latent : (2, h, w) array of float32
-        The sharp photo's gradients, or the region's: differences to the right and to the lower
-        neighbour, in linear light, at the size last worked on, in the kernel's frame.
-    name : str
-        What estimated it.
-
-    """
-
-    kernel: RotationKernel
-    confidence: float
-    notes: list[str]
-    scales: list[ScaleReport]
-    latent: Image
-    name: str = "variational"
-
-
-def blur_bound(camera: Camera, max_angle: float) -> float:
-    """Bound of the blur, in pixels of the photo, of turns by at most `max_angle` radians.
-
-    The angle is the largest from one end of the shake to the other, about any axis.
-    """
-    return float((max_angle / grid_steps(camera)).max())
-
-
-def estimate_blind(
+def estimate_variational(
     grey: Image,
     camera: Camera,
     *,
@@ -182,18 +142,6 @@ def _rising(progress: Callable[[float, str], None] | None) -> Callable[[float, s
             progress(highest, text)
 
     return tell
-
-
-def check_size(height: int, width: int, bound: float) -> None:
-    """Raise EstimationError where a photo is too small, or a bound (px) does not fit it."""
-    if min(height, width) < _SMALLEST_PHOTO:
-        msg = f"{width}x{height} pixels are too few to estimate a blur kernel from"
-        hint = f"the shorter side must have at least {_SMALLEST_PHOTO} pixels"
-        raise EstimationError(msg, hint=hint)
-    if not 1 <= bound <= min(height, width) / 2:
-        msg = f"a blur of {bound:.0f} px does not fit {width}x{height} pixels"
-        hint = "give a --blur-size between 1 and half the shorter side"
-        raise EstimationError(msg, hint=hint)
 
 
 def _contrast_scale(grey: Image) -> np.float32:

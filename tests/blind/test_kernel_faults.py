@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deshake.estimation.kernel_faults import (
+from deshake.blind.kernel_faults import (
     COLLAPSED,
     FILLED,
     SCATTERED,

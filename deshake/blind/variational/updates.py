@@ -21,13 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import digamma, gammaln
 
-from deshake.estimation.posterior import (
+from deshake.blind.variational.posterior import (
     Posterior,
     gradient_precision,
     rectified_moments,
     weight_rate,
 )
-from deshake.estimation.priors import KERNEL_PRIOR, ExponentialMixture, GaussianMixture
+from deshake.blind.variational.priors import KERNEL_PRIOR, ExponentialMixture, GaussianMixture
 from deshake.operators.local_filters import LocalFilters
 
 if TYPE_CHECKING:

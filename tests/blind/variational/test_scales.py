@@ -4,11 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
+from deshake.blind.variational import scales
+from deshake.blind.variational.coarse_to_fine import PyramidPlan
+from deshake.blind.variational.scales import ScaleByScale
 from deshake.deconvolution.poisson import poisson_image
 from deshake.errors import EstimationError
-from deshake.estimation import scales
-from deshake.estimation.coarse_to_fine import PyramidPlan
-from deshake.estimation.scales import ScaleByScale
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps

@@ -10,9 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.errors import EstimationError
-from deshake.estimation import priors
-from deshake.estimation.coarse_to_fine import (
+from deshake.blind.variational import priors
+from deshake.blind.variational.coarse_to_fine import (
     Level,
     PyramidPlan,
     first_kernel,
@@ -21,8 +20,9 @@ from deshake.estimation.coarse_to_fine import (
     resize,
     turn,
 )
-from deshake.estimation.posterior import Posterior, start
-from deshake.estimation.variational import VariationalModel
+from deshake.blind.variational.posterior import Posterior, start
+from deshake.blind.variational.updates import VariationalModel
+from deshake.errors import EstimationError
 from deshake.geometry.kernel import RotationKernel
 from deshake.operators.filter_flow import FilterFlow
 from deshake.operators.shake_blur import observation_mask

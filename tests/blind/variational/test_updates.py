@@ -10,14 +10,14 @@ from scipy import stats
 from scipy.optimize import brentq
 from scipy.special import digamma, gammaln
 
-from deshake.estimation import priors
-from deshake.estimation.posterior import (
+from deshake.blind.variational import priors
+from deshake.blind.variational.posterior import (
     Posterior,
     rectified_moments,
     start,
 )
-from deshake.estimation.priors import KERNEL_PRIOR, GaussianMixture
-from deshake.estimation.variational import VariationalModel
+from deshake.blind.variational.priors import KERNEL_PRIOR, GaussianMixture
+from deshake.blind.variational.updates import VariationalModel
 from deshake.geometry.camera import Camera
 from deshake.geometry.rotations import grid_steps
 from deshake.operators.filter_flow import FilterFlow

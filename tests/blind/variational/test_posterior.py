@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from deshake.estimation.posterior import (
+from deshake.blind.variational.posterior import (
     gradient_precision,
     rectified_moments,
     start,
     weight_rate,
 )
-from deshake.estimation.priors import KERNEL_PRIOR, ExponentialMixture, GaussianMixture
+from deshake.blind.variational.priors import KERNEL_PRIOR, ExponentialMixture, GaussianMixture
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from deshake.estimation import priors
+from deshake.blind.variational import priors
 
 
 @pytest.mark.parametrize("level", range(8))
