@@ -106,7 +106,7 @@ def command(
 
 def _check_estimate(*, region: object, estimator: str, focal: object, **_: object) -> None:
     """Refuse what only a blind estimate goes by."""
-    chosen = {"region": region is not None, "estimator": estimator != "auto", "focal": focal}
+    chosen = {"region": region is not None, "estimator": estimator != "edges", "focal": focal}
     for name, given in chosen.items():
         if given:
             raise click.UsageError(f"--{name} does not go with --noisy.")

@@ -247,10 +247,10 @@ uniform_option = click.option(
 
 estimator_option = click.option(
     "--estimator",
-    type=click.Choice(["auto", "edges", "variational"]),
-    default="auto",
+    type=click.Choice(["edges", "variational"]),
+    default="edges",
     show_default=True,
-    help="Estimate by sharp edges, by variational inference, or by both and take the better.",
+    help="Estimate by sharp edges, or by the paper's variational inference.",
 )
 
 

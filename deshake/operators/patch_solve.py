@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from deshake.geometry.camera import Camera
 
-__all__ = ["PatchFrame", "PatchSolver", "gather", "patch_size"]
+__all__ = ["PatchFrame", "PatchSolver", "bilinear_taps", "gather", "patch_size", "splat"]
 
 Image = NDArray[np.float32]
 Spectrum = NDArray[np.complex64]
@@ -202,7 +202,7 @@ class PatchSolver:
         self._dy = (np.exp(-1j * angle_y) - 1).astype(np.complex64)
         self._d2 = (4 * np.sin(angle_y / 2) ** 2 + 4 * np.sin(angle_x / 2) ** 2).astype(np.float32)
         for strip in frame.strips:
-            filters = _filters(displacements(h, frame.centres(strip)), w, frame.block)
+            filters = splat(displacements(h, frame.centres(strip)), w, frame.block)
             spectra = frame.rfft(filters)
             self._spectra[strip] = np.conj(spectra)
             self._powers[strip] = spectra.real**2 + spectra.imag**2
@@ -259,12 +259,12 @@ class PatchSolver:
         return frame.assembled(work)
 
 
-def _filters(
+def splat(
     moved: NDArray[np.float64], weights: NDArray[np.float64], block: tuple[int, int]
 ) -> Image:
     """Splat weights at displacements (P, K, 2) bilinearly, lag 0 at the origin, periodic."""
     count = len(moved)
-    place, share = _taps(moved, block)
+    place, share = bilinear_taps(moved, block)
     place += (np.arange(count) * block[0] * block[1])[:, None, None]
     spread = share * weights[:, None]
     summed = np.bincount(place.ravel(), spread.ravel(), count * block[0] * block[1])
@@ -273,7 +273,7 @@ def _filters(
 
 def gather(correlations: Image, moved: NDArray[np.float64]) -> NDArray[np.float64]:
     """Read periodic correlations (P, N, M) bilinearly at lags (P, K, 2); their sum over P, (K,)."""
-    place, share = _taps(moved, (correlations.shape[1], correlations.shape[2]))
+    place, share = bilinear_taps(moved, (correlations.shape[1], correlations.shape[2]))
     total = np.zeros(moved.shape[1])
     for flat, index, part in zip(
         correlations.reshape(len(correlations), -1), place, share, strict=True
@@ -282,7 +282,7 @@ def gather(correlations: Image, moved: NDArray[np.float64]) -> NDArray[np.float6
     return total
 
 
-def _taps(
+def bilinear_taps(
     moved: NDArray[np.float64], block: tuple[int, int]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Places in a periodic block and shares, (P, K, 4), of the bilinear taps of lags (x, y)."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from deshake.blind.bounds import blur_bound
 
 if TYPE_CHECKING:
-    from deshake.estimation.methods import Estimator
+    from deshake.blind.estimate import Estimator
     from deshake.geometry.camera import Camera
     from deshake.io.kernel_file import CameraFile
     from deshake.io.transfer import TransferName
@@ -43,7 +43,7 @@ class EstimateOptions:
         The part of the photo to go by.
     uniform : bool
         Whether the blur is taken to be the same all over the frame.
-    estimator : {"auto", "edges", "variational"}
+    estimator : {"edges", "variational"}
         How the kernel is estimated.
     preview : bool
         Whether the photo was reduced first (`preview_photo`); told in the kernel's provenance.
@@ -61,7 +61,7 @@ class EstimateOptions:
     max_angle: float | None = None
     region: tuple[int, int, int, int] | None = None
     uniform: bool = False
-    estimator: Estimator = "auto"
+    estimator: Estimator = "edges"
     preview: bool = False
 
     @property

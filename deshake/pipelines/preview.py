@@ -113,7 +113,6 @@ def preview_options(options: EstimateOptions, photo: Photo, small: Photo) -> Est
         focal_px=None if options.focal_px is None else options.focal_px * scale,
         blur_size=None if options.blur_size is None else max(options.blur_size * scale, 1.0),
         region=region,
-        estimator="edges" if options.estimator == "auto" else options.estimator,
         preview=True,
     )
 

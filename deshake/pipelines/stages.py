@@ -18,7 +18,7 @@ from deshake.deconvolution.dark_halos import without_dark_halos
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions, restore
 from deshake.deconvolution.noise import noise_model
 from deshake.errors import DeshakeError
-from deshake.estimation.methods import estimate_kernel
+from deshake.blind.estimate import estimate_kernel
 from deshake.io.files import sha256
 from deshake.io.kernel_file import KernelFile
 from deshake.pipelines.calibration import camera_for
@@ -185,6 +185,7 @@ def _estimate(
             blur_px=largest_blur(seen, options),
             region=straight_region(options.region, camera.camera, seen),
             uniform=options.uniform,
+            quick=options.preview,
             threads=threads,
             progress=progress,
         )

@@ -1,0 +1,179 @@
+"""The blind estimate: a kernel for a photo, how far to trust it, and what the user should know.
+
+The cheapest thing that can answer comes first: a photo that is sharp to the pixel needs no
+estimate, and one whose finest starts leave a small round spot needs no race.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deshake.blind.bounds import check_size
+from deshake.blind.camera_path import filled_path
+from deshake.blind.kernel_faults import FILLED, SCATTERED, faults
+from deshake.blind.latent_picture import latent_gradients
+from deshake.blind.race import race
+from deshake.blind.result import BlindEstimate
+from deshake.blind.sharpness import looks_sharp
+from deshake.blind.spot import is_spot
+from deshake.blind.trust import confidence
+from deshake.blind.variational.estimate import estimate_variational
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import ALL_AXES, RotationKernel
+from deshake.geometry.rotations import grid_steps
+from deshake.operators.strips import available_threads
+from deshake.signal.pyramid import Pyramid
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from deshake.blind.race import Finish
+
+__all__ = ["STILL", "Estimator", "Region", "estimate_kernel"]
+
+Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+Region = tuple[int, int, int, int]
+Estimator = Literal["edges", "variational"]
+
+STILL = "still"
+"""Name of the estimate that leaves a photo as it is."""
+
+SHARP = "the photo looks sharp: it is left as it is"
+SOFT = "the photo is a little soft rather than shaken: it is left as it is"
+
+_DOUBTFUL = 0.5  # confidence below which the user is warned
+_HOPELESS = 0.1  # confidence below which the photo is better left as it is
+_RACE_SHARE = 0.95  # of the time
+
+
+def estimate_kernel(
+    grey: Image,
+    camera: Camera,
+    *,
+    estimator: Estimator = "edges",
+    clipped: Mask | None = None,
+    blur_px: float | None = None,
+    region: Region | None = None,
+    uniform: bool = False,
+    quick: bool = False,
+    threads: int | None = None,
+    progress: Callable[[float, str], None] | None = None,
+) -> BlindEstimate:
+    """Estimate the blur kernel of one photo, and how far to trust it.
+
+    Parameters
+    ----------
+    grey : (h, w) array of float32
+        The photo in linear light, 0..1.
+    camera : Camera
+        Its camera.
+    estimator : {"edges", "variational"}
+        Sharp edges of tiles at the shake's own scale, or the paper's variational inference (Sec. 5)
+        on the whole frame.
+    clipped : (h, w) array of bool, optional
+        Pixels that are not to be believed.
+    blur_px : float, optional
+        Bound of the blur in pixels of the photo.
+    region : (x, y, width, height), optional
+        The part of the photo to go by; by default all of it.
+    uniform : bool
+        Use the uniform model: theta_Z = 0 and a very long focal length.
+    quick : bool
+        Take the first good kernel, for a preview.
+    threads : int, optional
+        Threads to use; by default all processors. The result does not depend on it.
+    progress : callable, optional
+        Called with the share done, 0..1, and a text.
+
+    Returns
+    -------
+    BlindEstimate
+        Where no kernel betters the photo, and where the photo is sharp or merely soft, the kernel
+        is that of a camera that stands still: the notes say so, and the confidence is 0.1 at most.
+
+    Raises
+    ------
+    EstimationError
+        If the photo is too small, too flat or too much clipped.
+
+    """
+    if estimator == "variational":
+        return estimate_variational(
+            grey,
+            camera,
+            clipped=clipped,
+            blur_px=blur_px,
+            region=region,
+            uniform=uniform,
+            threads=threads,
+            progress=progress,
+        )
+    report = progress or (lambda _share, _text: None)
+    report(0.0, "looking at the photo")
+    height, width = grey.shape
+    x, y, w, h = region or (0, 0, width, height)
+    check_size(h, w, 1.0 if blur_px is None else blur_px)
+    part = np.s_[y : y + h, x : x + w]
+    whole = Camera.uniform(height, width) if uniform else camera
+    pyramid = Pyramid(
+        grey[part], whole.cropped(x, y, w, h), None if clipped is None else ~clipped[part]
+    )
+    if looks_sharp(pyramid):
+        return _left(pyramid, whole, _HOPELESS, SHARP)
+    ended = race(
+        pyramid,
+        axes=(True, True, not uniform and ALL_AXES[2]),
+        bound=blur_px,
+        quick=quick,
+        threads=threads or available_threads(),
+        progress=lambda share, text: report(_RACE_SHARE * share, text),
+    )
+    found = _concluded(pyramid, whole, ended, blur_px)
+    report(1.0, "kernel estimated")
+    return found
+
+
+def _concluded(
+    pyramid: Pyramid, whole: Camera, ended: Finish, blur_px: float | None
+) -> BlindEstimate:
+    """Decide what the end of a race means for the photo."""
+    kernel = ended.winner.kernel
+    trust = confidence(ended)
+    if ended.at_rest or is_spot(kernel):
+        point = len(kernel.weights) == 1 or not kernel.extent_px() > 1
+        return _left(pyramid, whole, min(trust, _HOPELESS), SHARP if point else SOFT)
+    notes = faults(_on_its_grid(kernel), blur_px=blur_px)
+    scattered = trust < _DOUBTFUL and SCATTERED in notes
+    if trust < _HOPELESS or scattered:
+        note = (
+            f"no kernel betters the photo, the best one is doubtful (confidence {trust:.2f}): "
+            "the photo is left as it is"
+        )
+        return _left(pyramid, whole, min(trust, _HOPELESS), note)
+    if FILLED in notes and trust < 1:
+        trust = min(trust, 0.9)
+    if trust < _DOUBTFUL:
+        notes.append(
+            f"the kernel is doubtful (confidence {trust:.2f}): compare the result with the photo"
+        )
+    latent = latent_gradients(pyramid, kernel)
+    final = filled_path(kernel).for_camera(whole)
+    return BlindEstimate(final, trust, notes, [], latent, ended.winner.name)
+
+
+def _on_its_grid(kernel: RotationKernel) -> RotationKernel:
+    """Return a kernel with its rotations about the origin, as `faults` wants it."""
+    return replace(kernel, theta=kernel.theta - kernel.centroid)
+
+
+def _left(pyramid: Pyramid, whole: Camera, trust: float, note: str) -> BlindEstimate:
+    """Leave the photo as it is: the kernel of a camera that stands still."""
+    still = RotationKernel.delta(pyramid.camera)
+    latent = latent_gradients(pyramid, still)
+    kernel = RotationKernel.delta(whole, steps=grid_steps(whole))
+    return BlindEstimate(kernel, trust, [note], [], latent, STILL)

@@ -1,0 +1,231 @@
+"""The kernel by least squares from edges: ``min |grad g - sum_k w_k W_k grad f|^2``, w >= 0.
+
+Written out, ``min w' G w / 2 - b' w`` with the Gram matrix G and the correlation b of the blurred
+gradients with the moved edges. Both are read off correlations of the tiles,
+
+    b_k  = sum_t (grad g  corr  win_t grad f)(d_k(c_t))
+    G_kl = sum_t (win_t grad f  corr  grad f)(d_l(c_t) - d_k(c_t))
+
+On a grid ``d_l - d_k`` is taken for the displacement of ``theta_l - theta_k``, so that G needs one
+number for each difference of indices.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import scipy.ndimage
+import scipy.sparse
+from numpy.typing import NDArray
+
+from deshake.geometry.rotations import displacements, homographies
+from deshake.operators.patch_solve import bilinear_taps
+
+if TYPE_CHECKING:
+    from deshake.blind.tiles import Tiles
+
+__all__ = ["NormalEquations", "RotationGrid", "fitted_weights", "nonnegative"]
+
+Image = NDArray[np.float32]
+Vector = NDArray[np.float64]
+
+_RIDGE = 0.005  # of the energy of the edges
+_ISLAND = 0.03  # connected pieces of the kernel with less of its mass are noise
+_LEAST_ENERGY = 1e-9  # below that of any edge
+_LEAST_SUM = 1e-6  # of the weights, below which the edges explain nothing
+_ROUNDS = 6
+_STEPS = 50  # of a round
+_SLACK = 1e-5  # gradients below this share of the bound do not count
+_TINY = 1e-12
+_POWER_STEPS = 15
+_SMALL_CHANGE = 1e-6
+
+
+class NormalEquations(NamedTuple):
+    """``G`` (K, K), ``b`` (K,) and the energy of the edges, the diagonal of G."""
+
+    gram: Vector
+    right: Vector
+    energy: float
+
+
+class RotationGrid:
+    """Rotations on a grid, and where each of them moves the middles of tiles.
+
+    Parameters
+    ----------
+    tiles : Tiles
+        The tiles; their room holds the displacement of every rotation.
+    indices : (K, 3) array of int
+        The rotations, in grid steps.
+    steps : (3,) array
+        Grid spacing in radians.
+
+    """
+
+    def __init__(self, tiles: Tiles, indices: NDArray[np.int64], steps: Vector) -> None:
+        self.tiles = tiles
+        self.indices = indices
+        lags, self._place = _index_differences(indices)
+        # edges against the photo at -d are the photo against edges at d
+        self._right = _gatherer(tiles, indices * steps, -1)
+        self._gram = _gatherer(tiles, lags * steps, 1)
+
+    def equations(self, edges: tuple[Image, Image]) -> NormalEquations:
+        """Set up the least squares of the kernel, summed over all tiles.
+
+        Parameters
+        ----------
+        edges : two (P, N, N) arrays
+            Gradients of the sharp picture, across and down.
+
+        """
+        tiles = self.tiles
+        auto = cross = np.complex64(0)
+        for edge, blurred in zip(edges, tiles.gradients, strict=True):
+            middle = np.conj(tiles.rfft(edge * tiles.middle))
+            cross = cross + middle * blurred
+            middle *= tiles.rfft(edge * tiles.around)
+            auto = auto + middle
+        right = self._right @ tiles.irfft(cross).ravel()
+        gram = (self._gram @ tiles.irfft(auto).ravel())[self._place].astype(np.float64)
+        return NormalEquations((gram + gram.T) / 2, right.astype(np.float64), float(gram[0, 0]))
+
+
+def _gatherer(tiles: Tiles, theta: Vector, sign: int) -> scipy.sparse.csr_array:
+    """Matrix that reads correlations (P, N, N) at the displacements by rotations, and adds up."""
+    moved = sign * displacements(homographies(tiles.camera, theta), tiles.centres)
+    place, share = bilinear_taps(moved, (tiles.block, tiles.block))
+    place += (np.arange(tiles.count) * tiles.block**2)[:, None, None]
+    columns = np.swapaxes(place, 0, 1).reshape(-1).astype(np.int32)
+    data = np.swapaxes(share, 0, 1).reshape(-1).astype(np.float32)
+    rows = np.arange(len(theta) + 1, dtype=np.int32) * (4 * tiles.count)
+    return scipy.sparse.csr_array((data, columns, rows), (len(theta), tiles.count * tiles.block**2))
+
+
+def fitted_weights(
+    fit: NormalEquations, indices: NDArray[np.int64], weights: Vector, *, cut: float
+) -> Vector:
+    """Solve for the weights, and drop what is likely to be noise.
+
+    A ridge keeps them small, and the smaller the farther they roll: a roll moves little of the
+    picture, and what it explains is easily chance.
+
+    Parameters
+    ----------
+    fit : NormalEquations
+        The least squares.
+    indices : (K, 3) array of int
+        The rotations, in grid steps.
+    weights : (K,) array
+        The weights so far; they are returned where there are no edges to go by.
+    cut : float
+        Weights below this share of the largest are dropped.
+
+    Returns
+    -------
+    (K,) array
+        Weights that sum to one.
+
+    """
+    if not fit.energy > _LEAST_ENERGY:
+        return weights
+    roll = indices[:, 2] - weights @ indices[:, 2]
+    ridge = _RIDGE * (1 + roll**2)
+    found = nonnegative(fit.gram / fit.energy + np.diag(ridge), fit.right / fit.energy, weights)
+    if not found.sum() > _LEAST_SUM:
+        return weights
+    kept = _without_islands(indices, np.where(found < cut * found.max(), 0.0, found))
+    normed: Vector = kept / kept.sum()
+    return normed
+
+
+def nonnegative(gram: Vector, right: Vector, start: Vector) -> Vector:
+    """Minimise ``w' G w / 2 - b' w`` over w >= 0 by accelerated projected gradients.
+
+    Most weights end at zero. Every few steps those that stay there are set aside, until the
+    gradient asks for them again.
+
+    Parameters
+    ----------
+    gram : (K, K) array
+        G, symmetric with non-negative eigenvalues.
+    right : (K,) array
+        b.
+    start : (K,) array
+        Where to begin.
+
+    """
+    v = np.random.default_rng(0).random(len(right))
+    bound = 1.0
+    for _ in range(_POWER_STEPS):
+        v = gram @ v
+        bound = float(np.linalg.norm(v))
+        if bound == 0:
+            return np.zeros_like(right)
+        v /= bound
+    bound *= 1.02
+    w = start.copy()
+    active = np.ones(len(w), bool)
+    for _ in range(_ROUNDS):
+        w[~active] = 0
+        free = np.flatnonzero(active)
+        w[free], settled = _descended(gram[np.ix_(free, free)], right[free], w[free], bound)
+        used = np.flatnonzero(w)
+        gradient = gram[:, used] @ w[used] - right
+        wanted = (w > 0) | (gradient < -_SLACK * bound * max(w.max(), _TINY))
+        if settled and not (wanted & ~active).any():
+            break
+        active = wanted
+    return w
+
+
+def _descended(gram: Vector, right: Vector, start: Vector, bound: float) -> tuple[Vector, bool]:
+    """Take some steps; whether the weights have settled."""
+    w, ahead, momentum = start.copy(), start.copy(), 1.0
+    for _ in range(_STEPS):
+        new = np.maximum(ahead - (gram @ ahead - right) / bound, 0)
+        if np.dot(ahead - new, new - w) > 0:  # it overshot: begin again from here
+            momentum, ahead = 1.0, w.copy()
+            continue
+        change = np.abs(new - w).max(initial=0)
+        grown = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
+        ahead = new + (momentum - 1) / grown * (new - w)
+        w, momentum = new, grown
+        if change < _SMALL_CHANGE * max(w.max(initial=0), _TINY):
+            return w, True
+    return w, False
+
+
+def _index_differences(
+    indices: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Distinct differences l - k of indices, and where each pair's (k, l) is among them."""
+    span = np.ptp(indices, axis=0)
+    base = 2 * span + 1
+    shifted = indices - indices.min(0)
+    code = (shifted[:, 0] * base[1] + shifted[:, 1]) * base[2] + shifted[:, 2]
+    zero = (span[0] * base[1] + span[1]) * base[2] + span[2]
+    pairs = code[None] - code[:, None] + zero
+    present = np.zeros(int(base.prod()), bool)
+    present[pairs] = True
+    used = np.flatnonzero(present)
+    place = (np.cumsum(present) - 1)[pairs]
+    first, rest = np.divmod(used, base[1] * base[2])
+    lags = np.stack([first, *np.divmod(rest, base[2])], 1) - span
+    return lags, place
+
+
+def _without_islands(indices: NDArray[np.int64], weights: Vector) -> Vector:
+    """Drop the connected pieces of the kernel that hold little of its mass."""
+    low = indices.min(0)
+    box = np.zeros(indices.max(0) - low + 1)
+    place = tuple((indices - low).T)
+    box[place] = weights
+    labels, count = scipy.ndimage.label(box > 0, np.ones((3, 3, 3)))
+    mass = np.bincount(labels.ravel(), box.ravel(), count + 1)
+    small = mass < _ISLAND * weights.sum()
+    if small[1:].all():
+        return weights
+    return np.where(small[labels[place]], 0.0, weights)

@@ -1,0 +1,59 @@
+"""The sharp picture that goes with a kernel, as gradients over the whole frame (Fig. 4)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deshake.blind.sharp_edges import l0_picture
+from deshake.blind.tile_plan import Budget, planned_tiles
+from deshake.signal.gradients import differences
+
+if TYPE_CHECKING:
+    from deshake.geometry.kernel import RotationKernel
+    from deshake.signal.pyramid import Pyramid
+
+__all__ = ["latent_gradients"]
+
+_LARGEST = 0.35e6  # pixels of the frame
+_WIDEST = 41.0  # px of the kernel
+_PRICE = 2e-3  # of an edge
+
+
+def latent_gradients(pyramid: Pyramid, kernel: RotationKernel) -> NDArray[np.float32]:
+    """Estimate the sharp picture of a kernel from edges, at a scale where that takes a second.
+
+    Parameters
+    ----------
+    pyramid : Pyramid
+        The photo.
+    kernel : RotationKernel
+        For the camera of the photo.
+
+    Returns
+    -------
+    (2, h, w) array of float32
+        Differences to the right and to the lower neighbour, in linear light, in the kernel's frame.
+
+    """
+    level = pyramid.level_of(_LARGEST)
+    while level < pyramid.coarsest and (
+        kernel.for_camera(pyramid.at(level).camera).extent_px() > _WIDEST
+    ):
+        level += 1
+    scale = pyramid.at(level)
+    seen = kernel.for_camera(scale.camera)
+    everything = Budget(0.0, float(scale.picture.size))
+    tiles = planned_tiles(pyramid, level, seen, part="all", budget=everything)
+    tiles.bind(seen)
+    for _ in range(2):
+        picture, _, _ = l0_picture(tiles, _PRICE)
+        tiles.fill(picture)
+    gradients = np.zeros((2, *scale.picture.shape), np.float32)
+    inner = slice(tiles.first, tiles.first + tiles.size)
+    for axis, blocks in enumerate(differences(picture)):
+        for (y, x), block in zip(tiles.corners, blocks, strict=True):
+            gradients[axis, y : y + tiles.size, x : x + tiles.size] = block[inner, inner]
+    return gradients / np.float32(scale.contrast)

@@ -1,0 +1,214 @@
+"""Which tiles of a photo say most about the camera's rotations.
+
+What a tile says is the Fisher information of its edges about (theta_X, theta_Y, theta_Z): the
+structure tensor of edges that are longer than the blur is wide (Xu & Jia, ECCV 2010), each counted
+up to a bound, carried to the rotations by how the tile's middle moves with them. Greedily the tile
+is taken that adds most to the log determinant of the sum, so that every axis counts: corners,
+which see the roll, and edges of every direction.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from deshake.geometry.rotations import displacements, grid_steps, homographies
+from deshake.signal.noise import noise_level
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from deshake.signal.pyramid import Pyramid, Scale
+
+__all__ = ["Corners", "chosen", "covering"]
+
+Image = NDArray[np.float32]
+Corners = list[tuple[int, int]]
+Places = NDArray[np.float64]
+
+_LARGEST_VIEW = 0.8e6  # pixels: information is measured on a scale with no more
+_APART = 0.75  # of a tile's size, between two tiles
+_NEAREST = 0.5  # of a tile's size, between two places that are looked at
+_CLIPPED = 3.0  # a tile counts for less by so many times its clipped share
+_BOUND = 0.98  # quantile of the gradients, that an edge counts up to
+_FOCUS_SIGMAS = (0.7, 6.0)  # px of the view
+_LIVELY = 0.3  # quantile of the tiles' contrast, below which a tile has no say in what is in focus
+_FOCUSED = 0.9  # quantile of the steepness of edges that counts as in focus
+_FOCUS_POWER = 4.0
+_LEAST_WIDTH = 3  # px of the view: narrower blurs are taken to be as wide
+_SMALL = 1e-3  # of the mean information: what is known before the first tile
+
+
+def covering(shape: tuple[int, int], size: int) -> Corners:
+    """Upper left pixels (y, x) of tiles that cover a frame."""
+    rows, columns = (
+        np.linspace(0, n - size, max(int(np.ceil(n / size)), 1)).astype(int) for n in shape
+    )
+    return [(int(y), int(x)) for y in rows for x in columns]
+
+
+def chosen(
+    pyramid: Pyramid,
+    level: int,
+    size: int,
+    count: int,
+    width: float,
+    allowed: Callable[[Places, Places], NDArray[np.bool_]] | None = None,
+) -> Corners:
+    """Choose tiles of a scale, the most informative first.
+
+    Parameters
+    ----------
+    pyramid : Pyramid
+        The photo.
+    level : int
+        The scale.
+    size : int
+        Of the tiles, in pixels of the scale.
+    count : int
+        How many tiles are wanted, at most.
+    width : float
+        Of the blur, in pixels of the scale: shorter edges say little.
+    allowed : callable, optional
+        Whether tiles may be taken, by their middles (x, y) in widths of the frame; by default all.
+
+    Returns
+    -------
+    list of (y, x)
+        Upper left pixels.
+
+    """
+    view = max(level, pyramid.level_of(_LARGEST_VIEW))
+    scale = pyramid.at(view)
+    shrink = scale.camera.width / pyramid.at(level).camera.width
+    height, wide = pyramid.at(level).camera.shape
+    hop = max(int(size * _NEAREST), 8)
+    rows, columns = (
+        np.unique(np.linspace(0, n - size, int(np.ceil((n - size) / hop)) + 1).astype(int))
+        for n in (height, wide)
+    )
+    y, x = (a.ravel() for a in np.meshgrid(rows, columns, indexing="ij"))
+    if allowed is not None:
+        may = allowed((x + size / 2) / wide, (y + size / 2) / wide)
+        y, x = (y[may], x[may]) if may.any() else (y, x)
+    window = 2 * int(np.ceil(max(width * shrink, _LEAST_WIDTH) / _LEAST_WIDTH)) * _LEAST_WIDTH + 1
+    maps = pyramid.kept((view, window), lambda: _maps(scale, window))
+    xx, xy, yy, fine, coarse, clipped = (
+        _sums(one, x * shrink, y * shrink, size * shrink) for one in maps
+    )
+    tensors = np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)
+    believed = np.maximum(1 - _CLIPPED * clipped / (size * shrink) ** 2, 0)
+    information = _information(scale, tensors, (x + size / 2) * shrink, (y + size / 2) * shrink)
+    information *= (believed * _focus(fine, coarse))[:, None, None]
+    taken = _greedy(information, y, x, _APART * size, count)
+    return [(int(y[p]), int(x[p])) for p in taken]
+
+
+class _Maps(NamedTuple):
+    """What a pixel adds to the structure tensor, to both slopes of `_focus`, and to the clipped."""
+
+    xx: Image
+    xy: Image
+    yy: Image
+    fine: Image
+    coarse: Image
+    clipped: Image
+
+
+def _maps(scale: Scale, window: int) -> _Maps:
+    """Measure a picture, for edges that are longer than a window."""
+    picture = scale.picture
+    gx, gy = _gradients(picture, 1.0)
+    clipped = np.zeros_like(picture)
+    if scale.usable is not None:
+        gx *= scale.usable
+        gy *= scale.usable
+        clipped[~scale.usable] = 1
+    length = cv2.magnitude(gx, gy)
+    noise = max(noise_level(picture), 1e-3 * float(length.mean()), 1e-9)
+    box = window, window
+    # near 1 along an edge that is longer than the blur is wide, near 0 in fine texture
+    straight = cv2.magnitude(cv2.boxFilter(gx, -1, box), cv2.boxFilter(gy, -1, box))
+    straight /= cv2.boxFilter(length, -1, box) + np.float32(0.3 * noise)
+    fine, coarse = (
+        cv2.pow(cv2.magnitude(*_gradients(picture, sigma)) * straight, 4) for sigma in _FOCUS_SIGMAS
+    )
+    bound = max(float(np.quantile(length[::4, ::4], _BOUND)), 3 * noise)
+    straight *= np.minimum(1, np.float32(bound) / np.maximum(length, np.float32(1e-12)))
+    straight *= length > noise
+    gx *= straight
+    gy *= straight
+    return _Maps(gx * gx, gx * gy, gy * gy, fine, coarse, clipped)
+
+
+def _gradients(picture: Image, sigma: float) -> tuple[Image, Image]:
+    """Gradients of a smoothed picture."""
+    smooth = cv2.GaussianBlur(picture, (0, 0), sigma)
+    across = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=0.125)
+    return across, cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=0.125)
+
+
+def _focus(fine: NDArray[np.float64], coarse: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Share, 0..1, that tiles count by how steep their edges are for their height.
+
+    All tiles are shaken alike; those out of focus are blurred once more. An edge is compared with
+    itself in a smoothed picture, where its slope depends on its height alone.
+    """
+    high = np.maximum(coarse, 0) ** 0.25
+    steep = np.maximum(fine, 0) ** 0.25 / np.maximum(high, 1e-3 * high.max() + 1e-30)
+    lively = high > np.quantile(high, _LIVELY)
+    best = np.quantile(steep[lively], _FOCUSED) if lively.any() else 1.0
+    share: NDArray[np.float64] = np.clip(steep / max(best, 1e-9), 0, 1) ** _FOCUS_POWER
+    return share
+
+
+def _sums(
+    values: Image, x: NDArray[np.float64], y: NDArray[np.float64], size: float
+) -> NDArray[np.float64]:
+    """Sums of values over squares of a size whose upper left pixels are (x, y)."""
+    total = cv2.integral(values, sdepth=cv2.CV_64F)
+    low, high = total.shape[0] - 1, total.shape[1] - 1
+    top, left = np.rint(y).astype(int), np.rint(x).astype(int)
+    bottom = np.clip(np.rint(y + size).astype(int), 0, low)
+    right = np.clip(np.rint(x + size).astype(int), 0, high)
+    sums: NDArray[np.float64] = (
+        total[bottom, right] - total[top, right] - total[bottom, left] + total[top, left]
+    )
+    return sums
+
+
+def _information(
+    scale: Scale, tensors: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Information (P, 3, 3) about the rotations in grid steps; it grows by the root of edges."""
+    camera = scale.camera
+    points = np.stack([x, y], 1)
+    turned = homographies(camera, np.diag(grid_steps(camera)))
+    moved = np.swapaxes(displacements(turned, points), 1, 2)  # (P, 2, 3)
+    found = np.einsum("pik,pij,pjl->pkl", moved, tensors, moved)
+    total = np.trace(found, axis1=1, axis2=2)
+    root: NDArray[np.float64] = found / np.sqrt(total + 1e-12)[:, None, None]
+    return root
+
+
+def _greedy(
+    information: NDArray[np.float64],
+    y: NDArray[np.int64],
+    x: NDArray[np.int64],
+    apart: float,
+    count: int,
+) -> list[int]:
+    """Take the tiles one by one that add most to the log determinant."""
+    free = np.trace(information, axis1=1, axis2=2) > 0
+    known = np.eye(3) * max(_SMALL * float(np.trace(information.mean(0))), 1e-12)
+    taken: list[int] = []
+    while free.any() and len(taken) < count:
+        value = np.linalg.slogdet(known + information)[1]
+        best = int(np.argmax(np.where(free, value, -np.inf)))
+        taken.append(best)
+        known = known + information[best]
+        free &= (np.abs(y - y[best]) >= apart) | (np.abs(x - x[best]) >= apart)
+    return taken

@@ -1,0 +1,171 @@
+"""Tiles of a photo, each with its place in the camera's frame: what a kernel is estimated from.
+
+The rotational model is global. A few tiles, each at its own place of the frame, determine the
+kernel as well as all pixels do, at a cost that does not grow with the photo. Tile t is a block of
+N x N pixels: `size` pixels in the middle that are believed, and room around them for what the blur
+moves in or out. Within a tile the blur is one filter, Eq. (7) at the tile's middle c_t:
+
+    A_t f = h_t corr f,   h_t = sum_k w_k splat(d_k(c_t))
+
+In the room around the middle the photo fades into what the blurred latent picture shows there, so
+that a block may be taken for periodic and every step is a batch of FFTs.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from deshake.geometry.rotations import displacements, homographies
+from deshake.operators.patch_solve import splat
+from deshake.signal.gradients import differences, squared_response
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from deshake.geometry.camera import Camera
+    from deshake.geometry.kernel import RotationKernel
+    from deshake.signal.pyramid import Scale
+
+__all__ = ["Tiles", "reach"]
+
+Image = NDArray[np.float32]
+Spectrum = NDArray[np.complex64]
+
+_LEAST_ROOM = 6  # px
+_RAMP = 4  # px, of the window of edges
+
+
+def reach(camera: Camera, theta: NDArray[np.float64]) -> int:
+    """Pixels by which the rotations (K, 3) move any point of the frame, at most, and one more."""
+    moved = displacements(homographies(camera, theta), camera.corners)
+    return int(np.ceil(np.abs(moved).max() - 1e-6)) + 1
+
+
+class Tiles:
+    """Tiles of one scale of a photo.
+
+    Parameters
+    ----------
+    scale : Scale
+        The scale.
+    corners : sequence of (y, x)
+        Upper left pixels of the tiles' middles.
+    size : int
+        Width and height of the middles in pixels.
+    far : int
+        Pixels by which the kernel may move anything, as from `reach`.
+
+    """
+
+    def __init__(
+        self, scale: Scale, corners: Sequence[tuple[int, int]], size: int, far: int
+    ) -> None:
+        self.camera = scale.camera
+        self.corners = np.asarray(corners, np.int64).reshape(-1, 2)
+        self.size = size
+        self.far = far
+        room = max(far + 2, _LEAST_ROOM)
+        self.block = int(scipy.fft.next_fast_len(size + 2 * room, real=True))
+        self.first = (self.block - size) // 2
+        self.g, seen, known = self._cut(scale)
+        self.g -= (self.g * known).sum((1, 2), keepdims=True) / np.maximum(
+            known.sum((1, 2), keepdims=True), 1
+        )
+        taper = _window(self.block, size, min(room, self.first))
+        window = np.outer(taper, taper)
+        self.belief = known * window
+        self.around = (window > 0.05) * seen
+        middle = _window(self.block, size - 2 * (far // 4), _RAMP)
+        self.middle = np.outer(middle, middle) * seen
+        across, down = differences(self.g)
+        edge = seen * np.roll(seen, -1, 1) * np.roll(seen, -1, 2)
+        edge[:, -1] = 0
+        edge[:, :, -1] = 0
+        self.gradients = self.rfft(across * edge), self.rfft(down * edge)
+        self.centres = self.corners[:, ::-1] + (size - 1) / 2
+        self.squared_response = squared_response(self.block, self.block)
+        self.filled: Image = self.g
+
+    @property
+    def count(self) -> int:
+        """Number of tiles."""
+        return len(self.corners)
+
+    @property
+    def inside(self) -> NDArray[np.bool_]:
+        """Pixels of the middles that are believed, (P, N, N)."""
+        inside = np.zeros(self.g.shape, bool)
+        inner = slice(self.first + _RAMP, self.first + self.size - _RAMP)
+        inside[:, inner, inner] = True
+        return inside & (self.belief > 0.99)
+
+    def rfft(self, blocks: Image) -> Spectrum:
+        """Transform blocks to their spectra (P, N, N // 2 + 1)."""
+        spectra: Spectrum = scipy.fft.rfft2(blocks, workers=1)
+        return spectra
+
+    def irfft(self, spectra: Spectrum) -> Image:
+        """Transform spectra, which are overwritten, back to blocks."""
+        shape = self.block, self.block
+        blocks: Image = scipy.fft.irfft2(spectra, shape, overwrite_x=True, workers=1)
+        return blocks
+
+    def bind(self, kernel: RotationKernel, *, afresh: bool = False) -> None:
+        """Take a kernel for the blur; fill the room around the middles, at first or `afresh`."""
+        used = kernel.weights > 0
+        h = homographies(self.camera, kernel.theta[used])
+        moved = displacements(h, self.centres)
+        filters = splat(moved, kernel.weights[used], (self.block, self.block))
+        self.H = self.rfft(filters)
+        self.power = self.H.real**2 + self.H.imag**2
+        if afresh or self.filled is self.g:
+            self.fill(self.g)
+
+    def blurred(self, latent: Image) -> Image:
+        """Blur a latent picture (P, N, N): ``A_t f``."""
+        spectra = self.rfft(latent)
+        spectra *= np.conj(self.H)
+        return self.irfft(spectra)
+
+    def data(self) -> Spectrum:
+        """Spectra of ``A_t^T g``, the photo filled in."""
+        spectra = self.rfft(self.filled)
+        spectra *= self.H
+        return spectra
+
+    def fill(self, latent: Image) -> Image:
+        """Fill in what is not believed from a latent picture; return that picture blurred."""
+        blurred = self.blurred(latent)
+        self.filled = blurred + self.belief * (self.g - blurred)
+        return blurred
+
+    def _cut(self, scale: Scale) -> tuple[Image, Image, Image]:
+        """Blocks of the photo, of where it is seen, and of where it is known."""
+        height, width = scale.picture.shape
+        steps = np.arange(self.block) - self.first
+        shape = len(self.corners), self.block, self.block
+        g, seen, known = (np.empty(shape, np.float32) for _ in range(3))
+        for p, (top, left) in enumerate(self.corners):
+            y, x = top + steps, left + steps
+            rows, columns = np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)
+            place = np.ix_(rows, columns)
+            g[p] = scale.picture[place]
+            seen[p] = np.outer(rows == y, columns == x)
+            known[p] = seen[p] if scale.usable is None else seen[p] * scale.usable[place]
+        g *= np.float32(scale.contrast)
+        return g, seen, known
+
+
+def _window(count: int, inner: int, ramp: int) -> Image:
+    """1 over the middle `inner` of `count` pixels, cosine ramps down to 0 on both sides."""
+    window = np.zeros(count, np.float32)
+    first = (count - inner) // 2
+    window[first : first + inner] = 1
+    rise = 0.5 - 0.5 * np.cos(np.pi * (np.arange(ramp) + 0.5) / ramp)
+    window[first - ramp : first] = rise
+    window[first + inner : first + inner + ramp] = rise[::-1]
+    return window

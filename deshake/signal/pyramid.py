@@ -1,0 +1,162 @@
+"""A photo at every scale of a pyramid, from its own pixels to the coarsest that shows anything.
+
+Each scale is smaller than the one before by the square root of two. A pixel is the mean of linear
+light over its area. The contrast of all scales is one number: thresholds of gradients are absolute,
+so that pictures must come with one contrast.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from deshake.errors import EstimationError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Hashable
+
+    from deshake.geometry.camera import Camera
+
+__all__ = ["RATIO", "Pyramid", "Scale"]
+
+Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+T = TypeVar("T")
+
+RATIO = 2**0.5
+"""Of the size of one scale to the next coarser one."""
+
+_COARSEST_SIDE = 48  # px, the shorter side of the coarsest scale
+_CONTRAST = 0.1  # rms gradient, reduced to `_CONTRAST_SIDE`
+_CONTRAST_SIDE = 100  # px, the longer side
+_CONTRAST_FROM = 800  # px, the longer side of the scale that the contrast is measured on
+_LEAST_CONTRAST = 1e-4  # of 0..1: below it the photo is flat
+_USABLE = 0.5  # share of a pixel that must be usable
+
+
+class Scale(NamedTuple):
+    """One scale of a photo.
+
+    Parameters
+    ----------
+    picture : (h, w) array of float32
+        Luminance in linear light, or its root where the pyramid has a gamma.
+    camera : Camera
+        The camera of a photo of this size.
+    usable : (h, w) array of bool, optional
+        Pixels that are not clipped.
+    contrast : float
+        Factor that gives the picture the contrast of all pyramids.
+
+    """
+
+    picture: Image
+    camera: Camera
+    usable: Mask | None
+    contrast: float
+
+
+class Pyramid:
+    """The scales of a photo, made when they are first asked for.
+
+    Parameters
+    ----------
+    grey : (h, w) array of float32
+        Luminance in linear light, 0..1.
+    camera : Camera
+        Its camera.
+    usable : (h, w) array of bool, optional
+        Pixels that are not clipped; by default all.
+    gamma : float
+        Pictures are in light to the power of ``1 / gamma``.
+
+    Raises
+    ------
+    EstimationError
+        If the photo is flat.
+
+    """
+
+    def __init__(
+        self, grey: Image, camera: Camera, usable: Mask | None = None, *, gamma: float = 1.0
+    ) -> None:
+        self.camera = camera
+        self.gamma = gamma
+        usable_all = usable is None or bool(usable.all())
+        self._light: dict[int, tuple[Image, Mask | None, Camera]] = {
+            0: (grey, None if usable_all else usable, camera)
+        }
+        self._scales: dict[int, Scale] = {}
+        self._kept: dict[Hashable, Any] = {}
+        self._contrast = self._measured_contrast()
+
+    @property
+    def coarsest(self) -> int:
+        """Number of the coarsest scale, whose shorter side has about 48 pixels."""
+        shorter = min(self.camera.shape)
+        return max(int(np.log(shorter / _COARSEST_SIDE) / np.log(RATIO)), 0)
+
+    def at(self, level: int) -> Scale:
+        """Return a scale; 0 is the photo itself, one more is smaller by the root of two."""
+        if level not in self._scales:
+            light, usable, camera = self._linear(level)
+            picture = light
+            if self.gamma != 1:
+                picture = np.maximum(light, 0) ** np.float32(1 / self.gamma)
+            self._scales[level] = Scale(picture, camera, usable, self._contrast)
+        return self._scales[level]
+
+    def kept(self, key: Hashable, make: Callable[[], T]) -> T:
+        """Return what was made of the photo under a key; it is made when it is first asked for."""
+        if key not in self._kept:
+            self._kept[key] = make()
+        value: T = self._kept[key]
+        return value
+
+    def level_of(self, pixels: float) -> int:
+        """Number of the finest scale with at most so many pixels."""
+        return max(int(np.ceil(np.log2(max(np.prod(self.camera.shape) / pixels, 1)))), 0)
+
+    def _linear(self, level: int) -> tuple[Image, Mask | None, Camera]:
+        if level not in self._light:
+            source, usable, _ = self._linear(max(level - 2, 0))
+            size = [max(round(n / RATIO**level), 1) for n in self.camera.shape]
+            self._light[level] = (
+                _reduced(source, size),
+                None if usable is None else _reduced(usable.astype(np.float32), size) > _USABLE,
+                self.camera.scaled(*size),
+            )
+        return self._light[level]
+
+    def _measured_contrast(self) -> float:
+        shrink = max(max(self.camera.shape) / _CONTRAST_FROM, 1)
+        light = self._linear(2 * int(np.log2(shrink)))[0]
+        picture = np.maximum(light, 0) ** np.float32(1 / self.gamma) if self.gamma != 1 else light
+        return contrast_factor(picture)
+
+
+def contrast_factor(picture: Image) -> float:
+    """Return the factor that makes the rms gradient of a picture 0.1 when it is reduced to 100 px.
+
+    Raises
+    ------
+    EstimationError
+        If the picture is flat.
+
+    """
+    shrink = min(1.0, _CONTRAST_SIDE / max(picture.shape))
+    small = _reduced(picture, [max(round(n * shrink), 2) for n in picture.shape])
+    across, down = np.diff(small, axis=1)[:-1], np.diff(small, axis=0)[:, :-1]
+    contrast = float(np.sqrt((across**2 + down**2).mean()))
+    if not contrast > _LEAST_CONTRAST:
+        msg = "there is no texture to estimate a blur kernel from"
+        raise EstimationError(msg, hint="the photo is all of one colour, or nearly so")
+    return _CONTRAST / contrast
+
+
+def _reduced(picture: Image, shape: list[int]) -> Image:
+    size = shape[1], shape[0]
+    return cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.float32, copy=False)
