@@ -1,6 +1,6 @@
 """How the time and the memory of a blind estimate grow with the photo and its blur.
 
-    python scripts/benchmark_estimation.py [--estimator auto] [--threads 2]
+    python scripts/benchmark_estimation.py [--estimator variational] [--threads 2]
     python scripts/benchmark_estimation.py --at 1 15 --megapixels 0.25 1 --extents
 
 One of the two varies at a time. The photos are those of `benchmark_cost`: mosaics of a photo in
@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from benchmark_cost import BYTES, Case, alone
 
+from deshake.blind.estimate import estimate_kernel
 from deshake.deconvolution.noise import mean_light
-from deshake.estimation.methods import estimate_kernel
 from deshake.operators.strips import available_threads
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         metavar=("M", "PX"),
         help="what the one has that does not vary; default: 4 20",
     )
-    parser.add_argument("--estimator", choices=("auto", "edges", "variational"), default="auto")
+    parser.add_argument("--estimator", choices=("edges", "variational"), default="edges")
     parser.add_argument("--threads", type=int, default=available_threads())
     args = parser.parse_args(argv)
     os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}

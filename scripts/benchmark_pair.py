@@ -41,12 +41,11 @@ from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
-from benchmark_blind import aligned
 from hand_shakes import find_logs
 from numpy.typing import NDArray
 from pair_scores import Row, Score, header, line, summary
 from shaken_pairs import NOISES, PAIRS, Pair, PairCase, shaken_pair
-from shaken_photos import display, psnr, ssim
+from shaken_photos import aligned, display, psnr, ssim
 
 from deshake.deconvolution.denoising import noisy_photo
 from deshake.errors import DeshakeError

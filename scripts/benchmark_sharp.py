@@ -27,9 +27,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 from arguments import names
-from benchmark_blind import aligned, display, psnr
 from numpy.typing import NDArray
 from PIL import Image as Pictures
+from shaken_photos import aligned, display, psnr
 from skimage import data
 from sklearn.datasets import load_sample_image
 
@@ -66,6 +66,7 @@ FOUND = {"houses": "houses.jpg", "manmade": "manmade_01.png"}  # in the folder o
 LONGEST = 1024  # px: what is found there is reduced to it
 MOST_RMS = 0.005  # of full scale
 MOST_LOST = 0.1  # dB
+BORDER = 12  # px left out of the comparison on every side
 
 
 class Case(NamedTuple):
@@ -185,7 +186,8 @@ def fit(photo: Photo, truth: Image) -> float:
     image, sharp = display(photo.pixels), display(truth)
     if image.ndim == 2:
         image, sharp = (np.repeat(one[..., None], 3, 2) for one in (image, sharp))
-    return max(psnr(image, sharp), psnr(aligned(image, sharp), sharp))
+    inner = np.s_[BORDER:-BORDER, BORDER:-BORDER]
+    return max(psnr(one[inner], sharp[inner]) for one in (image, aligned(image, sharp)))
 
 
 def measure(case: Case, folder: Path | None) -> Result:

@@ -33,8 +33,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.io import loadmat
 
+from deshake.blind.estimate import Estimator, estimate_kernel
 from deshake.deconvolution.sparse_gradients import sparse_gradients
-from deshake.estimation.methods import Estimator, estimate_kernel
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
@@ -92,7 +92,7 @@ def psnr(squared: float) -> float:
 
 
 def parse_estimators(text: str) -> list[Estimator]:
-    """Read names of estimators, ``auto,edges,variational``."""
+    """Read names of estimators, ``edges,variational``."""
     known: dict[str, Estimator] = {name: name for name in get_args(Estimator)}
     names = [name.strip() for name in text.split(",")]
     if not set(names) <= set(known):
@@ -234,8 +234,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--estimators",
         type=parse_estimators,
-        default=["auto"],
-        help="of auto,edges,variational; default: auto",
+        default=["edges"],
+        help="of edges,variational; default: edges",
     )
     parser.add_argument("--free", action="store_true", help="score the rotational model, too")
     parser.add_argument("--jobs", type=int, default=2, help="cases at once; default: 2")

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-__all__ = ["CASES", "Case", "Photo", "display", "psnr", "shaken", "ssim", "wrong"]
+__all__ = ["CASES", "Case", "Photo", "aligned", "display", "psnr", "shaken", "ssim", "wrong"]
 
 Image = NDArray[np.float32]
 
@@ -51,6 +51,7 @@ PHOTOS: dict[str, Callable[[], NDArray[np.uint8]]] = {
 READ_NOISE = 0.002
 FINE = 93  # quality from which colours are kept at full size, as cameras do
 LAMP = 100  # times the clip level
+GREY = np.float32([0.299, 0.587, 0.114])
 
 
 class Case(NamedTuple):
@@ -76,6 +77,8 @@ class Case(NamedTuple):
         Exposure.
     lamps : int
         How many are added.
+    focal : float
+        Focal length, in widths of the photo.
 
     """
 
@@ -88,6 +91,7 @@ class Case(NamedTuple):
     quality: int = 90
     gain: float = 1
     lamps: int = 0
+    focal: float = 1
 
     @property
     def night(self) -> bool:
@@ -174,7 +178,7 @@ def shaken(case: Case, logs: Sequence[Path]) -> Photo:
     scene = decode(np.asarray(PHOTOS[case.photo]()), Srgb()) * np.float32(case.gain)
     margin = int(case.extent) + 6
     height, width = (side - 2 * margin for side in scene.shape[:2])
-    camera = Camera.from_focal(width, height, width)
+    camera = Camera.from_focal(case.focal * width, height, width)
     path = path_of(case, camera, logs)
     fine = cv2.resize(scene, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
     fine = lit(np.maximum(fine, 0), case.lamps, rng)
@@ -220,6 +224,22 @@ def wrong(kernel: RotationKernel, seed: int) -> RotationKernel:
 def display(light: Image) -> Image:
     """Return display values, 0..1, of linear light."""
     return Srgb().from_linear(np.clip(light, 0, 1)).astype(np.float32)
+
+
+def aligned(ours: Image, truth: Image) -> Image:
+    """Move a picture in colour to where it fits another best, by a shift and a turn."""
+    turn = np.eye(2, 3, dtype=np.float32)
+    stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-5)
+    try:
+        _, turn = cv2.findTransformECC(
+            truth @ GREY, ours @ GREY, turn, cv2.MOTION_EUCLIDEAN, stop, None, 3
+        )
+    except cv2.error:  # nothing fits
+        return ours
+    way = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
+    size = ours.shape[1], ours.shape[0]
+    moved: Image = cv2.warpAffine(ours, turn, size, flags=way, borderMode=cv2.BORDER_REPLICATE)
+    return moved
 
 
 def psnr(ours: Image, truth: Image, where: NDArray[np.bool_] | None = None) -> float:

@@ -27,7 +27,9 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class EstimateBlind:
-    """``estimate-blind``: estimate the kernel of a photo; its ``latent`` picture is kept if named.
+    """``estimate-blind``: estimate the kernel of a photo.
+
+    Its ``latent`` picture, and that of its ``tiles``, are kept if they are named.
 
     Parameters
     ----------
@@ -47,6 +49,7 @@ class EstimateBlind:
             job.place,
             self.options,
             latent=job.others.get("latent"),
+            tiles=job.others.get("tiles"),
             overwrite=job.overwrite,
             threads=threads,
             progress=progress,

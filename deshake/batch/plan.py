@@ -61,7 +61,7 @@ class Job:
     output : Path or None
         Where its result goes.
     others : mapping of str to Path
-        Where other outputs go, by what they are: ``kernel``, ``latent``, ``sheet``.
+        Where other outputs go, by what they are: ``kernel``, ``latent``, ``sheet``, ``tiles``.
     needs : mapping of str to Path
         Other inputs, by what they are: ``noisy``, ``kernel``, ``mask``.
     problem : DeshakeError or None

@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
 from deshake.geometry.rotations import displacements, homographies
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from numpy.typing import NDArray
 
     from deshake.geometry.kernel import RotationKernel
 
@@ -36,7 +37,9 @@ def spread_px(kernel: RotationKernel) -> float:
     return float(np.sqrt(np.einsum("k,pki->p", kernel.weights, moved**2).mean()))
 
 
-def agreement(one: RotationKernel, other: RotationKernel, *, smoothing: float = _SMOOTHING) -> float:
+def agreement(
+    one: RotationKernel, other: RotationKernel, *, smoothing: float = _SMOOTHING
+) -> float:
     """Return how alike two kernels of one photo are, 0..1.
 
     Parameters

@@ -48,7 +48,9 @@ def filled_path(kernel: RotationKernel) -> RotationKernel:
     share = kernel.weights[first] * kernel.weights[second] / total[first]
     count = max(min(int(np.ceil(ratio / 2)), _MOST // len(pairs)), 1)
     along = (np.arange(count) + 0.5) / (2 * count)
-    theta = kernel.theta[first] + along[:, None, None] * (kernel.theta[second] - kernel.theta[first])
+    theta = kernel.theta[first] + along[:, None, None] * (
+        kernel.theta[second] - kernel.theta[first]
+    )
     alone = total == 0
     theta = np.concatenate([theta.reshape(-1, 3), kernel.theta[alone]])
     weights = np.concatenate([np.tile(share / count, count), kernel.weights[alone]])

@@ -15,6 +15,7 @@ import numpy as np
 
 from deshake.blind.kernel_step import RotationGrid, fitted_weights
 from deshake.blind.sharp_edges import Edges, latent_edges
+from deshake.blind.tile_choice import FOCUS
 from deshake.blind.tile_plan import Budget, Part, planned_tiles
 from deshake.blind.tiles import reach
 from deshake.blind.trimming import main_piece, strongest
@@ -35,6 +36,7 @@ __all__ = ["FINE", "Candidate", "Refinement", "Setting", "edge_floor", "refined"
 Axes = tuple[bool, bool, bool]
 
 _START_HALF = (2, 2, 1)  # grid steps
+_CARRIED_UNIFORM = 0.02  # of the largest: one blur for the whole frame is known well
 _GROWTH_LIMIT = 6  # the kernel grows up to one over this of the shorter side
 _MAIN = 0.8  # share of a wide kernel that its main piece holds, if the rest is to be dropped
 
@@ -69,6 +71,8 @@ class Setting:
         Pixels that a kernel may be wide: wider, it would break up.
     noise : float
         Least price of an edge, in variances of the noise.
+    focus : float
+        How much tiles in focus are preferred.
 
     """
 
@@ -85,6 +89,7 @@ class Setting:
     small: float = 8.0
     wide: float = 41.0
     noise: float = 10.0
+    focus: float = FOCUS
 
 
 FINE = Setting()
@@ -171,7 +176,7 @@ class Candidate:
         return self._kernel
 
     def advance(self) -> bool:
-        """Work on the next finer scale; False if there is none, or the kernel is too wide for it."""
+        """Work on the next finer scale; False if there is none that the kernel fits."""
         if self.level == 0 or not self._fits_next():
             return False
         self.level -= 1
@@ -203,10 +208,11 @@ class Candidate:
 
     def _price(self) -> float:
         s = self.setting
-        return s.first * (s.last / s.first) ** min(self._iterations / max(s.falling - 1, 1), 1)
+        done = min(self._iterations / max(s.falling - 1, 1), 1.0)
+        return float(s.first * (s.last / s.first) ** done)
 
     def _cut_tiles(self) -> None:
-        self._tiles = planned_tiles(self.pyramid, self.level, self._own)
+        self._tiles = planned_tiles(self.pyramid, self.level, self._own, focus=self.setting.focus)
         self._grid = None
 
     def _fit(self, price: float, edges: Edges) -> None:
@@ -220,7 +226,10 @@ class Candidate:
     def _carried(self, camera: Camera) -> RotationKernel:
         """Carry the kernel to the next scale: resample, cut, recentre, give it room."""
         kept = self._own.above(self.setting.cut).for_camera(camera)
-        finer = kept.resampled(grid_steps(camera), self.axes).above(self.setting.carried)
+        carried = self.setting.carried
+        if camera.is_uniform:
+            carried = min(carried, _CARRIED_UNIFORM)
+        finer = kept.resampled(grid_steps(camera), self.axes).above(carried)
         finer = strongest(finer, self.setting.most)
         finer = finer.shifted(-np.rint(finer.centroid / finer.steps).astype(np.int64))
         return self._inside(finer.dilated(self.axes))
@@ -233,7 +242,9 @@ class Candidate:
         weights = np.concatenate([own.weights, np.zeros(len(around.weights))])
         grown = self._inside(RotationKernel.from_indices(indices, weights, own.steps, own.camera))
         limit = max(3, min(own.camera.shape) // _GROWTH_LIMIT)
-        fits = np.abs(grown.indices).max() <= limit and len(grown.weights) <= self.setting.most_grown
+        fits = (
+            np.abs(grown.indices).max() <= limit and len(grown.weights) <= self.setting.most_grown
+        )
         if not fits or len(grown.weights) == len(own.weights):
             return
         self._kernel = grown
@@ -269,6 +280,7 @@ def refined(
     *,
     axes: Axes = ALL_AXES,
     part: Part = "fitted",
+    focus: float = FOCUS,
 ) -> RotationKernel:
     """Estimate latent picture and kernel in turn a few times, from a kernel that is about right.
 
@@ -289,6 +301,8 @@ def refined(
         The axes that the camera may turn about.
     part : {"fitted", "apart", "all"}
         The tiles to look at.
+    focus : float
+        How much tiles in focus are preferred.
 
     Returns
     -------
@@ -300,7 +314,7 @@ def refined(
     finer = kernel.for_camera(camera).resampled(grid_steps(camera), axes).above(how.carried)
     finer = strongest(finer, how.most).dilated(axes)
     price = max(how.price, edge_floor(pyramid, level))
-    tiles = planned_tiles(pyramid, level, finer, part=part, budget=how.budget)
+    tiles = planned_tiles(pyramid, level, finer, part=part, budget=how.budget, focus=focus)
     grid = RotationGrid(tiles, finer.indices, finer.steps)
     for _ in range(how.iterations):
         tiles.bind(finer)

@@ -46,7 +46,7 @@ _PRIOR = 0.5
 _PENALTIES = tuple(float(beta) for beta in np.geomspace(0.01, 0.5, 7))
 _FILL_AT = 4  # penalties in, when what is not known is filled in
 _ROOM = 1.2  # times the reach of the widest kernel
-_BUDGET = Budget(0.1e6, 0.15e6)
+_BUDGET = Budget(0.12e6, 0.3e6)
 
 
 class Score(NamedTuple):
@@ -86,9 +86,7 @@ class Judge:
         """Make a judge with room for kernels, on tiles that are kept apart."""
         camera = pyramid.at(level).camera
         widest = max((kernel.for_camera(camera) for kernel in kernels), key=_reach)
-        tiles = planned_tiles(
-            pyramid, level, widest, part="apart", budget=_BUDGET, room=_ROOM
-        )
+        tiles = planned_tiles(pyramid, level, widest, part="apart", budget=_BUDGET, room=_ROOM)
         return cls(tiles)
 
     def margin(self, kernel: RotationKernel) -> float:

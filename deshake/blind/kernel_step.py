@@ -20,7 +20,7 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from deshake.geometry.rotations import displacements, homographies
-from deshake.operators.patch_solve import bilinear_taps
+from deshake.operators.bilinear import bilinear_taps
 
 if TYPE_CHECKING:
     from deshake.blind.tiles import Tiles
@@ -82,14 +82,16 @@ class RotationGrid:
 
         """
         tiles = self.tiles
-        auto = cross = np.complex64(0)
+        auto = np.zeros_like(tiles.gradients[0])
+        cross = np.zeros_like(auto)
         for edge, blurred in zip(edges, tiles.gradients, strict=True):
             middle = np.conj(tiles.rfft(edge * tiles.middle))
-            cross = cross + middle * blurred
+            cross += middle * blurred
             middle *= tiles.rfft(edge * tiles.around)
-            auto = auto + middle
-        right = self._right @ tiles.irfft(cross).ravel()
-        gram = (self._gram @ tiles.irfft(auto).ravel())[self._place].astype(np.float64)
+            auto += middle
+        right: Image = self._right.dot(tiles.irfft(cross).ravel())
+        lagged: Image = self._gram.dot(tiles.irfft(auto).ravel())
+        gram = lagged[self._place].astype(np.float64)
         return NormalEquations((gram + gram.T) / 2, right.astype(np.float64), float(gram[0, 0]))
 
 

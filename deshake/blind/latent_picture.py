@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deshake.blind.sharp_edges import l0_picture
 from deshake.blind.tile_plan import Budget, planned_tiles
 from deshake.signal.gradients import differences
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from deshake.geometry.kernel import RotationKernel
     from deshake.signal.pyramid import Pyramid
 
@@ -56,4 +57,5 @@ def latent_gradients(pyramid: Pyramid, kernel: RotationKernel) -> NDArray[np.flo
     for axis, blocks in enumerate(differences(picture)):
         for (y, x), block in zip(tiles.corners, blocks, strict=True):
             gradients[axis, y : y + tiles.size, x : x + tiles.size] = block[inner, inner]
-    return gradients / np.float32(scale.contrast)
+    gradients /= np.float32(scale.contrast)
+    return gradients

@@ -12,12 +12,13 @@ the race is called off.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from deshake.blind.agreement import agreement, agreements
-from deshake.blind.candidate import Axes, Candidate, Refinement, refined
+from deshake.blind.candidate import FINE, Axes, Candidate, Refinement, refined
 from deshake.blind.judge import Judge
 from deshake.blind.spot import is_spot
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
@@ -32,16 +33,22 @@ if TYPE_CHECKING:
 
 __all__ = ["Entry", "Finish", "race"]
 
+SETTINGS = (FINE, replace(FINE, focus=0.0))
+"""Tiles in focus, and tiles wherever there are edges: the one is right for a shallow depth of
+field, the other where the steepest edges are those that run along with the shake."""
+
 _COARSEST_START = 11
 _COMPARED_AT = 11.0  # px, the width of a kernel that is worth comparing
 _LEAST_SCALES = 3  # that a candidate works on before it is compared
 _WIDTH_HALFWAY = 16.0  # px at the scale where candidates are compared half-way
 _WIDTH_AT_LAST = 28.0  # px at the scale where they are compared at last
+_WIDE = 0.7  # quantile of the kernels' widths that decides on the scale of the judge
 _WIDEST = 60.0  # px at that scale: wider kernels are out
 _CONTINUED = 3
 _SNAPSHOTS = 2  # of a candidate's last scales
 _AGREEING = 3  # neighbours that a kernel is compared with
 _REFINEMENTS = (Refinement(2e-3), Refinement(1e-2))
+_UNIFORM_REFINEMENTS = (Refinement(2e-3), Refinement(1e-3, cut=0.015))
 _ROLL_WORTH = 0.003  # margin that a roll must bring
 _LEAST_WIDTH = 2.5  # px at its scale, below which a kernel is a point and not refined
 _CUT = 0.05  # weights below this share of the largest do not make a kernel wider
@@ -58,6 +65,8 @@ class Entry(NamedTuple):
         The scales that it was begun and estimated at.
     kernel : RotationKernel
         For the camera of the photo, centred.
+    focus : float
+        How much tiles in focus were preferred.
 
     """
 
@@ -65,6 +74,7 @@ class Entry(NamedTuple):
     start: int
     level: int
     kernel: RotationKernel
+    focus: float
 
 
 class Finish(NamedTuple):
@@ -78,9 +88,6 @@ class Finish(NamedTuple):
         How much better the judge finds it than a camera that stands still.
     agreement : float
         Mean agreement of the winner with the two nearest kernels of other starts, 0..1.
-    halves : float
-        Agreement of the winner refined on the tiles that it was fitted to with itself refined on
-        those that were kept apart, 0..1.
     at_rest : bool
         Whether the race was called off: the winner is a small round spot.
 
@@ -89,7 +96,6 @@ class Finish(NamedTuple):
     winner: Entry
     margin: float
     agreement: float
-    halves: float
     at_rest: bool
 
 
@@ -125,7 +131,7 @@ def race(
     first = course.begun(starts[:2], 0.0, 0.15)
     if all(is_spot(run.kernel) and run.level == 0 for run in first):
         entry = _entry(first[0])
-        return Finish(entry, 0.0, 1.0, 1.0, at_rest=True)
+        return Finish(entry, 0.0, 1.0, at_rest=True)
     runs = first + course.begun(starts[2:], 0.15, 0.45)
     halfway = [_entry(run) for run in runs]
     order = np.argsort(-course.chances(halfway), kind="stable")
@@ -136,15 +142,12 @@ def race(
     margins = course.margins(finals, _WIDTH_AT_LAST)
     best = int(np.argmax(margins))
     winner, margin = finals[best], float(margins[best])
-    if quick:
-        halves = 0.0
-    else:
+    if not quick:
         winner, margin = course.without_roll(winner, margin)
-        halves = course.halves(winner)
     others = [entry.kernel for entry in (*halfway, *finals) if entry.start != winner.start]
     alike = sorted((agreement(winner.kernel, other) for other in others), reverse=True)[:2]
     course.progress(1.0, "kernel estimated")
-    return Finish(winner, margin, float(np.mean(alike or [0.0])), halves, at_rest=False)
+    return Finish(winner, margin, float(np.mean(alike or [0.0])), at_rest=False)
 
 
 class _Course:
@@ -167,7 +170,9 @@ class _Course:
     def begun(self, starts: Sequence[int], since: float, until: float) -> list[Candidate]:
         """Work candidates to where they are compared."""
         runs = [
-            Candidate(self.pyramid, start, axes=self.axes, bound=self.bound) for start in starts
+            Candidate(self.pyramid, start, setting, axes=self.axes, bound=self.bound)
+            for start in starts
+            for setting in SETTINGS
         ]
         for done, _ in enumerate(in_order(_to_halfway, runs, self.threads), 1):
             self.progress(since + (until - since) * done / len(runs), "starts")
@@ -192,8 +197,10 @@ class _Course:
 
     def refined(self, entries: Sequence[Entry], since: float, until: float) -> list[Entry]:
         """Refine the last kernel of every start."""
-        last = {entry.start: entry for entry in entries}.values()
-        jobs = [(entry, how) for entry in last for how in _REFINEMENTS]
+        last = {(entry.start, entry.focus): entry for entry in entries}.values()
+        uniform = self.pyramid.camera.is_uniform
+        ways = _UNIFORM_REFINEMENTS if uniform else _REFINEMENTS
+        jobs = [(entry, how) for entry in last for how in ways]
         found = []
         work = in_order(lambda job: self._refined(*job), jobs, self.threads)
         for done, (_, entry) in enumerate(work, 1):
@@ -202,13 +209,15 @@ class _Course:
         return found
 
     def margins(self, entries: Sequence[Entry], width: float) -> NDArray[np.float64]:
-        """Margins at the scale where half of the kernels are at most so many pixels wide."""
+        """Margins at the scale where most of the kernels are at most so many pixels wide."""
         widths = np.array([entry.kernel.above(_CUT).extent_px() for entry in entries])
-        level = int(np.ceil(2 * np.log2(max(float(np.median(widths)) / width, 1e-9))))
+        level = int(np.ceil(2 * np.log2(max(float(np.quantile(widths, _WIDE)) / width, 1e-9))))
         level = int(np.clip(level, 0, self.pyramid.coarsest))
         shrink = self.pyramid.at(level).camera.width / self.pyramid.camera.width
-        fits = np.flatnonzero(widths * shrink <= _WIDEST)
+        fits = [i for i, width in enumerate(widths * shrink) if width <= _WIDEST]
         margins = np.full(len(entries), -1.0)
+        if not fits:
+            return margins
         judge = Judge.of(self.pyramid, level, [entries[i].kernel for i in fits])
         margins[fits] = [judge.margin(entries[i].kernel) for i in fits]
         return margins
@@ -224,27 +233,17 @@ class _Course:
             return entries[1], margin + float(margins[1] - margins[0])
         return winner, margin
 
-    def halves(self, winner: Entry) -> float:
-        """Agreement of a kernel refined on one part of the tiles, and on the other."""
-        if self._is_point(winner):
-            return 1.0
-        one, other = (
-            refined(
-                self.pyramid,
-                winner.kernel,
-                winner.level,
-                _REFINEMENTS[0],
-                axes=self.axes,
-                part=part,
-            )
-            for part in ("fitted", "apart")
-        )
-        return agreement(one, other)
-
     def _refined(self, entry: Entry, how: Refinement, axes: Axes | None = None) -> Entry:
         if self._is_point(entry):
             return entry
-        kernel = refined(self.pyramid, entry.kernel, entry.level, how, axes=axes or self.axes)
+        kernel = refined(
+            self.pyramid,
+            entry.kernel,
+            entry.level,
+            how,
+            axes=axes or self.axes,
+            focus=entry.focus,
+        )
         return entry._replace(name=f"{entry.name}, refined at {how.price:g}", kernel=kernel)
 
     def _is_point(self, entry: Entry) -> bool:
@@ -266,4 +265,6 @@ def _to_end(run: Candidate) -> list[Entry]:
 
 
 def _entry(run: Candidate) -> Entry:
-    return Entry(f"start {run.start}, scale {run.level}", run.start, run.level, run.kernel)
+    focus = run.setting.focus
+    name = f"start {run.start}{'' if focus else ', any focus'}, scale {run.level}"
+    return Entry(name, run.start, run.level, run.kernel, focus)

@@ -78,7 +78,7 @@ def _blocks(pyramid: Pyramid, level: int) -> list[Image]:
     picture = pyramid.at(level).picture
     if min(picture.shape) < _TILE or picture.size < _TILES * _TILE**2:
         return [picture]
-    corners = chosen(pyramid, level, _TILE, _TILES, _BLUR)
+    corners = chosen(pyramid, level, _TILE, _TILES, width=_BLUR)
     return [picture[y : y + _TILE, x : x + _TILE] for y, x in corners]
 
 

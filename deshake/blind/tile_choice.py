@@ -9,7 +9,7 @@ which see the roll, and edges of every direction.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -23,11 +23,14 @@ if TYPE_CHECKING:
 
     from deshake.signal.pyramid import Pyramid, Scale
 
-__all__ = ["Corners", "chosen", "covering"]
+__all__ = ["FOCUS", "Corners", "chosen", "covering"]
 
 Image = NDArray[np.float32]
 Corners = list[tuple[int, int]]
 Places = NDArray[np.float64]
+
+FOCUS = 4.0
+"""Power of a tile's steepness, by which tiles in focus are preferred."""
 
 _LARGEST_VIEW = 0.8e6  # pixels: information is measured on a scale with no more
 _APART = 0.75  # of a tile's size, between two tiles
@@ -35,9 +38,9 @@ _NEAREST = 0.5  # of a tile's size, between two places that are looked at
 _CLIPPED = 3.0  # a tile counts for less by so many times its clipped share
 _BOUND = 0.98  # quantile of the gradients, that an edge counts up to
 _FOCUS_SIGMAS = (0.7, 6.0)  # px of the view
-_LIVELY = 0.3  # quantile of the tiles' contrast, below which a tile has no say in what is in focus
+_DIRECTIONS = 4
+_LIVELY = 0.5  # quantile of the tiles' contrast, below which a tile has no say in what is in focus
 _FOCUSED = 0.9  # quantile of the steepness of edges that counts as in focus
-_FOCUS_POWER = 4.0
 _LEAST_WIDTH = 3  # px of the view: narrower blurs are taken to be as wide
 _SMALL = 1e-3  # of the mean information: what is known before the first tile
 
@@ -55,8 +58,10 @@ def chosen(
     level: int,
     size: int,
     count: int,
+    *,
     width: float,
     allowed: Callable[[Places, Places], NDArray[np.bool_]] | None = None,
+    focus: float = FOCUS,
 ) -> Corners:
     """Choose tiles of a scale, the most informative first.
 
@@ -74,6 +79,8 @@ def chosen(
         Of the blur, in pixels of the scale: shorter edges say little.
     allowed : callable, optional
         Whether tiles may be taken, by their middles (x, y) in widths of the frame; by default all.
+    focus : float
+        How much tiles in focus are preferred; 0: not at all.
 
     Returns
     -------
@@ -96,30 +103,27 @@ def chosen(
         y, x = (y[may], x[may]) if may.any() else (y, x)
     window = 2 * int(np.ceil(max(width * shrink, _LEAST_WIDTH) / _LEAST_WIDTH)) * _LEAST_WIDTH + 1
     maps = pyramid.kept((view, window), lambda: _maps(scale, window))
-    xx, xy, yy, fine, coarse, clipped = (
+    xx, xy, yy, clipped, *slopes = (
         _sums(one, x * shrink, y * shrink, size * shrink) for one in maps
     )
     tensors = np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)
     believed = np.maximum(1 - _CLIPPED * clipped / (size * shrink) ** 2, 0)
     information = _information(scale, tensors, (x + size / 2) * shrink, (y + size / 2) * shrink)
-    information *= (believed * _focus(fine, coarse))[:, None, None]
+    information *= (believed * _focus(slopes) ** focus)[:, None, None]
     taken = _greedy(information, y, x, _APART * size, count)
     return [(int(y[p]), int(x[p])) for p in taken]
 
 
-class _Maps(NamedTuple):
-    """What a pixel adds to the structure tensor, to both slopes of `_focus`, and to the clipped."""
+def _maps(scale: Scale, window: int) -> list[Image]:
+    """Measure a picture, for edges that are longer than a window.
 
-    xx: Image
-    xy: Image
-    yy: Image
-    fine: Image
-    coarse: Image
-    clipped: Image
+    Returns
+    -------
+    list of (h, w) arrays
+        What pixels add to the structure tensor (xx, xy, yy); where they are clipped; and for each
+        direction the fourth powers of their slopes in the picture, and in a smoothed one.
 
-
-def _maps(scale: Scale, window: int) -> _Maps:
-    """Measure a picture, for edges that are longer than a window."""
+    """
     picture = scale.picture
     gx, gy = _gradients(picture, 1.0)
     clipped = np.zeros_like(picture)
@@ -131,38 +135,55 @@ def _maps(scale: Scale, window: int) -> _Maps:
     noise = max(noise_level(picture), 1e-3 * float(length.mean()), 1e-9)
     box = window, window
     # near 1 along an edge that is longer than the blur is wide, near 0 in fine texture
-    straight = cv2.magnitude(cv2.boxFilter(gx, -1, box), cv2.boxFilter(gy, -1, box))
-    straight /= cv2.boxFilter(length, -1, box) + np.float32(0.3 * noise)
-    fine, coarse = (
-        cv2.pow(cv2.magnitude(*_gradients(picture, sigma)) * straight, 4) for sigma in _FOCUS_SIGMAS
+    straight: Image = cv2.magnitude(cv2.boxFilter(gx, -1, box), cv2.boxFilter(gy, -1, box)).astype(
+        np.float32
     )
+    straight /= cv2.boxFilter(length, -1, box) + np.float32(0.3 * noise)
+    slopes = [_gradients(picture, sigma) for sigma in _FOCUS_SIGMAS]
+    directed = [
+        cv2.pow((across * np.cos(angle) + down * np.sin(angle)) * straight, 4)
+        for angle in np.arange(_DIRECTIONS, dtype=np.float32) * np.float32(np.pi / _DIRECTIONS)
+        for across, down in slopes
+    ]
     bound = max(float(np.quantile(length[::4, ::4], _BOUND)), 3 * noise)
     straight *= np.minimum(1, np.float32(bound) / np.maximum(length, np.float32(1e-12)))
     straight *= length > noise
     gx *= straight
     gy *= straight
-    return _Maps(gx * gx, gx * gy, gy * gy, fine, coarse, clipped)
+    return [gx * gx, gx * gy, gy * gy, clipped, *directed]
 
 
 def _gradients(picture: Image, sigma: float) -> tuple[Image, Image]:
     """Gradients of a smoothed picture."""
     smooth = cv2.GaussianBlur(picture, (0, 0), sigma)
-    across = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=0.125)
-    return across, cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=0.125)
+    across: Image = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=0.125).astype(np.float32)
+    down: Image = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=0.125).astype(np.float32)
+    return across, down
 
 
-def _focus(fine: NDArray[np.float64], coarse: NDArray[np.float64]) -> NDArray[np.float64]:
+def _focus(slopes: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     """Share, 0..1, that tiles count by how steep their edges are for their height.
 
     All tiles are shaken alike; those out of focus are blurred once more. An edge is compared with
-    itself in a smoothed picture, where its slope depends on its height alone.
+    itself in a smoothed picture, where its slope depends on its height alone, and with edges of its
+    own direction: those along the shake are steep anywhere, and say nothing of it.
+
+    Parameters
+    ----------
+    slopes : list of (P,) arrays
+        For each direction the sums of the fourth powers of the slopes, in the picture and in a
+        smoothed one.
+
     """
-    high = np.maximum(coarse, 0) ** 0.25
-    steep = np.maximum(fine, 0) ** 0.25 / np.maximum(high, 1e-3 * high.max() + 1e-30)
-    lively = high > np.quantile(high, _LIVELY)
-    best = np.quantile(steep[lively], _FOCUSED) if lively.any() else 1.0
-    share: NDArray[np.float64] = np.clip(steep / max(best, 1e-9), 0, 1) ** _FOCUS_POWER
-    return share
+    fine, coarse = (np.maximum(np.stack(slopes[i::2]), 0) ** 0.25 for i in (0, 1))
+    steep = fine / np.maximum(coarse, 1e-3 * coarse.max() + 1e-30)
+    lively = coarse >= np.quantile(coarse, _LIVELY, axis=1, keepdims=True)
+    best = np.array(
+        [np.quantile(row[live], _FOCUSED) for row, live in zip(steep, lively, strict=True)]
+    )
+    share = np.clip(steep / np.maximum(best, 1e-9)[:, None], 0, 1)
+    mean: NDArray[np.float64] = (share * coarse).sum(0) / np.maximum(coarse.sum(0), 1e-30)
+    return mean
 
 
 def _sums(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
-from deshake.blind.tile_choice import chosen, covering
+from deshake.blind.tile_choice import FOCUS, chosen, covering
 from deshake.blind.tiles import Tiles, reach
 
 if TYPE_CHECKING:
@@ -49,6 +49,7 @@ def planned_tiles(
     part: Part = "fitted",
     budget: Budget = Budget(),  # noqa: B008 - it never changes
     room: float = 1.0,
+    focus: float = FOCUS,
 ) -> Tiles:
     """Cut the tiles of a scale that suit a kernel: its room, and its roll.
 
@@ -66,6 +67,8 @@ def planned_tiles(
         How many pixels to look at.
     room : float
         Room around the tiles, in reaches of the kernel.
+    focus : float
+        How much tiles in focus are preferred, as for `chosen`.
 
     """
     scale = pyramid.at(level)
@@ -73,13 +76,17 @@ def planned_tiles(
     size = _size(kernel.theta, far, min(scale.camera.shape))
     if np.prod(scale.camera.shape) <= budget.frame:
         corners = covering(scale.camera.shape, size)
-        if len(corners) >= 2 * _COLOURS:
-            corners = [corner for i, corner in enumerate(corners) if _belongs(i, part)]
     else:
         count = max(int(budget.tiles / size**2), _FEWEST)
         width = max(kernel.above(_CUT).extent_px(), _NARROW)
         corners = chosen(
-            pyramid, level, size, count, width, lambda x, y: _belongs(_colour(x, y), part)
+            pyramid,
+            level,
+            size,
+            count,
+            width=width,
+            allowed=lambda x, y: _belongs(_colour(x, y), part),
+            focus=focus,
         )
     return Tiles(scale, corners, size, far)
 
@@ -103,4 +110,5 @@ def _belongs(colour: NDArray[np.int64] | int, part: Part) -> NDArray[np.bool_]:
     """Whether a tile of a colour belongs to a part."""
     if part == "all":
         return np.ones_like(colour, bool)
-    return np.asarray(np.mod(colour, _COLOURS) == _COLOURS - 1) == (part == "apart")
+    last: NDArray[np.bool_] = np.mod(colour, _COLOURS) == _COLOURS - 1
+    return last if part == "apart" else ~last

@@ -20,7 +20,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from deshake.geometry.rotations import displacements, homographies
-from deshake.operators.patch_solve import splat
+from deshake.operators.bilinear import splat
 from deshake.signal.gradients import differences, squared_response
 
 if TYPE_CHECKING:

@@ -38,6 +38,13 @@ __all__ = ["command"]
     help="Also write the sharp picture that the kernel was estimated with: grey, of the region "
     "used, at the size worked on. For one photo.  [default: nowhere]",
 )
+@click.option(
+    "--tiles",
+    type=FILE,
+    metavar="FILE.png",
+    help="Also draw the photo with the tiles that the kernel was read from, and the local kernels "
+    "on them. For one photo.  [default: nowhere]",
+)
 @estimate_options
 @batch_options
 @general_options
@@ -49,6 +56,7 @@ def command(
     photos: tuple[Path, ...],
     output: Path | None,
     latent: Path | None,
+    tiles: Path | None,
     camera: Path | None,
     batch: Batch,
     **choices: Any,  # noqa: ANN401 - the fields of EstimateOptions
@@ -56,10 +64,11 @@ def command(
     """Estimate the blur kernels of shaken photos.
 
     A kernel says for how much of the exposure the camera stood at each rotation. It is estimated
-    from the luminance of PHOTO, from coarse to fine, at a working resolution of its own, and
-    belongs to the photo at any size. Where nothing tells the focal length, a 50 mm equivalent is
-    assumed. The photos of a folder are taken in natural order, with -r also those of the folders
-    in it; if one fails, the others go on.
+    from the luminance of PHOTO, from coarse to fine, up to the size at which the shake is some 40
+    pixels wide, and belongs to the photo at any size. A photo that looks sharp or merely soft gets
+    the kernel of a camera that stood still. Where nothing tells the focal length, a 50 mm
+    equivalent is assumed. The photos of a folder are taken in natural order, with -r also those of
+    the folders in it; if one fails, the others go on.
     """
     from deshake.batch.estimate_work import EstimateBlind
     from deshake.batch.plan import Extra
@@ -67,8 +76,9 @@ def command(
     from deshake.pipelines.file_stages import kernel_name
     from deshake.pipelines.stages import EstimateOptions
 
-    one_to_stdout(as_json=batch.as_json, output=output, latent=latent)
-    extras = {} if latent is None else {"latent": Extra(latent)}
+    one_to_stdout(as_json=batch.as_json, output=output, latent=latent, tiles=tiles)
+    pictures = {"latent": latent, "tiles": tiles}
+    extras = {name: Extra(path) for name, path in pictures.items() if path is not None}
     jobs = planned(photos, output, batch, name=kernel_name, extras=extras)
     known = None if camera is None else read_camera(camera)
     work = EstimateBlind(EstimateOptions(camera=known, **choices))

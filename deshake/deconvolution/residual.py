@@ -166,7 +166,7 @@ def gain_map(f_D: Image) -> Image:
     gains = np.full(level.shape, 1 - _ALPHA, np.float32)
     while True:
         down, across = (cv2.Sobel(level, cv2.CV_32F, *d, scale=1 / 8) for d in ((0, 1), (1, 0)))
-        gradient = cv2.magnitude(np.asarray(down, np.float32), np.asarray(across, np.float32))
+        gradient = np.sqrt(np.square(down) + np.square(across))
         gains += np.float32(_ALPHA) * cv2.resize(gradient, (width, height))
         if min(level.shape) < 2 * _SMALLEST_LEVEL:
             return gains

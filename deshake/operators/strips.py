@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Strip", "available_threads", "in_order"]
 
+S = TypeVar("S")
 T = TypeVar("T")
 
 
@@ -47,16 +48,14 @@ def available_threads() -> int:
     return os.cpu_count() or 1
 
 
-def in_order(
-    work: Callable[[Strip], T], strips: Sequence[Strip], threads: int
-) -> Iterator[tuple[Strip, T]]:
-    """Yield `work` of every strip, in order, with a few strips under way at once."""
+def in_order(work: Callable[[S], T], strips: Sequence[S], threads: int) -> Iterator[tuple[S, T]]:
+    """Yield `work` of every strip, or other piece, in order, with a few under way at once."""
     if threads == 1 or len(strips) == 1:
         for strip in strips:
             yield strip, work(strip)
         return
     pool = _pool(threads, os.getpid())
-    waiting: deque[tuple[Strip, Future[T]]] = deque()
+    waiting: deque[tuple[S, Future[T]]] = deque()
     try:
         for strip in strips:
             waiting.append((strip, pool.submit(work, strip)))

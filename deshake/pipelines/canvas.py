@@ -1,4 +1,4 @@
-"""A small anti-aliased drawing surface: lines, discs, tilted pictures, and text with thetas.
+"""A small anti-aliased drawing surface: lines, discs, pictures, shades, and text with thetas.
 
 Everything is drawn three times as large and averaged down at the end. Coordinates are pixels of
 the finished picture, x right and y down, with (0, 0) at its upper left corner.
@@ -78,6 +78,12 @@ class Canvas:
         """Fill an upright rectangle."""
         (x0, y0), (x1, y1) = corner, opposite
         self.polygon([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], fill)
+
+    def picture(self, corner: tuple[int, int], pixels: Picture) -> None:
+        """Lay a picture (h, w, 3) with its upper left pixel at (x, y), all of it on the canvas."""
+        large = pixels.repeat(_SCALE, 0).repeat(_SCALE, 1)
+        x, y = (_SCALE * place for place in corner)
+        self._pixels[y : y + large.shape[0], x : x + large.shape[1]] = large
 
     def shade(
         self, cover: NDArray[np.float64], corners: tuple[Point, Point, Point], colour: Colour

@@ -22,6 +22,7 @@ from deshake.pipelines.photo_provenance import photo_provenance
 from deshake.pipelines.preview import preview_estimate
 from deshake.pipelines.progress import part
 from deshake.pipelines.stages import deblur, estimate
+from deshake.pipelines.tile_picture import tile_photo
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -62,13 +63,15 @@ def estimate_file(
     options: EstimateOptions,
     *,
     latent: Path | None = None,
+    tiles: Path | None = None,
     overwrite: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
     """Estimate the kernel of a photo, and write its kernel file.
 
-    The latent picture of the estimate, if `latent` is given, is kept only together with it.
+    The latent picture of the estimate, if `latent` is given, and the picture of its tiles, if
+    `tiles` is, are kept only together with it.
 
     Raises
     ------
@@ -79,18 +82,26 @@ def estimate_file(
 
     """
     check_output(output, source, overwrite=overwrite)
-    if latent is not None:
-        check_output(latent, source, output, overwrite=overwrite)
+    pictures = [path for path in (latent, tiles) if path is not None]
+    for number, path in enumerate(pictures):
+        check_output(path, source, output, *pictures[:number], overwrite=overwrite)
     photo = read_photo(source, transfer=options.transfer)
-    if latent is not None:
-        _latent_format(latent, photo)
+    for path in pictures:
+        _picture_format(path, photo)
     found = estimate(photo, options, threads=threads, progress=progress)
     with contextlib.ExitStack() as outputs:
+
+        def keep(path: Path, picture: Photo) -> None:
+            outputs.enter_context(gone_on_failure(path))
+            write_bytes(
+                path, encode_photo(picture, _picture_format(path, photo)), overwrite=overwrite
+            )
+
         if latent is not None:
-            picture = latent_photo(photo, found.latent, options.region)
-            outputs.enter_context(gone_on_failure(latent))
-            data = encode_photo(picture, _latent_format(latent, photo))
-            write_bytes(latent, data, overwrite=overwrite)
+            keep(latent, latent_photo(photo, found.latent, options.region))
+        if tiles is not None:
+            kernel, camera = found.content.kernel, found.camera.camera
+            keep(tiles, tile_photo(photo, kernel, camera, options.region))
         write_kernel(output, found.content, overwrite=overwrite)
     return found
 
@@ -220,6 +231,6 @@ def fix_file(
     return found
 
 
-def _latent_format(path: Path, photo: Photo) -> Format:
-    """Return the format of a latent picture: by its name, PNG for standard output."""
+def _picture_format(path: Path, photo: Photo) -> Format:
+    """Return the format of a picture of an estimate: by its name, PNG for standard output."""
     return "PNG" if str(path) == STREAM else output_format(path, photo)

@@ -1,8 +1,8 @@
 """A photo at a quarter of its size, on which all stages take seconds.
 
 Angles know no scale: a kernel found at one size belongs to the photo at any. A blind estimate takes
-its time at the size that it works at, whatever the photo's: for a preview that is smaller, and
-only the fast estimator runs.
+its time at the size that it works at, whatever the photo's: for a preview that is smaller, and the
+first good kernel is taken.
 """
 
 from __future__ import annotations
@@ -61,8 +61,7 @@ def preview_estimate(
     photo, small : Photo
         The photo, and what `preview_photo` made of it.
     options : EstimateOptions
-        What the estimate goes by, in pixels of the photo. Where the estimator is left to the
-        program, the fast one runs alone.
+        What the estimate goes by, in pixels of the photo.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
@@ -89,8 +88,6 @@ def preview_estimate(
 
 def preview_options(options: EstimateOptions, photo: Photo, small: Photo) -> EstimateOptions:
     """Return what an estimate from the reduced photo goes by: all that is in pixels is scaled.
-
-    Where the estimator was left to the program, it is the fast one.
 
     Raises
     ------

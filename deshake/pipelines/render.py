@@ -25,7 +25,13 @@ if TYPE_CHECKING:
 
     from deshake.geometry.kernel import RotationKernel
 
-__all__ = ["render_comparison", "render_file", "render_filters", "render_kernel"]
+__all__ = [
+    "point_light",
+    "render_comparison",
+    "render_file",
+    "render_filters",
+    "render_kernel",
+]
 
 _log = logging.getLogger(__name__)
 
@@ -143,7 +149,7 @@ def render_filters(kernel: RotationKernel, rows: int, cols: int, *, size: int = 
     for r in range(rows):
         offsets = displacements(backwards, points[r])
         for c in range(cols):
-            light = _point_spread(offsets[c], kernel.weights, reach, max(3, round(side)))
+            light = point_light(offsets[c], kernel.weights, reach, max(3, round(side)))
             x = (c + 0.5) * width / cols - side / 2
             y = (r + 0.5) * height / rows - side / 2
             canvas.shade(light, ((x, y), (x + side, y), (x, y + side)), _LIGHT)
@@ -219,12 +225,22 @@ def render_file(
     return output
 
 
-def _point_spread(
+def point_light(
     offsets: NDArray[np.float64], weights: NDArray[np.float64], reach: float, side: int
 ) -> NDArray[np.float64]:
-    """Picture of a point light: weights at offsets (K, 2), on `side` pixels, from 0 to 1.
+    """Draw what a blurred photo shows of a point light, from 0 to 1.
 
-    The middle of the picture is the point itself, its half side `reach` + 1 pixels of the photo.
+    Parameters
+    ----------
+    offsets : (K, 2) array
+        Where the light is seen, in pixels of the photo from the picture's middle.
+    weights : (K,) array
+        For how long.
+    reach : float
+        Half the side of the picture in pixels of the photo, less one.
+    side : int
+        The side of the picture in pixels of its own.
+
     """
     count = min(12 * int(np.ceil(reach + 1)), 2 * side, _MOST_CELLS)
     places = (offsets / (reach + 1) + 1) * count / 2 - 0.5

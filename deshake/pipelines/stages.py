@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from deshake import __version__
+from deshake.blind.estimate import estimate_kernel
 from deshake.deconvolution.dark_halos import without_dark_halos
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions, restore
 from deshake.deconvolution.noise import noise_model
 from deshake.errors import DeshakeError
-from deshake.blind.estimate import estimate_kernel
 from deshake.io.files import sha256
 from deshake.io.kernel_file import KernelFile
 from deshake.pipelines.calibration import camera_for

@@ -1,0 +1,1 @@
+"""Signal processing that estimators and deconvolution share."""

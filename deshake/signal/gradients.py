@@ -35,7 +35,8 @@ def squared_response(rows: int, columns: int) -> Image:
     """Squared response of both differences at the frequencies of a real FFT."""
     y = 2 * np.pi * np.arange(rows)[:, None] / rows
     x = 2 * np.pi * np.arange(columns // 2 + 1)[None] / columns
-    return (4 * np.sin(y / 2) ** 2 + 4 * np.sin(x / 2) ** 2).astype(np.float32)
+    squared: Image = (4 * np.sin(y / 2) ** 2 + 4 * np.sin(x / 2) ** 2).astype(np.float32)
+    return squared
 
 
 def strong(across: Image, down: Image, square: float) -> tuple[Image, Image]:

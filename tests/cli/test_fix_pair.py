@@ -116,7 +116,10 @@ def _here(pair, tmp_path, monkeypatch):
         (("blurred.png", "--noisy", "./blurred.png"), "is the photo itself"),
         (("blurred.png", "--noisy", "link.png"), "is the photo itself"),
         (("blurred.png", "--noisy", "noisy.png", "--region", "0,0,9,9"), "--region does not go"),
-        (("blurred.png", "--noisy", "noisy.png", "--estimator", "edges"), "--estimator does not"),
+        (
+            ("blurred.png", "--noisy", "noisy.png", "--estimator", "variational"),
+            "--estimator does not",
+        ),
         (("blurred.png", "--noisy", "noisy.png", "--method", "sparse"), "not go with --method"),
         (("blurred.png", "--method", "fusion"), "--method fusion needs --noisy"),
     ],

@@ -46,6 +46,16 @@ def test_lines_are_anti_aliased():
     assert len(levels) > 5
 
 
+def test_a_picture_keeps_its_pixels():
+    pixels = np.random.default_rng(0).integers(0, 256, (5, 7, 3), np.uint8)
+    canvas = Canvas(20, 16)
+    canvas.picture((3, 4), pixels)
+    drawn = canvas.finished()
+    assert np.array_equal(drawn[4:9, 3:10], pixels)
+    drawn[4:9, 3:10] = 255
+    assert (drawn == 255).all()
+
+
 def test_shade_lays_each_cell_in_its_place():
     canvas = Canvas(20, 20)
     canvas.shade(np.array([[1.0, 0.0], [0.0, 0.5]]), ((4, 4), (16, 4), (4, 16)), BLACK)

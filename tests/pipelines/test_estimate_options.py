@@ -26,7 +26,7 @@ def test_provenance_tells_what_is_not_by_default():
         "max_angle": None,
         "region": None,
         "uniform": False,
-        "estimator": "auto",
+        "estimator": "edges",
     }
     known = EstimateOptions(focal_px=9, camera=CameraFile(CAMERA, "given"))
     assert known.provenance() == plain  # the camera is told apart

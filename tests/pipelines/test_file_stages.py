@@ -148,13 +148,24 @@ def test_the_latent_picture_is_checked_before_any_work(photo, tmp_path, name, wh
     assert photo.read_bytes() == before
 
 
+def test_tiles_are_drawn_beside_the_latent_picture(photo, tmp_path):
+    pictures = {"latent": tmp_path / "l.png", "tiles": tmp_path / "t.jpg"}
+    estimate_file(photo, tmp_path / "k.npz", OPTIONS, **pictures)
+    with Image.open(pictures["latent"]) as latent, Image.open(pictures["tiles"]) as tiles:
+        assert latent.size == (60, 50)
+        assert (tiles.format, tiles.mode, tiles.width) == ("JPEG", "RGB", 80)
+        assert tiles.height > 64
+
+
 @pytest.mark.parametrize("step", ["write_bytes", "write_kernel"])
-def test_kernel_and_latent_picture_stay_together(photo, tmp_path, monkeypatch, step):
+def test_kernel_and_pictures_stay_together(photo, tmp_path, monkeypatch, step):
     def fail(*_, **__):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(file_stages, step, fail)
     options = replace(OPTIONS, estimator="edges")
     with pytest.raises(KeyboardInterrupt):
-        estimate_file(photo, tmp_path / "k.npz", options, latent=tmp_path / "l.png")
+        estimate_file(
+            photo, tmp_path / "k.npz", options, latent=tmp_path / "l.png", tiles=tmp_path / "t.png"
+        )
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]

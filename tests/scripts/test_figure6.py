@@ -26,7 +26,7 @@ def figure6():
 
 @pytest.fixture(scope="module")
 def sharp():
-    small = cv2.resize(data.camera()[:400, 50:450], (130, 120), interpolation=cv2.INTER_AREA)
+    small = cv2.resize(data.camera()[:400, 50:450], (200, 185), interpolation=cv2.INTER_AREA)
     return small.astype(np.float32) / 255
 
 
@@ -131,7 +131,7 @@ def test_a_case_is_scored(figure6, sharp, smear, tmp_path, monkeypatch):
     found = figure6.score(path, "edges", free=False)
     assert found.true.quarters < 0.5 * found.blurred.quarters
     assert found.estimated.quarters < found.blurred.quarters
-    assert found.name in {"fine", "medium", "strong"}
+    assert found.name.startswith("start ")
     assert found.seconds > 0
 
 

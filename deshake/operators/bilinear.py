@@ -1,0 +1,40 @@
+"""Bilinear taps: what lies between pixels, shared among the four pixels around it.
+
+A filter of weights at displacements that are no whole pixels is splatted onto a block of pixels; a
+block is read between its pixels by the same shares. Blocks are periodic, lag 0 is at the origin.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["bilinear_taps", "splat"]
+
+Image = NDArray[np.float32]
+
+
+def splat(
+    moved: NDArray[np.float64], weights: NDArray[np.float64], block: tuple[int, int]
+) -> Image:
+    """Splat weights (K,) at displacements (P, K, 2) onto blocks (P, N, M)."""
+    count = len(moved)
+    place, share = bilinear_taps(moved, block)
+    place += (np.arange(count) * block[0] * block[1])[:, None, None]
+    spread = share * weights[:, None]
+    summed = np.bincount(place.ravel(), spread.ravel(), count * block[0] * block[1])
+    return summed.reshape(count, *block).astype(np.float32)
+
+
+def bilinear_taps(
+    moved: NDArray[np.float64], block: tuple[int, int]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Places in a periodic block and shares, (P, K, 4), of the bilinear taps of lags (x, y)."""
+    low = np.floor(moved)
+    a, b = moved[..., 0] - low[..., 0], moved[..., 1] - low[..., 1]
+    x, y = low[..., 0].astype(np.int64), low[..., 1].astype(np.int64)
+    left, right = x % block[1], (x + 1) % block[1]
+    top, bottom = y % block[0] * block[1], (y + 1) % block[0] * block[1]
+    index = np.stack([top + left, top + right, bottom + left, bottom + right], -1)
+    share = np.stack([(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b], -1)
+    return index, share

@@ -1,0 +1,96 @@
+"""A photograph that was shaken by a known kernel, exactly, and what a race makes of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import pytest
+from skimage import data
+
+from deshake.blind.race import Finish, race
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
+from deshake.geometry.rotations import grid_steps
+from deshake.operators.warps import Warps
+from deshake.signal.pyramid import Pyramid
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+SHAPE = 200, 240
+MARGIN = 16
+PATH = np.array([[-1.0, -4, -2], [0, 0, 0], [2, 1, 0], [1, 4, 3]])  # in grid steps
+NOISE = 0.003
+
+
+@dataclass(frozen=True)
+class Shaken:
+    """A photo, what it shows, and how it was shaken.
+
+    The sharp picture lies around the photo: it is larger by a margin on every side.
+    """
+
+    grey: np.ndarray
+    camera: Camera
+    kernel: RotationKernel
+    sharp: np.ndarray
+    margin: int
+
+    @property
+    def still(self) -> np.ndarray:
+        """What a camera would have seen that stood still."""
+        return self.sharp[self.margin : -self.margin, self.margin : -self.margin]
+
+    @property
+    def pyramid(self) -> Pyramid:
+        return Pyramid(self.grey, self.camera)
+
+
+def _shake(camera: Camera | None = None, path: np.ndarray = PATH, noise: float = NOISE) -> Shaken:
+    camera = camera or Camera.from_focal(float(SHAPE[1]), *SHAPE)
+    margin = MARGIN
+    grey = data.coffee() @ np.array([0.3, 0.59, 0.11]) / 255
+    size = camera.width + 2 * margin, camera.height + 2 * margin
+    sharp = (cv2.resize(grey, size, interpolation=cv2.INTER_AREA) ** 2.2).astype(np.float32)
+    kernel = RotationKernel.from_path(path * grid_steps(camera), camera).centred()
+    blurred = Warps(camera, kernel.theta, margin=margin).blur(sharp, kernel.weights)
+    grain = np.random.default_rng(0).normal(scale=noise, size=camera.shape)
+    return Shaken((blurred + grain).astype(np.float32), camera, kernel, sharp, margin)
+
+
+@pytest.fixture(scope="session")
+def shake() -> Callable[..., Shaken]:
+    """Shake the photograph by a path (T, 3) in grid steps of a camera."""
+    return _shake
+
+
+@pytest.fixture(scope="session")
+def shaken() -> Shaken:
+    """A photo shaken by some twelve pixels, the roll being a third of it."""
+    return _shake()
+
+
+@pytest.fixture(scope="session")
+def pyramid(shaken) -> Pyramid:
+    return shaken.pyramid
+
+
+@pytest.fixture(scope="session")
+def still(shaken) -> Pyramid:
+    """The same photo of a camera that stood still."""
+    return Pyramid(np.ascontiguousarray(shaken.still), shaken.camera)
+
+
+@pytest.fixture(scope="session")
+def told() -> list[float]:
+    """Shares done, as the race told them that `ended` is the end of."""
+    return []
+
+
+@pytest.fixture(scope="session")
+def ended(shaken, told) -> Finish:
+    """How the race for the shaken photo ends."""
+    return race(shaken.pyramid, threads=1, progress=lambda share, _: told.append(share))

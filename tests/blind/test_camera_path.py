@@ -1,0 +1,100 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+from scipy.spatial.distance import cdist
+
+from deshake.blind.agreement import agreement, spread_px
+from deshake.blind.camera_path import filled_path
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
+from deshake.geometry.rotations import grid_steps
+
+CAMERA = Camera.from_focal(2000.0, 1200, 1600)
+STEPS = grid_steps(CAMERA)  # of one pixel
+PATH = np.array([[-20.0, -60, -9], [10, 0, 0], [35, 10, 6], [30, 70, 20]])
+
+
+def coarse(ratio: float, path: np.ndarray = PATH) -> RotationKernel:
+    """A path on a grid of so many pixels, off the grid as `centred` leaves it."""
+    kernel = RotationKernel.from_path(path * STEPS, CAMERA, steps=ratio * STEPS)
+    return replace(kernel, theta=kernel.theta - kernel.centroid)
+
+
+def hangs_together(kernel: RotationKernel, pixels: float) -> bool:
+    """Whether steps of so many pixels lead from any rotation to any other."""
+    tree = KDTree(kernel.theta / STEPS)
+    near = tree.sparse_distance_matrix(tree, pixels + 1e-6, p=np.inf)
+    return connected_components(near)[0] == 1
+
+
+@pytest.mark.parametrize(("ratio", "roll"), [(2.0, 1), (2.83, 1), (4.0, 0), (5.0, 0)])
+def test_no_holes_are_left(ratio, roll) -> None:
+    kernel = coarse(ratio, PATH * [1, 1, roll]).above(0.05)
+    assert not hangs_together(kernel, 0.9 * ratio)
+    filled = filled_path(kernel)
+    assert hangs_together(filled, 1.5)
+    assert (filled.steps < 1.5 * STEPS).all()
+
+
+@pytest.mark.parametrize("ratio", [2.0, 4.0, 11.3])
+def test_the_camera_points_where_it_did_and_the_exposure_is_whole(ratio) -> None:
+    kernel = coarse(ratio)
+    filled = filled_path(kernel)
+    np.testing.assert_allclose(filled.centroid, kernel.centroid, atol=1e-9)
+    assert filled.weights.sum() == pytest.approx(1)
+    assert filled.weights.min() > 0
+    assert filled.camera is CAMERA
+
+
+@pytest.mark.parametrize("ratio", [2.0, 4.0])
+def test_the_path_stays_what_it_was(ratio) -> None:
+    kernel = coarse(ratio)
+    filled = filled_path(kernel)
+    true = RotationKernel.from_path(PATH * STEPS, CAMERA)
+    assert spread_px(filled) == pytest.approx(spread_px(kernel), rel=0.03)
+    assert agreement(filled, true, smoothing=0.1) > 0.95
+    away = cdist(filled.theta, kernel.theta).min(1)
+    assert away.max() < ratio * np.linalg.norm(STEPS)
+
+
+def test_a_straight_path_gets_no_wider_across() -> None:
+    filled = filled_path(coarse(4.0, np.array([[0.0, -40, 0], [0, 40, 0]])))
+    np.testing.assert_allclose(filled.theta[:, [0, 2]], 0, atol=1e-12)
+    assert len(filled.theta) > 60
+
+
+def test_heavy_rotations_stay_heavy() -> None:
+    places = [[0, i, 0] for i in range(9)]
+    kernel = RotationKernel.from_indices(places, [1] * 4 + [20] + [1] * 4, 4 * STEPS, CAMERA)
+    filled = filled_path(kernel)
+    near = np.abs(filled.theta[:, 1] - kernel.theta[4, 1]) < 6 * STEPS[1]
+    assert filled.weights[near].sum() > 0.7
+
+
+@pytest.mark.parametrize("ratio", [0.7, 1.0, 1.41])
+def test_fine_kernels_are_left_alone(ratio) -> None:
+    kernel = coarse(ratio)
+    assert filled_path(kernel) is kernel
+
+
+def test_a_lone_rotation_stays() -> None:
+    still = RotationKernel.delta(CAMERA, steps=8 * STEPS)
+    assert filled_path(still) is still
+    places = [[0, 0, 0], [0, 1, 0], [0, 2, 0], [9, 9, 0]]
+    kernel = RotationKernel.from_indices(places, [3, 3, 3, 1], 4 * STEPS, CAMERA)
+    filled = filled_path(kernel)
+    far = filled.theta[:, 0] > 20 * STEPS[0]
+    assert filled.weights[far] == pytest.approx([0.1])
+
+
+def test_wide_kernels_get_no_more_rotations_than_can_be_restored() -> None:
+    rng = np.random.default_rng(0)
+    places = np.unique(rng.integers(-4, 5, (300, 3)), axis=0)
+    kernel = RotationKernel.from_indices(places, rng.random(len(places)), 16 * STEPS, CAMERA)
+    pairs = (cdist(places, places, "chebyshev") == 1).sum()
+    assert len(filled_path(kernel).weights) <= max(pairs, 1500) + len(places)

@@ -1,0 +1,131 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from deshake.blind.agreement import agreement
+from deshake.blind.candidate import FINE, Candidate, Refinement, edge_floor, refined
+from deshake.geometry.camera import Camera
+from deshake.signal.pyramid import RATIO, Pyramid
+
+if TYPE_CHECKING:
+    from deshake.geometry.kernel import RotationKernel
+
+
+def run(candidate: Candidate) -> Candidate:
+    while candidate.advance():
+        pass
+    return candidate
+
+
+@pytest.fixture(scope="module")
+def found(pyramid) -> Candidate:
+    return run(Candidate(pyramid, 3))
+
+
+def test_a_known_shake_is_found(found, shaken) -> None:
+    assert found.level == 0
+    assert agreement(found.kernel, shaken.kernel) > 0.9
+    assert found.kernel.camera is shaken.camera
+    assert found.width == pytest.approx(shaken.kernel.extent_px(), rel=0.35)
+
+
+def test_the_roll_is_found(found, shaken) -> None:
+    deviations = [
+        np.sqrt(np.diag(np.cov(k.theta.T, aweights=k.weights, ddof=0)))
+        for k in (found.kernel, shaken.kernel)
+    ]
+    np.testing.assert_allclose(deviations[0], deviations[1], rtol=0.5)
+
+
+def test_the_kernel_is_centred_and_whole(found) -> None:
+    kernel = found.kernel
+    np.testing.assert_allclose(kernel.centroid, 0, atol=1e-3 * kernel.steps.min())
+    assert kernel.weights.sum() == pytest.approx(1)
+    assert kernel.weights.min() >= FINE.cut * kernel.weights.max() * (1 - 1e-9)
+
+
+def test_it_goes_from_scale_to_scale(pyramid, shaken) -> None:
+    candidate = Candidate(pyramid, 2)
+    with pytest.raises(ValueError, match="no scale"):
+        _ = candidate.kernel
+    for level in (2, 1, 0):
+        assert candidate.advance()
+        assert candidate.level == level
+        kernel = candidate.kernel
+        assert kernel.camera is shaken.camera
+        pixels = kernel.steps[0] / shaken.kernel.steps[0]
+        assert pixels == pytest.approx(RATIO**level, rel=0.02)
+    assert not candidate.advance()
+    assert candidate.level == 0
+
+
+def test_uniform_blur_does_not_roll(shake) -> None:
+    camera = Camera.uniform(200, 240)
+    shaken = shake(camera, np.array([[-1.0, -4, 0], [0, 0, 0], [2, 1, 0], [1, 4, 0]]))
+    kernel = run(Candidate(shaken.pyramid, 3)).kernel
+    assert not kernel.theta[:, 2].any()
+    assert agreement(kernel, shaken.kernel) > 0.9
+
+
+def test_the_camera_turns_about_the_axes_that_it_may(pyramid) -> None:
+    quick = replace(FINE, iterations=2)
+    level = run(Candidate(pyramid, 2, quick, axes=(True, True, False))).kernel
+    assert np.ptp(level.theta[:, 2]) < 0.05 * level.steps[2]
+    also = run(Candidate(pyramid, 2, replace(quick, roll=False))).kernel
+    np.testing.assert_allclose(also.theta, level.theta, atol=1e-3 * level.steps.min())
+    np.testing.assert_allclose(also.weights, level.weights, rtol=1e-2)
+    pan = run(Candidate(pyramid, 2, quick, axes=(False, True, False))).kernel
+    assert np.ptp(pan.theta[:, 0]) < 0.05 * pan.steps[0]
+    assert np.ptp(pan.theta[:, 1]) > pan.steps[1]
+
+
+def test_the_blur_stays_within_its_bound(pyramid, found) -> None:
+    narrow = run(Candidate(pyramid, 3, bound=2.0)).kernel
+    ranges = [np.ptp(k.theta, axis=0) / k.steps for k in (narrow, found.kernel)]
+    assert ranges[0].max() < 2 * 3 + 0.5
+    assert ranges[1].max() > 2 * 3 + 0.5
+
+
+def test_a_kernel_too_wide_stops_where_it_is(pyramid) -> None:
+    candidate = run(Candidate(pyramid, 4, replace(FINE, wide=8.0)))
+    assert candidate.level > 0
+    assert candidate.width * RATIO > 8
+
+
+def test_exposure_does_not_count(shaken, found) -> None:
+    darker = Pyramid(shaken.grey / 4, shaken.camera)  # by a power of two, nearly exactly
+    assert agreement(run(Candidate(darker, 3)).kernel, found.kernel) > 0.97
+
+
+def test_an_edge_must_be_above_the_noise(shaken, pyramid) -> None:
+    grain = np.random.default_rng(1).normal(0, 0.03, shaken.grey.shape).astype(np.float32)
+    noisy = Pyramid(shaken.grey + grain, shaken.camera)
+    assert edge_floor(noisy, 0) > 10 * edge_floor(pyramid, 0)
+    assert edge_floor(noisy, 3) < edge_floor(noisy, 0)
+    assert edge_floor(noisy, 0, 20) == pytest.approx(2 * edge_floor(noisy, 0, 10))
+
+
+@pytest.fixture(scope="module")
+def rough(shaken) -> RotationKernel:
+    """What a much coarser scale would tell of the shake."""
+    return shaken.kernel.resampled(4 * shaken.kernel.steps).centred()
+
+
+@pytest.mark.parametrize("part", ["fitted", "apart"])
+def test_refinement_comes_nearer_the_truth(pyramid, shaken, rough, part) -> None:
+    fine = refined(pyramid, rough, 0, Refinement(2e-3, iterations=3), part=part)
+    before = agreement(rough, shaken.kernel, smoothing=0.15)
+    assert agreement(fine, shaken.kernel, smoothing=0.15) > before + 0.03
+    assert fine.camera is shaken.camera
+    np.testing.assert_allclose(fine.centroid, 0, atol=1e-3 * fine.steps.min())
+
+
+def test_refinement_keeps_to_its_scale_and_axes(pyramid, rough) -> None:
+    how = Refinement(1e-2, iterations=2)
+    coarse = refined(pyramid, rough, 2, how, axes=(True, True, False))
+    assert coarse.steps[0] == pytest.approx(rough.steps[0] / 2, rel=0.02)
+    assert np.ptp(coarse.theta[:, 2]) < 0.05 * coarse.steps[2]

@@ -1,0 +1,136 @@
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from deshake.blind.agreement import agreement
+from deshake.blind.camera_path import filled_path
+from deshake.blind.estimate import STILL, estimate_kernel
+from deshake.errors import EstimationError
+from deshake.geometry.camera import Camera
+
+if TYPE_CHECKING:
+    from deshake.blind.result import BlindEstimate
+
+
+@dataclass
+class Told:
+    """What an estimate told of its progress."""
+
+    shares: list[float] = field(default_factory=list)
+
+    def __call__(self, share: float, text: str) -> None:
+        assert text
+        self.shares.append(share)
+
+
+@pytest.fixture(scope="module")
+def progress() -> Told:
+    return Told()
+
+
+@pytest.fixture(scope="module")
+def found(shaken, progress) -> BlindEstimate:
+    return estimate_kernel(shaken.grey, shaken.camera, quick=True, threads=1, progress=progress)
+
+
+def test_a_known_shake_is_found_and_trusted(found, shaken) -> None:
+    assert agreement(found.kernel, shaken.kernel) > 0.9
+    assert found.kernel.camera is shaken.camera
+    assert found.confidence > 0.7
+    assert found.notes == []
+    assert found.name
+    assert found.name != STILL
+
+
+def test_the_kernel_is_centred_and_fine(found) -> None:
+    kernel = found.kernel
+    np.testing.assert_allclose(kernel.centroid, 0, atol=0.05 * kernel.steps.min())
+    assert kernel.weights.sum() == pytest.approx(1)
+    assert filled_path(kernel) is kernel
+
+
+def test_the_latent_picture_is_the_photos(found, shaken) -> None:
+    assert found.latent.shape == (2, *shaken.grey.shape)
+    true = np.diff(shaken.still, axis=1)[10:-10, 10:-10]
+    latent = found.latent[0, :, :-1][10:-10, 10:-10]
+    photo = np.diff(shaken.grey, axis=1)[10:-10, 10:-10]
+    # the estimate may point a pixel aside
+    alike = max(
+        np.corrcoef(np.roll(latent, (y, x), (0, 1)).ravel(), true.ravel())[0, 1]
+        for y in (-1, 0, 1)
+        for x in (-1, 0, 1)
+    )
+    assert alike > np.corrcoef(photo.ravel(), true.ravel())[0, 1]
+
+
+def test_progress_rises_from_nothing_to_one(found, progress) -> None:
+    assert found.kernel is not None
+    assert progress.shares[0] == 0
+    assert progress.shares[-1] == 1
+    assert progress.shares == sorted(progress.shares)
+    assert len(set(progress.shares)) > 5
+
+
+def test_a_part_of_the_photo_tells_of_the_whole(shaken) -> None:
+    spoilt = shaken.grey.copy()
+    spoilt[:, 200:] = np.random.default_rng(0).random((200, 40))
+    part = estimate_kernel(spoilt, shaken.camera, region=(10, 5, 186, 190), quick=True, threads=1)
+    assert part.kernel.camera is shaken.camera
+    assert agreement(part.kernel, shaken.kernel) > 0.85
+    assert part.latent.shape == (2, 190, 186)
+
+
+def test_clipped_pixels_are_not_believed(shaken) -> None:
+    most = np.quantile(shaken.grey, 0.97)
+    found = estimate_kernel(
+        np.minimum(shaken.grey, most).astype(np.float32),
+        shaken.camera,
+        clipped=shaken.grey >= most,
+        quick=True,
+        threads=1,
+    )
+    assert agreement(found.kernel, shaken.kernel) > 0.85
+
+
+def test_uniform_kernels_do_not_roll(shake) -> None:
+    camera = Camera.uniform(200, 240)
+    shaken = shake(camera, np.array([[-1.0, -4, 0], [0, 0, 0], [2, 1, 0], [1, 4, 0]]))
+    lens = Camera.from_focal(240.0, 200, 240)
+    found = estimate_kernel(shaken.grey, lens, uniform=True, quick=True, threads=1)
+    assert found.kernel.camera.is_uniform
+    assert not found.kernel.theta[:, 2].any()
+    assert agreement(found.kernel, shaken.kernel) > 0.9
+
+
+def test_a_sharp_photo_is_left_as_it_is(shaken) -> None:
+    found = estimate_kernel(np.ascontiguousarray(shaken.still), shaken.camera, threads=1)
+    assert found.name == STILL
+    assert found.kernel.weights.tolist() == [1]
+    assert not found.kernel.theta.any()
+    assert found.kernel.camera is shaken.camera
+    assert found.confidence <= 0.1
+    assert len(found.notes) == 1
+    assert "left as it is" in found.notes[0]
+    assert found.latent.shape == (2, *shaken.grey.shape)
+
+
+@pytest.mark.parametrize("estimator", ["edges", "variational"])
+@pytest.mark.parametrize(
+    ("grey", "how", "says"),
+    [
+        (np.full((100, 120), 0.5, np.float32), {}, "texture"),
+        (np.ones((40, 300), np.float32), {}, "too few"),
+        (np.ones((100, 120), np.float32), {"region": (10, 10, 100, 30)}, "too few"),
+        (np.ones((100, 120), np.float32), {"blur_px": 80.0}, "does not fit"),
+    ],
+    ids=["flat", "small", "small region", "wide"],
+)
+def test_photos_that_tell_nothing_are_errors_with_a_hint(estimator, grey, how, says) -> None:
+    camera = Camera.from_focal(200.0, *grey.shape)
+    with pytest.raises(EstimationError, match=says) as error:
+        estimate_kernel(grey, camera, estimator=estimator, **how)
+    assert error.value.hint

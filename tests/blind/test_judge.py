@@ -1,0 +1,125 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from deshake.blind.judge import Judge
+from deshake.geometry.kernel import RotationKernel
+from deshake.signal.pyramid import Pyramid
+
+
+@pytest.fixture(scope="module")
+def kernels(shaken) -> dict[str, RotationKernel]:
+    """Kernels: true, nearly, wrong ones, and none."""
+    true = shaken.kernel
+    return {
+        "true": true,
+        "near": replace(true, theta=0.85 * true.theta),
+        "short": replace(true, theta=0.5 * true.theta),
+        "long": replace(true, theta=1.8 * true.theta),
+        "wrong": replace(true, theta=true.theta * [-1, 1, 1]),
+        "still": RotationKernel.delta(shaken.camera),
+    }
+
+
+def margins(grey, shaken, kernels, *names: str, usable=None, level=0) -> dict[str, float]:
+    """Judge a photo's kernels of some names; all have room."""
+    judge = Judge.of(Pyramid(grey, shaken.camera, usable), level, list(kernels.values()))
+    return {name: judge.margin(kernels[name]) for name in names}
+
+
+@pytest.fixture(scope="module")
+def plain(shaken, kernels) -> dict[str, float]:
+    return margins(shaken.grey, shaken, kernels, *kernels)
+
+
+def test_the_better_kernel_is_preferred(plain) -> None:
+    assert plain["true"] > plain["short"] > plain["still"]
+    assert plain["near"] > plain["short"]
+    assert plain["near"] > plain["wrong"]
+    assert plain["true"] > plain["wrong"]
+    assert plain["true"] > plain["long"]
+    assert plain["true"] > 0.05
+
+
+def test_a_still_camera_betters_nothing(plain) -> None:
+    assert plain["still"] == pytest.approx(0, abs=1e-9)
+
+
+def test_no_kernel_betters_a_photo_that_was_not_shaken(shaken, kernels) -> None:
+    found = margins(shaken.still, shaken, kernels, "true", "short", "wrong")
+    assert max(found.values()) < 0
+    assert found["true"] < found["short"]
+
+
+def test_a_coarser_scale_prefers_the_same(shaken, kernels) -> None:
+    found = margins(shaken.grey, shaken, kernels, "true", "short", "long", level=1)
+    assert found["true"] > found["short"] > 0
+    assert found["true"] > found["long"]
+
+
+def test_exposure_does_not_count(shaken, kernels, plain) -> None:
+    dim = margins(shaken.grey * np.float32(0.25), shaken, kernels, "true", "short")
+    for name, margin in dim.items():
+        assert margin == pytest.approx(plain[name], abs=3e-3)
+
+
+def test_what_was_judged_before_does_not_count(shaken, kernels) -> None:
+    judge = Judge.of(shaken.pyramid, 0, list(kernels.values()))
+    first = [judge.score(kernels[name]) for name in ("true", "still")]
+    again = [judge.score(kernels[name]) for name in ("still", "true")]
+    assert first == again[::-1]
+    assert judge.still == first[1]
+
+
+def test_rotations_without_weight_do_not_count(shaken, kernels) -> None:
+    near = kernels["near"]
+    theta = np.concatenate([near.theta, 1.5 * near.theta])
+    padded = replace(near, theta=theta, weights=np.append(near.weights, 0 * near.weights))
+    judge = Judge.of(shaken.pyramid, 0, list(kernels.values()))
+    assert judge.score(padded) == judge.score(near)
+
+
+def test_where_the_camera_pointed_hardly_counts(shaken, kernels) -> None:
+    true = kernels["true"]
+    turned = replace(true, theta=true.theta + np.array([2, -1, 0]) * true.steps)
+    judge = Judge.of(shaken.pyramid, 0, [turned, *kernels.values()])
+    assert judge.margin(turned) == pytest.approx(judge.margin(true), abs=0.03)
+
+
+def test_clipped_pixels_are_left_out(shaken, kernels, plain) -> None:
+    spoilt = shaken.grey.copy()
+    spoilt[100:120, 100:140] = 1.0
+    usable = np.ones(spoilt.shape, bool)
+    usable[99:121, 99:141] = False
+    found = margins(spoilt, shaken, kernels, "true", "short", usable=usable)
+    assert found["true"] > found["short"] > 0
+    assert found["true"] == pytest.approx(plain["true"], abs=0.08)
+
+
+def test_lights_that_no_kernel_explains_hardly_count(shaken, kernels, plain) -> None:
+    lit = shaken.grey.copy()
+    lit[40:180:40, 40:220:40] += np.float32(lit.max())  # lights that were not shaken
+    found = margins(lit, shaken, kernels, "true", "long")
+    assert found["true"] > found["long"]
+    assert found["true"] > 0.3 * plain["true"]
+
+
+def test_it_has_room_for_the_widest_kernel(shaken, kernels) -> None:
+    narrow = Judge.of(shaken.pyramid, 0, [kernels["short"]])
+    wide = Judge.of(shaken.pyramid, 0, [kernels["short"], kernels["long"]])
+    assert wide.tiles.far > narrow.tiles.far
+
+
+@pytest.mark.parametrize("measure", ["energy", "sparsity"])
+def test_the_margin_rises_with_either_gain(shaken, kernels, monkeypatch, measure) -> None:
+    judge = Judge.of(shaken.pyramid, 2, [kernels["true"]])
+    found = []
+    for gain in (-0.03, -0.01, 0.0, 0.1, 3.0):
+        score = judge.still._replace(**{measure: getattr(judge.still, measure) - gain})
+        monkeypatch.setattr(judge, "score", lambda _, score=score: score)
+        found.append(judge.margin(kernels["true"]))
+    assert found == sorted(set(found))
+    assert found[2] == 0

@@ -1,0 +1,219 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from scipy.optimize import nnls
+
+from deshake.blind.agreement import agreement
+from deshake.blind.kernel_step import (
+    NormalEquations,
+    RotationGrid,
+    fitted_weights,
+    nonnegative,
+)
+from deshake.blind.tiles import Tiles, reach
+from deshake.geometry.camera import Camera
+from deshake.geometry.rotations import grid_steps
+from deshake.operators.warps import Warps
+from deshake.signal.gradients import differences
+from deshake.signal.pyramid import Scale
+
+SIZE = 48
+CORNERS = [(20, 20), (76, 140), (130, 60), (140, 180)]
+CAMERAS = {
+    "uniform": Camera.uniform(200, 240),
+    "long lens": Camera.from_focal(960.0, 200, 240),
+    "lens": Camera.from_focal(240.0, 200, 240),
+}
+# Relative errors of G, of its product with weights, and of b. Where every rotation is a translation
+# of whole pixels there are none; else they are those of one filter a tile, and for G of bilinear
+# weights at one displacement, not at two (measured: .016, .010, .008 and .047, .026, .009).
+ACCURACY = {
+    "uniform": (1e-5, 1e-5, 1e-5),
+    "long lens": (0.022, 0.015, 0.012),
+    "lens": (0.06, 0.035, 0.015),
+}
+
+
+@pytest.fixture(scope="module", params=list(CAMERAS))
+def fit(request, shake):
+    """A grid, edges within the tiles' middles, and the exact G and b of both."""
+    camera = CAMERAS[request.param]
+    path = np.array([[-2.0, -3, -1], [1, 0, 0], [3, 2, 1]])
+    shaken = shake(camera, path * [1, 1, not camera.is_uniform])
+    rolls = (0,) if camera.is_uniform else (-1, 0, 1)
+    indices = np.array([[x, y, z] for x in (-2, 3) for y in (-3, 1, 2) for z in rolls])
+    steps = grid_steps(camera)
+    far = reach(camera, indices * steps)
+    tiles = Tiles(Scale(shaken.grey, camera, None, 1.0), CORNERS, SIZE, far)
+    # smooth, for bilinear weights at fractions of a pixel to be all the same
+    soft = cv2.GaussianBlur(shaken.still, (0, 0), 2.0)
+    steps_of = np.arange(tiles.block) - tiles.first
+    count = SIZE - 2 * (far // 4) - 8
+    first = (tiles.block - count) // 2
+    window = np.zeros(tiles.block, np.float32)
+    window[first : first + count] = np.hanning(count + 2)[1:-1]
+    edges = tuple(
+        np.stack(
+            [
+                slope[np.ix_(np.clip(y + steps_of, 0, 199), np.clip(x + steps_of, 0, 239))]
+                for y, x in CORNERS
+            ]
+        )
+        * np.outer(window, window)
+        for slope in differences(soft)
+    )
+    warps = Warps(camera, indices * steps)
+    right, gram = np.zeros(len(indices)), np.zeros((len(indices), len(indices)))
+    for edge, slope in zip(edges, differences(shaken.grey), strict=True):
+        latent = np.zeros(warps.latent_shape, np.float32)
+        inner = np.s_[first : first + count]
+        for block, (y, x) in zip(edge, CORNERS, strict=True):
+            top, left = (at + warps.margin + first - tiles.first for at in (y, x))
+            latent[top : top + count, left : left + count] += block[inner, inner]
+        right += warps.kernel_adjoint(latent, slope)
+        gram += warps.gram(latent)
+    grid = RotationGrid(tiles, indices, steps)
+    return grid.equations(edges), gram, right, ACCURACY[request.param], edges
+
+
+def test_the_gram_matrix_is_that_of_the_exact_warps(fit) -> None:
+    found, gram, _, (off, off_product, _), _ = fit
+    assert np.linalg.norm(found.gram - gram) < off * np.linalg.norm(gram)
+    for seed in range(3):
+        w = np.random.default_rng(seed).random(len(gram))
+        assert np.linalg.norm((found.gram - gram) @ w) < off_product * np.linalg.norm(gram @ w)
+    np.testing.assert_array_equal(found.gram, found.gram.T)
+
+
+def test_the_right_side_is_that_of_the_exact_warps(fit) -> None:
+    found, _, right, (*_, off), _ = fit
+    assert np.linalg.norm(found.right - right) < off * np.linalg.norm(right)
+
+
+def test_the_energy_is_that_of_the_edges(fit) -> None:
+    found, _, _, _, edges = fit
+    energy = sum(float((edge.astype(np.float64) ** 2).sum()) for edge in edges)
+    assert found.energy == pytest.approx(energy, rel=1e-4)
+    assert found.gram.diagonal() == pytest.approx(found.energy, rel=1e-6)
+
+
+def test_true_edges_give_the_true_kernel(shaken) -> None:
+    room = shaken.kernel.resampled(shaken.kernel.steps).dilated().dilated()
+    far = reach(shaken.camera, room.theta)
+    corners = [(y, x) for y in (0, 50, 100, 152) for x in (0, 48, 96, 144, 192)]
+    scales = [Scale(p, shaken.camera, None, 1.0) for p in (shaken.grey, shaken.still)]
+    tiles, sharp = (Tiles(scale, corners, SIZE, far) for scale in scales)
+    grid = RotationGrid(tiles, room.indices, room.steps)
+    even = np.full(len(room.weights), 1 / len(room.weights))
+    fit = grid.equations(differences(sharp.g))
+    weights = fitted_weights(fit, room.indices, even, cut=0.03)
+    assert weights.sum() == pytest.approx(1)
+    assert weights.min() == 0
+    assert agreement(replace(room, weights=weights), shaken.kernel) > 0.95
+
+
+def problem(seed: int, rows: int = 80, columns: int = 30):
+    """Least squares that has about half of its weights at zero."""
+    rng = np.random.default_rng(seed)
+    a = rng.normal(size=(rows, columns))
+    return a, a @ np.maximum(rng.normal(size=columns), 0) + rng.normal(size=rows)
+
+
+def cost(gram: np.ndarray, right: np.ndarray, w: np.ndarray) -> float:
+    return float(w @ gram @ w / 2 - right @ w)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_nonnegative_finds_the_minimum(seed) -> None:
+    a, target = problem(seed)
+    start = np.random.default_rng(seed).random(30)
+    found = nonnegative(a.T @ a, a.T @ target, start)
+    np.testing.assert_allclose(found, nnls(a, target)[0], atol=2e-4)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_at_the_minimum_no_weight_wants_to_move(seed) -> None:
+    a, target = problem(seed)
+    gram, right = a.T @ a, a.T @ target
+    found = nonnegative(gram, right, np.full(30, 1 / 30))
+    slope = gram @ found - right
+    slack = 2e-3 * np.abs(right).max()
+    assert found.min() == 0
+    assert np.abs(slope[found > 0]).max() < slack
+    assert slope[found == 0].min() > -slack
+
+
+def test_nonnegative_descends_from_wherever_it_starts() -> None:
+    rng = np.random.default_rng(0)
+    a, target = problem(0, rows=20, columns=60)  # more weights than data
+    gram, right = a.T @ a, a.T @ target
+    for start in (np.zeros(60), np.full(60, 1 / 60), 5 * rng.random(60)):
+        before = start.copy()
+        found = nonnegative(gram, right, start)
+        np.testing.assert_array_equal(start, before)
+        assert cost(gram, right, found) < cost(gram, right, start)
+        least = cost(gram, right, nnls(a, target)[0])
+        assert cost(gram, right, found) < least + 0.01 * abs(least)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_nonnegative_comes_near_where_neighbours_are_alike(seed) -> None:
+    rng = np.random.default_rng(seed)
+    places = np.arange(60)
+    a = np.exp(-(((places[:, None] - places) / 2.0) ** 2))  # each explains most of the next
+    true = np.where(rng.random(60) > 0.8, rng.random(60), 0)
+    target = a @ true + 0.05 * rng.normal(size=60)
+    gram = a.T @ a + 0.02 * np.eye(60)
+    best = nnls(np.vstack([a, np.sqrt(0.02) * np.eye(60)]), np.append(target, np.zeros(60)))[0]
+    far = np.zeros(60)
+    far[0] = 30.0  # from where all others vanish at first
+    for start in (far, np.full(60, 1 / 60)):
+        found = nonnegative(gram, a.T @ target, start)
+        least = cost(gram, a.T @ target, best)
+        assert cost(gram, a.T @ target, found) < least + 0.002 * abs(least)
+
+
+def test_nonnegative_of_nothing_is_nothing() -> None:
+    np.testing.assert_array_equal(nonnegative(np.zeros((3, 3)), np.ones(3), np.ones(3)), 0)
+
+
+def test_weak_weights_and_islands_are_dropped() -> None:
+    indices = np.array([[0, 0, 0], [0, 1, 0], [0, 2, 0], [7, 0, 0], [0, 3, 0]])
+    fit = NormalEquations(np.eye(5), np.array([0.5, 0.4, 0.3, 0.02, 0.005]), 1.0)
+    found = fitted_weights(fit, indices, np.full(5, 0.2), cut=0.03)
+    assert found[3] == 0  # an island
+    assert found[4] == 0  # below the cut
+    np.testing.assert_allclose(found[:3], np.array([5, 4, 3]) / 12, rtol=1e-6)
+
+
+def test_a_kernel_all_in_pieces_stays_whole() -> None:
+    indices = np.array([[5 * i, 0, 0] for i in range(50)])
+    fit = NormalEquations(np.eye(50), np.full(50, 0.02), 1.0)
+    found = fitted_weights(fit, indices, np.full(50, 0.02), cut=0.03)
+    np.testing.assert_allclose(found, 0.02, rtol=1e-6)
+
+
+def test_the_farther_a_roll_the_less_it_is_believed() -> None:
+    indices = np.array([[0, 0, z] for z in range(-3, 4)])
+    fit = NormalEquations(np.eye(7), np.ones(7), 1.0)
+    found = fitted_weights(fit, indices, np.full(7, 1 / 7), cut=0.03)
+    assert (np.diff(found[:4]) > 0).all()
+    assert (np.diff(found[3:]) < 0).all()
+
+
+@pytest.mark.parametrize(
+    "fit",
+    [
+        NormalEquations(np.zeros((2, 2)), np.zeros(2), 0.0),
+        NormalEquations(np.eye(2), -np.ones(2), 1.0),
+    ],
+    ids=["no edges", "edges that explain nothing"],
+)
+def test_weights_stay_where_there_is_nothing_to_go_by(fit) -> None:
+    weights = np.array([0.3, 0.7])
+    indices = np.array([[0, 0, 0], [1, 0, 0]])
+    assert fitted_weights(fit, indices, weights, cut=0.05) is weights

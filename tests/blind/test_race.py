@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+import numpy as np
+
+from deshake.blind.agreement import agreement
+from deshake.blind.race import race
+from deshake.blind.spot import is_spot
+from deshake.geometry.camera import Camera
+from deshake.signal.pyramid import Pyramid
+
+
+def test_a_known_shake_wins(ended, shaken) -> None:
+    assert agreement(ended.winner.kernel, shaken.kernel) > 0.9
+    assert ended.winner.kernel.camera is shaken.camera
+    assert not ended.at_rest
+
+
+def test_what_is_told_of_a_winner_speaks_for_it(ended) -> None:
+    assert ended.margin > 0.05
+    assert 0.8 < ended.agreement <= 1 + 1e-6
+
+
+def test_a_winner_is_centred_and_knows_its_scale(ended, pyramid) -> None:
+    winner = ended.winner
+    np.testing.assert_allclose(winner.kernel.centroid, 0, atol=1e-3 * winner.kernel.steps.min())
+    assert 0 <= winner.level <= winner.start <= pyramid.coarsest
+    assert winner.name
+
+
+def test_progress_rises_to_one(ended, told) -> None:
+    assert not ended.at_rest
+    assert told == sorted(told)
+    assert told[0] >= 0
+    assert told[-1] == 1
+    assert len(set(told)) > 5
+
+
+def test_it_is_called_off_for_a_sharp_photo(still) -> None:
+    ended = race(still)
+    assert ended.at_rest
+    assert is_spot(ended.winner.kernel)
+
+
+def test_a_quick_race_without_roll_and_within_a_bound(shaken) -> None:
+    ended = race(shaken.pyramid, axes=(True, True, False), bound=2.0, quick=True)
+    kernel = ended.winner.kernel
+    assert np.ptp(kernel.theta[:, 2]) < 0.05 * kernel.steps[2]
+    assert np.ptp(kernel.theta, axis=0).max() < (2 * 3 + 0.5) * kernel.steps[0]
+
+
+def test_a_photo_of_one_scale_has_a_race_of_one(shake) -> None:
+    small = shake(Camera.from_focal(64.0, 56, 64), np.array([[0.0, -2, 0], [0, 2, 0]]))
+    pyramid = Pyramid(small.grey, small.camera)
+    assert pyramid.coarsest == 0
+    ended = race(pyramid)
+    assert ended.winner.level == 0
+    assert ended.winner.kernel.camera is small.camera

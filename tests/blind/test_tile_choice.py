@@ -1,0 +1,148 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from skimage import data
+
+from deshake.blind.tile_choice import chosen, covering
+from deshake.geometry.camera import Camera
+from deshake.signal.pyramid import Pyramid
+
+SIZE = 40
+
+
+def of(grey: np.ndarray, usable: np.ndarray | None = None) -> Pyramid:
+    return Pyramid(grey.astype(np.float32), Camera.from_focal(300.0, *grey.shape), usable)
+
+
+def texture(height: int, width: int, cell: int = 10, seed: int = 0) -> np.ndarray:
+    """Squares of random grey: straight edges of both directions everywhere."""
+    rng = np.random.default_rng(seed)
+    squares = rng.random((-(-height // cell), -(-width // cell)))
+    return np.kron(squares, np.ones((cell, cell)))[:height, :width]
+
+
+def middles(corners: list[tuple[int, int]], size: int = SIZE) -> np.ndarray:
+    """Middles (y, x)."""
+    return np.array(corners) + size / 2
+
+
+@pytest.fixture(scope="module")
+def photograph() -> np.ndarray:
+    grey = cv2.resize(data.camera() / 255, (300, 300), interpolation=cv2.INTER_AREA)
+    return (grey**2.2).astype(np.float32)
+
+
+@pytest.mark.parametrize(("shape", "size"), [((100, 130), 48), ((96, 96), 48), ((50, 160), 50)])
+def test_covering_tiles_leave_no_pixel_out(shape, size) -> None:
+    seen = np.zeros(shape, int)
+    corners = covering(shape, size)
+    for y, x in corners:
+        assert 0 <= y <= shape[0] - size
+        assert 0 <= x <= shape[1] - size
+        seen[y : y + size, x : x + size] += 1
+    assert seen.min() == 1
+    assert len(corners) == np.prod([-(-n // size) for n in shape])
+
+
+def test_as_many_tiles_as_wanted_lie_within_the_frame_and_apart(photograph) -> None:
+    corners = chosen(of(photograph), 0, SIZE, 8, 6.0)
+    assert len(corners) == 8
+    places = np.array(corners)
+    assert places.min() >= 0
+    assert places.max() <= 300 - SIZE
+    away = np.abs(places[:, None] - places).max(-1) + SIZE * np.eye(8)
+    assert away.min() >= SIZE / 2
+
+
+def test_the_choice_is_the_same_each_time(photograph) -> None:
+    pyramid = of(photograph)
+    first = chosen(pyramid, 1, SIZE, 8, 6.0)
+    assert chosen(pyramid, 1, SIZE, 8, 6.0) == first
+    assert chosen(of(photograph), 1, SIZE, 8, 6.0) == first
+    assert chosen(of(photograph), 1, SIZE, 5, 6.0) == first[:5]
+
+
+def test_exposure_does_not_count(photograph) -> None:
+    dim = chosen(of(photograph / 4), 0, SIZE, 8, 6.0)
+    assert dim == chosen(of(photograph), 0, SIZE, 8, 6.0)
+
+
+def test_an_edge_of_another_direction_is_taken_soon() -> None:
+    grey = np.kron(np.random.default_rng(0).random((1, 30)), np.ones((300, 10)))
+    grey[200:250, 100:150] = np.kron(np.random.default_rng(1).random((5, 1)), np.ones((10, 50)))
+    places = middles(chosen(of(grey), 0, SIZE, 4, 6.0))
+    across = (np.abs(places - [225, 125]) < 45).all(1)
+    assert across[:3].any()
+    assert not across.all()
+
+
+def test_tiles_far_from_the_middle_tell_of_the_roll() -> None:
+    for seed in range(3):
+        places = middles(chosen(of(texture(320, 320, seed=seed)), 0, SIZE, 4, 6.0))
+        away = np.abs(places - 160).max(1)
+        assert away.mean() > 80  # it is 95 for tiles at random
+        assert (np.hypot(*(places - 160).T) > 120).sum() >= 3
+        assert len({tuple(side) for side in (places > 160).tolist()}) >= 2
+
+
+def test_out_of_focus_tiles_are_avoided() -> None:
+    grey = texture(300, 400)
+    radius = 5
+    disk = np.hypot(*np.mgrid[-radius : radius + 1, -radius : radius + 1]) <= radius
+    shaken = cv2.blur(grey, (6, 1))
+    blurred = cv2.filter2D(shaken, -1, disk / disk.sum())
+    for sharp_left in (True, False):
+        both = shaken.copy()
+        side = np.s_[:, 200:] if sharp_left else np.s_[:, :200]
+        both[side] = blurred[side]
+        places = middles(chosen(of(both), 0, SIZE, 6, 6.0))
+        assert ((places[:, 1] < 200) == sharp_left).all()
+
+
+def test_clipped_tiles_are_avoided() -> None:
+    grey = texture(300, 400)
+    usable = np.ones(grey.shape, bool)
+    usable[:, 200:] = np.random.default_rng(0).random((300, 200)) > 0.5
+    places = middles(chosen(of(grey, usable), 0, SIZE, 8, 6.0))
+    assert (places[:, 1] < 200 + SIZE / 2).all()
+
+
+def test_flat_tiles_come_last() -> None:
+    grey = np.full((300, 400), 0.5)
+    grey[100:180, 200:300] = texture(80, 100)
+    corners = chosen(of(grey), 0, SIZE, 4, 6.0)
+    assert len(corners) == 4
+    for y, x in corners:
+        assert 100 - SIZE < y < 180
+        assert 200 - SIZE < x < 300
+
+
+def test_edges_shorter_than_the_blur_say_little() -> None:
+    grey = texture(300, 400, cell=60)
+    grey[:, 200:] = texture(300, 200, cell=2)
+    places = middles(chosen(of(grey), 0, SIZE, 6, 12.0))
+    assert (places[:, 1] < 200 + SIZE / 2).all()
+
+
+def test_only_allowed_tiles_are_taken(photograph) -> None:
+    pyramid = of(photograph)
+    left = chosen(pyramid, 0, SIZE, 6, 6.0, lambda x, _: x < 0.4)
+    assert left
+    assert (middles(left)[:, 1] < 0.4 * 300).all()
+    low = chosen(pyramid, 0, SIZE, 6, 6.0, lambda _, y: y > 0.5)
+    assert (middles(low)[:, 0] > 0.5 * 300).all()
+    none = chosen(pyramid, 0, SIZE, 6, 6.0, lambda x, _: np.zeros(x.shape, bool))
+    assert none == chosen(pyramid, 0, SIZE, 6, 6.0)
+
+
+def test_of_a_large_photo_a_smaller_view_says_where(photograph) -> None:
+    large = cv2.resize(photograph, (1200, 1200), interpolation=cv2.INTER_CUBIC)
+    found = chosen(of(large), 0, 4 * SIZE, 5, 24.0)
+    assert max(max(corner) for corner in found) > 300
+    assert max(max(corner) for corner in found) <= 1200 - 4 * SIZE
+    small = np.clip(large[:: 1200 // 300, :: 1200 // 300], 0, 1)
+    for y, x in found:
+        tile = small[y // 4 : y // 4 + SIZE, x // 4 : x // 4 + SIZE]
+        assert tile.std() > 0.5 * small.std() or np.abs(np.diff(tile)).max() > 0.1

@@ -1,0 +1,230 @@
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from deshake.blind.tiles import Tiles, reach
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
+from deshake.geometry.rotations import displacements, grid_steps, homographies
+from deshake.signal.gradients import differences
+from deshake.signal.pyramid import Scale
+
+SIZE = 48
+CORNERS = [(20, 24), (80, 140), (130, 50), (76, 76)]
+TURN = np.array([[-2.0, -4, 0], [1, 0, 0], [3, 3, 0]])
+ROLL = np.array([[-2.0, -4, -1], [1, 0, 0], [3, 3, 1]])
+
+
+@dataclass(frozen=True)
+class Case:
+    tiles: Tiles
+    latent: np.ndarray  # the sharp picture's blocks
+    exact: np.ndarray  # the middles as the exact warps blur them
+
+
+def cut(picture: np.ndarray, camera: Camera, far: int, usable=None, corners=CORNERS) -> Tiles:
+    return Tiles(Scale(picture, camera, usable, 1.0), corners, SIZE, far)
+
+
+def middles(picture: np.ndarray) -> np.ndarray:
+    return np.stack([picture[y : y + SIZE, x : x + SIZE] for y, x in CORNERS])
+
+
+def without_mean(blocks: np.ndarray) -> np.ndarray:
+    return blocks - blocks.mean((1, 2), keepdims=True)
+
+
+def case(shake, camera: Camera, path: np.ndarray) -> Case:
+    shaken = shake(camera, path, noise=0)
+    tiles = cut(shaken.grey, camera, reach(camera, shaken.kernel.theta))
+    tiles.bind(shaken.kernel)
+    latent = cut(shaken.still, camera, tiles.far).g
+    return Case(tiles, latent, middles(shaken.grey))
+
+
+def inner(tiles: Tiles) -> tuple[slice, ...]:
+    part = slice(tiles.first, tiles.first + tiles.size)
+    return slice(None), part, part
+
+
+def test_reach_bounds_all_that_is_moved(shaken) -> None:
+    camera, theta = shaken.camera, shaken.kernel.theta
+    y, x = np.mgrid[: camera.height, : camera.width]
+    moved = displacements(homographies(camera, theta), np.stack([x.ravel(), y.ravel()], 1))
+    most = np.abs(moved).max()
+    assert most <= reach(camera, theta) - 1 + 1e-6
+    assert reach(camera, theta) < most + 2 + 1e-6
+    assert reach(camera, np.zeros((1, 3))) == 1
+
+
+@pytest.mark.parametrize(
+    ("focal", "path", "off"),
+    [
+        pytest.param(None, TURN, 1e-5, id="uniform"),
+        pytest.param(960.0, TURN, 0.005, id="long lens"),
+        pytest.param(240.0, TURN, 0.06, id="lens"),
+        pytest.param(240.0, ROLL, 0.06, id="lens, with a roll"),
+    ],
+)
+def test_the_blur_within_a_tile_is_that_of_the_exact_warps(shake, focal, path, off) -> None:
+    """To within a share of what the blur changes."""
+    shape = 200, 240
+    camera = Camera.from_focal(focal, *shape) if focal else Camera.uniform(*shape)
+    seen = case(shake, camera, path)
+    found = without_mean(seen.tiles.blurred(seen.latent)[inner(seen.tiles)])
+    exact = without_mean(seen.exact)
+    changed = np.linalg.norm(without_mean(seen.latent[inner(seen.tiles)]) - exact)
+    assert np.linalg.norm(found - exact) < off * changed
+
+
+@pytest.fixture(scope="module")
+def tiles(shaken) -> Tiles:
+    """Tiles of the shaken photo, the first half of them with clipped pixels."""
+    usable = np.ones(shaken.grey.shape, bool)
+    usable[36:44, 40:52] = False
+    usable[90:96, 150:170] = False
+    tiles = cut(shaken.grey, shaken.camera, reach(shaken.camera, shaken.kernel.theta), usable)
+    tiles.bind(shaken.kernel)
+    return tiles
+
+
+def noise(tiles: Tiles, seed: int) -> np.ndarray:
+    return np.random.default_rng(seed).normal(size=tiles.g.shape).astype(np.float32)
+
+
+def test_the_blur_is_linear_and_keeps_light(tiles) -> None:
+    one, other = noise(tiles, 0), noise(tiles, 1)
+    both = tiles.blurred(2 * one - 3 * other)
+    np.testing.assert_allclose(both, 2 * tiles.blurred(one) - 3 * tiles.blurred(other), atol=1e-5)
+    np.testing.assert_allclose(tiles.blurred(one).mean((1, 2)), one.mean((1, 2)), atol=1e-6)
+    np.testing.assert_allclose(tiles.blurred(np.ones_like(one)), 1, atol=1e-5)
+
+
+def test_the_data_are_the_transpose_of_the_blur(tiles) -> None:
+    latent = noise(tiles, 0)
+    back = tiles.irfft(tiles.data())
+    left = np.einsum("pij,pij->p", tiles.blurred(latent).astype(np.float64), tiles.filled)
+    right = np.einsum("pij,pij->p", latent.astype(np.float64), back)
+    spread = np.linalg.norm(tiles.filled, axis=(1, 2))
+    assert np.abs(left - right).max() < 1e-5 * spread.max()
+
+
+def test_the_power_is_that_of_blur_and_transpose(tiles) -> None:
+    latent = noise(tiles, 0)
+    spectra = tiles.rfft(tiles.blurred(latent)) * tiles.H
+    np.testing.assert_allclose(
+        tiles.irfft(spectra), tiles.irfft(tiles.rfft(latent) * tiles.power), atol=1e-5
+    )
+
+
+def test_what_is_believed_is_the_photo_about_its_mean(tiles, shaken) -> None:
+    middle = tiles.g[inner(tiles)]
+    photo = middles(shaken.grey)
+    offset = (photo - middle).mean((1, 2), keepdims=True)
+    np.testing.assert_allclose(middle + offset, photo, atol=1e-6)
+    known = tiles.belief > 0
+    assert np.abs((tiles.g * known).sum((1, 2))).max() < 0.05 * known.sum((1, 2)).max()
+
+
+def test_clipped_pixels_and_all_beyond_the_frame_are_not_believed(tiles, shaken) -> None:
+    first = tiles.first
+    assert not tiles.belief[0, first + 16 : first + 24, first + 16 : first + 28].any()
+    assert not tiles.inside[0, first + 16 : first + 24, first + 16 : first + 28].any()
+    assert tiles.inside[0, first + 30, first + 30]
+    assert tiles.inside[3].sum() > 0.6 * SIZE**2
+    outer = tiles.inside.copy()
+    outer[inner(tiles)] = False
+    assert not outer.any()
+    at_the_corner = cut(shaken.grey, shaken.camera, 8, corners=[(0, 0), (152, 192)])
+    first = at_the_corner.first
+    for part in (at_the_corner.belief, at_the_corner.around, at_the_corner.middle):
+        assert not part[0, :first].any()
+        assert not part[0, :, :first].any()
+        assert not part[1, first + SIZE :].any()
+        assert not part[1, :, first + SIZE :].any()
+        assert part[0, first, first + 20] > 0
+
+
+def test_what_is_not_believed_is_filled_in_from_the_latent_picture(tiles) -> None:
+    before = tiles.filled
+    latent = noise(tiles, 0)
+    blurred = tiles.fill(latent)
+    np.testing.assert_array_equal(blurred, tiles.blurred(latent))
+    sure, unknown = tiles.belief == 1, tiles.belief == 0
+    np.testing.assert_allclose(tiles.filled[sure], tiles.g[sure], atol=1e-6)
+    np.testing.assert_array_equal(tiles.filled[unknown], blurred[unknown])
+    low, high = np.minimum(tiles.g, blurred) - 1e-6, np.maximum(tiles.g, blurred) + 1e-6
+    assert ((low <= tiles.filled) & (tiles.filled <= high)).all()
+    tiles.filled = before
+
+
+def test_a_kernel_fills_at_first_and_afresh(shaken) -> None:
+    tiles = cut(shaken.grey, shaken.camera, 10)
+    tiles.bind(shaken.kernel)
+    first = tiles.filled
+    assert not np.array_equal(first, tiles.g)
+    tiles.bind(RotationKernel.delta(shaken.camera))
+    assert tiles.filled is first
+    tiles.bind(shaken.kernel, afresh=True)
+    np.testing.assert_array_equal(tiles.filled, first)
+
+
+def test_rotations_without_weight_do_not_blur(shaken) -> None:
+    kernel = shaken.kernel
+    theta = np.concatenate([kernel.theta, 3 * kernel.theta])
+    weights = np.concatenate([kernel.weights, 0 * kernel.weights])
+    found = []
+    for one in (kernel, RotationKernel(theta, weights, kernel.steps, kernel.camera)):
+        tiles = cut(shaken.grey, shaken.camera, 12)
+        tiles.bind(one)
+        found.append(tiles.blurred(tiles.g).tobytes())
+    assert found[0] == found[1]
+
+
+def test_a_still_camera_blurs_nothing(shaken) -> None:
+    tiles = cut(shaken.grey, shaken.camera, 5)
+    tiles.bind(RotationKernel.delta(shaken.camera))
+    np.testing.assert_allclose(tiles.blurred(tiles.g), tiles.g, atol=1e-5)
+
+
+def test_tiles_know_their_place(shaken) -> None:
+    tiles = cut(shaken.grey, shaken.camera, 5)
+    assert tiles.count == len(CORNERS)
+    np.testing.assert_allclose(tiles.centres[0], [24 + 23.5, 20 + 23.5])
+    assert tiles.block >= SIZE + 2 * (5 + 1)
+
+
+def test_the_gradients_are_the_photos_where_it_is_seen(shaken) -> None:
+    corners = [(76, 76), (152, 192)]
+    tiles = cut(shaken.grey, shaken.camera, 6, corners=corners)
+    steps = np.arange(tiles.block) - tiles.first
+    photo = np.pad(shaken.grey, 40, mode="edge")
+    for axis, spectra in enumerate(tiles.gradients):
+        found = tiles.irfft(spectra.copy())
+        slopes = differences(photo)[axis]
+        for p, (y, x) in enumerate(corners):
+            wanted = slopes[np.ix_(40 + y + steps[:-1], 40 + x + steps[:-1])]
+            inside = np.outer(y + steps[:-1] + 1 < 200, x + steps[:-1] + 1 < 240)
+            np.testing.assert_allclose(found[p, :-1, :-1], wanted * inside, atol=1e-5)
+            assert np.abs(found[p, -1]).max() < 1e-5
+
+
+def test_contrast_is_a_factor(shaken) -> None:
+    plain = cut(shaken.grey, shaken.camera, 5)
+    strong = Tiles(Scale(shaken.grey, shaken.camera, None, 3.0), CORNERS, SIZE, 5)
+    np.testing.assert_allclose(strong.g, 3 * plain.g, atol=1e-5)
+
+
+def test_smaller_steps_are_nearer_the_exact_warps(shake) -> None:
+    """A tile has one filter: its error is that of the displacement at its rim."""
+    camera = Camera.from_focal(240.0, 200, 240)
+    errors = []
+    for roll in (1.0, 4.0):
+        seen = case(shake, camera, np.array([[0, 0, -roll], [0, 0, roll]]))
+        found = without_mean(seen.tiles.blurred(seen.latent)[inner(seen.tiles)])
+        errors.append(np.linalg.norm(found - without_mean(seen.exact)))
+    assert errors[0] < 0.6 * errors[1]
+    assert grid_steps(camera)[2] > 0

@@ -1,0 +1,39 @@
+from __future__ import annotations
+
+import pytest
+
+from deshake.blind.trust import confidence
+
+
+@pytest.mark.parametrize("margin", [-1.0, 0.0, 0.02, 0.2, 5.0])
+@pytest.mark.parametrize("agreement", [0.0, 0.8, 1.0])
+def test_it_is_a_chance(ended, margin, agreement) -> None:
+    assert 0 <= confidence(ended._replace(margin=margin, agreement=agreement)) <= 1
+
+
+@pytest.mark.parametrize("agreement", [0.5, 0.8, 0.95])
+def test_it_rises_with_the_margin(ended, agreement) -> None:
+    found = [
+        confidence(ended._replace(margin=margin, agreement=agreement))
+        for margin in (-0.1, 0.0, 0.01, 0.02, 0.05, 0.1, 0.3)
+    ]
+    assert found == sorted(found)
+    assert found[0] < found[-1]
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.02, 0.05])
+def test_it_rises_with_the_agreement(ended, margin) -> None:
+    found = [
+        confidence(ended._replace(margin=margin, agreement=agreement))
+        for agreement in (0.1, 0.4, 0.6, 0.8, 0.9, 1.0)
+    ]
+    assert found == sorted(found)
+    assert found[0] < found[-1]
+
+
+def test_a_clear_winner_is_trusted(ended) -> None:
+    assert confidence(ended) > 0.8
+
+
+def test_where_nothing_moved_there_is_nothing_to_trust(ended) -> None:
+    assert confidence(ended._replace(at_rest=True)) == 0

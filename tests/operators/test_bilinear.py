@@ -1,0 +1,44 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from deshake.operators.bilinear import bilinear_taps, splat
+
+LAGS = np.array([[[2.0, 1.0], [0.5, 0.0], [-1.0, -1.0], [0.0, 2.25]]])
+
+
+def test_taps_are_bilinear_and_periodic() -> None:
+    block = np.arange(30, dtype=np.float32)
+    place, share = bilinear_taps(LAGS, (5, 6))
+    assert place.shape == share.shape == (1, 4, 4)
+    np.testing.assert_allclose(share.sum(-1), 1)
+    np.testing.assert_allclose((block[place] * share).sum(-1), [[8, 0.5, 29, 13.5]])
+
+
+def test_taps_of_whole_lags_are_single_pixels() -> None:
+    place, share = bilinear_taps(np.array([[[-7.0, 11.0]]]), (5, 6))
+    assert share.max() == 1
+    assert place[share == 1] == [1 * 6 + 5]
+
+
+def test_splat_is_the_adjoint_of_reading() -> None:
+    rng = np.random.default_rng(0)
+    lags = rng.uniform(-9, 9, (3, 20, 2))
+    weights = rng.random(20)
+    blocks = rng.random((3, 7, 8))
+    filters = splat(lags, weights, (7, 8))
+    assert filters.dtype == np.float32
+    np.testing.assert_allclose(filters.sum((1, 2)), weights.sum(), rtol=1e-6)
+    place, share = bilinear_taps(lags, (7, 8))
+    for one, filter_, at, part in zip(blocks, filters, place, share, strict=True):
+        read = (one.ravel()[at] * part).sum(-1)
+        assert (one * filter_).sum() == pytest.approx(weights @ read, rel=1e-5)
+
+
+def test_splat_keeps_the_centroid() -> None:
+    lags = np.array([[[1.25, 2.5], [3.0, 1.75]]])
+    [found] = splat(lags, np.array([0.25, 0.75]), (6, 8))
+    rows, columns = np.indices(found.shape)
+    assert (found * columns).sum() == pytest.approx(0.25 * 1.25 + 0.75 * 3.0)
+    assert (found * rows).sum() == pytest.approx(0.25 * 2.5 + 0.75 * 1.75)

@@ -1,0 +1,139 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from deshake.errors import EstimationError
+from deshake.geometry.camera import Camera
+from deshake.signal.pyramid import RATIO, Pyramid
+
+
+def of(grey: np.ndarray, usable: np.ndarray | None = None, **how) -> Pyramid:
+    return Pyramid(grey, Camera.from_focal(300.0, *grey.shape), usable, **how)
+
+
+def test_the_first_scale_is_the_photo(sharp) -> None:
+    pyramid = of(sharp)
+    scale = pyramid.at(0)
+    assert scale.picture is sharp
+    assert scale.camera is pyramid.camera
+    assert scale.usable is None
+
+
+def test_each_scale_is_smaller_by_the_root_of_two(sharp) -> None:
+    pyramid = of(sharp)
+    for level in range(pyramid.coarsest + 1):
+        scale = pyramid.at(level)
+        assert scale.picture.shape == scale.camera.shape
+        assert scale.picture.dtype == np.float32
+        wanted = np.array(sharp.shape) / RATIO**level
+        assert np.abs(np.array(scale.picture.shape) - wanted).max() <= 0.5
+        shrink = scale.camera.width / sharp.shape[1]
+        assert scale.camera.matrix[0, 0] == pytest.approx(300 * shrink)
+
+
+def test_a_pixel_is_the_mean_of_light_over_its_area(sharp) -> None:
+    half = of(sharp).at(2).picture
+    blocks = sharp.reshape(100, 2, 130, 2).mean((1, 3))
+    np.testing.assert_allclose(half, blocks, atol=1e-6)
+    pyramid = of(sharp)
+    for level in range(pyramid.coarsest + 1):
+        mean = float(pyramid.at(level).picture.mean(dtype=np.float64))
+        assert mean == pytest.approx(float(sharp.mean(dtype=np.float64)), rel=2e-3)
+
+
+def test_scales_are_the_same_in_any_order_and_made_once(sharp) -> None:
+    downward, upward = of(sharp), of(sharp)
+    levels = range(downward.coarsest + 1)
+    one = [downward.at(level) for level in levels]
+    other = [upward.at(level) for level in reversed(levels)][::-1]
+    for a, b in zip(one, other, strict=True):
+        assert a.picture.tobytes() == b.picture.tobytes()
+        assert a.contrast == b.contrast
+    assert all(downward.at(level) is one[level] for level in levels)
+
+
+@pytest.mark.parametrize(
+    ("shape", "coarsest"), [((48, 60), 0), ((67, 400), 0), ((68, 70), 1), ((194, 194), 4)]
+)
+def test_the_coarsest_scale_shows_something_yet(shape, coarsest) -> None:
+    noise = np.random.default_rng(0).random(shape).astype(np.float32)
+    pyramid = of(noise)
+    assert pyramid.coarsest == coarsest
+    assert 47 <= min(pyramid.at(coarsest).picture.shape) < 48 * RATIO
+
+
+def test_smaller_photos_have_one_scale() -> None:
+    assert of(np.random.default_rng(0).random((30, 40)).astype(np.float32)).coarsest == 0
+
+
+def test_the_finest_scale_with_so_many_pixels_is_found(sharp) -> None:
+    pyramid = of(sharp)
+    for pixels in (52_000, 51_999, 20_000, 5_000.5):
+        level = pyramid.level_of(pixels)
+        assert pyramid.at(level).picture.size <= 1.02 * pixels
+        assert level == 0 or pyramid.at(level - 1).picture.size > 0.98 * pixels
+    assert pyramid.level_of(1e9) == 0
+
+
+def test_contrast_does_not_depend_on_exposure_or_size(sharp) -> None:
+    pyramid, dim = of(sharp), of(sharp * np.float32(0.1))
+    assert dim.at(1).contrast == pytest.approx(10 * pyramid.at(1).contrast, rel=1e-4)
+    assert len({pyramid.at(level).contrast for level in range(4)}) == 1
+    large = cv2.resize(sharp, None, fx=5, fy=5, interpolation=cv2.INTER_NEAREST)
+    assert of(large).at(0).contrast == pytest.approx(pyramid.at(0).contrast, rel=0.02)
+
+
+def test_flat_photos_are_refused() -> None:
+    for value in (0.0, 0.5):
+        with pytest.raises(EstimationError, match="no texture") as error:
+            of(np.full((60, 80), value, np.float32))
+        assert error.value.hint
+
+
+def test_pixels_are_usable_where_half_of_what_they_show_is(sharp) -> None:
+    usable = np.ones(sharp.shape, bool)
+    usable[40:80, 60:100] = False
+    usable[120, 160] = False  # a quarter of a pixel of half the size
+    usable[140:142, 180:183] = False
+    pyramid = of(sharp, usable)
+    assert pyramid.at(0).usable is usable
+    half = usable.copy().reshape(100, 2, 130, 2).mean((1, 3)) > 0.5
+    assert not half[70, 90]
+    assert half[60, 80]
+    np.testing.assert_array_equal(pyramid.at(2).usable, half)
+    for level in range(pyramid.coarsest + 1):
+        share = pyramid.at(level).usable.mean()
+        assert share == pytest.approx(usable.mean(), abs=0.02)
+
+
+def test_where_all_is_usable_no_mask_is_kept(sharp) -> None:
+    pyramid = of(sharp, np.ones(sharp.shape, bool))
+    assert pyramid.at(0).usable is None
+    assert pyramid.at(3).usable is None
+
+
+def test_a_gamma_bends_light_after_it_was_reduced(sharp) -> None:
+    below = sharp.copy()
+    below[3, 4] = -0.1  # noise of a dark pixel
+    plain, bent = of(below), of(below, gamma=2.2)
+    for level in (0, 1, 4):
+        light = np.maximum(plain.at(level).picture, 0)
+        np.testing.assert_allclose(bent.at(level).picture, light ** (1 / 2.2), atol=1e-6)
+    root = Pyramid(np.maximum(below, 0) ** np.float32(1 / 2.2), plain.camera)
+    assert bent.at(0).contrast == pytest.approx(root.at(0).contrast, rel=1e-5)
+
+
+def test_what_was_made_of_a_photo_is_kept_under_its_key(sharp) -> None:
+    pyramid = of(sharp)
+    made: list[int] = []
+
+    def make() -> list[int]:
+        made.append(1)
+        return made
+
+    assert pyramid.kept("one", make) is pyramid.kept("one", make)
+    assert len(made) == 1
+    pyramid.kept(("one", 2), make)
+    assert len(made) == 2
