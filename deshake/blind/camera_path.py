@@ -8,6 +8,8 @@ the kernel is filled along the path, and gets no wider across it.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from deshake.geometry.kernel import RotationKernel
@@ -32,6 +34,11 @@ def filled_path(kernel: RotationKernel) -> RotationKernel:
 
     """
     ratio = float((kernel.steps / grid_steps(kernel.camera)).max())
+    if ratio <= _FINE_ENOUGH:
+        return kernel
+    used = kernel.weights > 0
+    if not used.all():
+        kernel = replace(kernel, theta=kernel.theta[used], weights=kernel.weights[used])
     offset = kernel.theta[np.argmax(kernel.weights)]
     index = np.rint((kernel.theta - offset) / kernel.steps).astype(np.int64)
     place = {tuple(at): k for k, at in enumerate(index.tolist())}
@@ -41,7 +48,7 @@ def filled_path(kernel: RotationKernel) -> RotationKernel:
         for step in _NEIGHBOURS.tolist()
         if any(step) and (other := tuple(np.add(at, step).tolist())) in place
     ]
-    if ratio <= _FINE_ENOUGH or not pairs:
+    if not pairs:
         return kernel
     first, second = np.array(pairs).T
     total = np.bincount(first, kernel.weights[second], len(kernel.weights))

@@ -8,6 +8,7 @@ to be found at once. So the first scale matters more than anything else, and `ra
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -16,7 +17,7 @@ import numpy as np
 from deshake.blind.kernel_step import RotationGrid, fitted_weights
 from deshake.blind.sharp_edges import Edges, latent_edges
 from deshake.blind.tile_choice import FOCUS
-from deshake.blind.tile_plan import Budget, Part, planned_tiles
+from deshake.blind.tile_plan import Budget, Part, is_covered, planned_tiles
 from deshake.blind.tiles import reach
 from deshake.blind.trimming import main_piece, strongest
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
@@ -156,6 +157,7 @@ class Candidate:
         self.level = start + 1
         self._kernel: RotationKernel | None = None
         self._iterations = 0
+        self._chose = False
         self._tiles: Tiles
         self._grid: RotationGrid | None = None
 
@@ -175,11 +177,25 @@ class Candidate:
             raise ValueError("no scale has been worked on")
         return self._kernel
 
+    @property
+    def chooses_next(self) -> bool:
+        """Whether tiles are chosen at the next scale, where all before were covered as a whole."""
+        if self._chose or self.level == 0:
+            return False
+        return not is_covered(self.pyramid, self.level - 1)
+
+    def forked(self, setting: Setting) -> Candidate:
+        """Return a candidate that goes on from here with another setting."""
+        other = copy(self)
+        other.setting = setting
+        return other
+
     def advance(self) -> bool:
         """Work on the next finer scale; False if there is none that the kernel fits."""
         if self.level == 0 or not self._fits_next():
             return False
         self.level -= 1
+        self._chose = not is_covered(self.pyramid, self.level)
         scale = self.pyramid.at(self.level)
         first = self._kernel is None
         self._kernel = _start(scale.camera, self.axes) if first else self._carried(scale.camera)

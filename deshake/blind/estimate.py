@@ -22,6 +22,7 @@ from deshake.blind.sharpness import looks_sharp
 from deshake.blind.spot import is_spot
 from deshake.blind.trust import confidence
 from deshake.blind.variational.estimate import estimate_variational
+from deshake.errors import EstimationError
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
 from deshake.geometry.rotations import grid_steps
@@ -46,6 +47,7 @@ STILL = "still"
 SHARP = "the photo looks sharp: it is left as it is"
 SOFT = "the photo is a little soft rather than shaken: it is left as it is"
 
+_LEAST_USABLE = 0.05  # share of the pixels
 _DOUBTFUL = 0.5  # confidence below which the user is warned
 _HOPELESS = 0.1  # confidence below which the photo is better left as it is
 _RACE_SHARE = 0.95  # of the time
@@ -119,11 +121,15 @@ def estimate_kernel(
     x, y, w, h = region or (0, 0, width, height)
     check_size(h, w, 1.0 if blur_px is None else blur_px)
     part = np.s_[y : y + h, x : x + w]
+    if clipped is not None and not (~clipped[part]).mean() > _LEAST_USABLE:
+        msg = "nearly all pixels are clipped: there is nothing to estimate a blur kernel from"
+        raise EstimationError(msg, hint="a --region that is not clipped may do")
     whole = Camera.uniform(height, width) if uniform else camera
     pyramid = Pyramid(
         grey[part], whole.cropped(x, y, w, h), None if clipped is None else ~clipped[part]
     )
     if looks_sharp(pyramid):
+        report(1.0, "the photo looks sharp")
         return _left(pyramid, whole, _HOPELESS, SHARP)
     ended = race(
         pyramid,

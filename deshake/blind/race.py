@@ -45,6 +45,7 @@ _WIDTH_AT_LAST = 28.0  # px at the scale where they are compared at last
 _WIDE = 0.7  # quantile of the kernels' widths that decides on the scale of the judge
 _WIDEST = 60.0  # px at that scale: wider kernels are out
 _CONTINUED = 3
+_MOST_CONTINUED = 4  # settings that begin to differ later counted
 _SNAPSHOTS = 2  # of a candidate's last scales
 _AGREEING = 3  # neighbours that a kernel is compared with
 _REFINEMENTS = (Refinement(2e-3), Refinement(1e-2))
@@ -131,11 +132,13 @@ def race(
     first = course.begun(starts[:2], 0.0, 0.15)
     if all(is_spot(run.kernel) and run.level == 0 for run in first):
         entry = _entry(first[0])
+        course.progress(1.0, "the photo is not shaken")
         return Finish(entry, 0.0, 1.0, at_rest=True)
     runs = first + course.begun(starts[2:], 0.15, 0.45)
     halfway = [_entry(run) for run in runs]
     order = np.argsort(-course.chances(halfway), kind="stable")
-    taken = [runs[i] for i in order[: 1 if quick else _CONTINUED]]
+    taken = [one for i in order[: 1 if quick else _CONTINUED] for one in _variants(runs[i])]
+    taken = taken[: 1 if quick else _MOST_CONTINUED]
     finals = course.continued(taken, 0.5, 0.65)
     if not quick:
         finals += course.refined(finals, 0.65, 0.85)
@@ -169,13 +172,10 @@ class _Course:
 
     def begun(self, starts: Sequence[int], since: float, until: float) -> list[Candidate]:
         """Work candidates to where they are compared."""
-        runs = [
-            Candidate(self.pyramid, start, setting, axes=self.axes, bound=self.bound)
-            for start in starts
-            for setting in SETTINGS
-        ]
-        for done, _ in enumerate(in_order(_to_halfway, runs, self.threads), 1):
-            self.progress(since + (until - since) * done / len(runs), "starts")
+        runs: list[Candidate] = []
+        for done, (_, found) in enumerate(in_order(self._begun, starts, self.threads), 1):
+            runs += found
+            self.progress(since + (until - since) * done / len(starts), "starts")
         return runs
 
     def chances(self, entries: Sequence[Entry]) -> NDArray[np.float64]:
@@ -233,6 +233,19 @@ class _Course:
             return entries[1], margin + float(margins[1] - margins[0])
         return winner, margin
 
+    def _begun(self, start: int) -> list[Candidate]:
+        """Work one start to where it is compared, with every setting once they differ."""
+        run = Candidate(self.pyramid, start, SETTINGS[0], axes=self.axes, bound=self.bound)
+        while not run.chooses_next and not _is_halfway(run) and run.advance():
+            pass
+        if _is_halfway(run) or not run.chooses_next:
+            return [run]
+        runs = _variants(run)
+        for one in runs:
+            while not _is_halfway(one) and one.advance():
+                pass
+        return runs
+
     def _refined(self, entry: Entry, how: Refinement, axes: Axes | None = None) -> Entry:
         if self._is_point(entry):
             return entry
@@ -251,10 +264,16 @@ class _Course:
         return entry.kernel.for_camera(camera).extent_px() < _LEAST_WIDTH
 
 
-def _to_halfway(run: Candidate) -> None:
-    while run.advance():
-        if run.width > _COMPARED_AT and run.start - run.level >= _LEAST_SCALES - 1:
-            break
+def _is_halfway(run: Candidate) -> bool:
+    """Whether a candidate's kernel is wide enough to be compared."""
+    return run.start - run.level >= _LEAST_SCALES - 1 and run.width > _COMPARED_AT
+
+
+def _variants(run: Candidate) -> list[Candidate]:
+    """Return a candidate with every setting, if its settings are still to make a difference."""
+    if not run.chooses_next:
+        return [run]
+    return [run, *(run.forked(setting) for setting in SETTINGS[1:])]
 
 
 def _to_end(run: Candidate) -> list[Entry]:

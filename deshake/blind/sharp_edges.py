@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.signal.gradients import adjoint_differences, differences, strong
+from deshake.signal.gradients import adjoint_differences, differences, length_of, strong
 
 if TYPE_CHECKING:
     from deshake.blind.tiles import Tiles
@@ -105,9 +105,7 @@ def shocked(blocks: Image) -> Image:
         bend += 2 * gx * gy * cv2.Sobel(smooth, cv2.CV_32F, 1, 1, scale=0.25)
         bend += gy * gy * cv2.Sobel(smooth, cv2.CV_32F, 0, 2, scale=0.25)
         right, down = differences(picture)
-        slope = cv2.magnitude(
-            _minmod(right, np.roll(right, 1, 1)), _minmod(down, np.roll(down, 1, 0))
-        )
+        slope = length_of(_minmod(right, np.roll(right, 1, 1)), _minmod(down, np.roll(down, 1, 0)))
         picture = picture - np.float32(_SHOCK_TIME) * np.sign(bend) * slope
     return picture.reshape(blocks.shape)
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake.geometry.rotations import displacements, grid_steps, homographies
+from deshake.signal.gradients import length_of
 from deshake.signal.noise import noise_level
 
 if TYPE_CHECKING:
@@ -42,6 +43,7 @@ _DIRECTIONS = 4
 _LIVELY = 0.5  # quantile of the tiles' contrast, below which a tile has no say in what is in focus
 _FOCUSED = 0.9  # quantile of the steepness of edges that counts as in focus
 _LEAST_WIDTH = 3  # px of the view: narrower blurs are taken to be as wide
+_NOTHING = 1e-9  # share of the most informative tile, below which a tile is flat
 _SMALL = 1e-3  # of the mean information: what is known before the first tile
 
 
@@ -131,13 +133,12 @@ def _maps(scale: Scale, window: int) -> list[Image]:
         gx *= scale.usable
         gy *= scale.usable
         clipped[~scale.usable] = 1
-    length = cv2.magnitude(gx, gy)
+    length = length_of(gx, gy)
     noise = max(noise_level(picture), 1e-3 * float(length.mean()), 1e-9)
     box = window, window
     # near 1 along an edge that is longer than the blur is wide, near 0 in fine texture
-    straight: Image = cv2.magnitude(cv2.boxFilter(gx, -1, box), cv2.boxFilter(gy, -1, box)).astype(
-        np.float32
-    )
+    around = [cv2.boxFilter(one, -1, box).astype(np.float32) for one in (gx, gy)]
+    straight = length_of(around[0], around[1])
     straight /= cv2.boxFilter(length, -1, box) + np.float32(0.3 * noise)
     slopes = [_gradients(picture, sigma) for sigma in _FOCUS_SIGMAS]
     directed = [
@@ -223,7 +224,8 @@ def _greedy(
     count: int,
 ) -> list[int]:
     """Take the tiles one by one that add most to the log determinant."""
-    free = np.trace(information, axis1=1, axis2=2) > 0
+    total = np.trace(information, axis1=1, axis2=2)
+    free = total > _NOTHING * total.max(initial=0)
     known = np.eye(3) * max(_SMALL * float(np.trace(information.mean(0))), 1e-12)
     taken: list[int] = []
     while free.any() and len(taken) < count:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from deshake.geometry.kernel import RotationKernel
     from deshake.signal.pyramid import Pyramid
 
-__all__ = ["Budget", "Part", "planned_tiles"]
+__all__ = ["Budget", "Part", "is_covered", "planned_tiles"]
 
 Part = Literal["fitted", "apart", "all"]
 
@@ -74,7 +74,7 @@ def planned_tiles(
     scale = pyramid.at(level)
     far = int(np.ceil(room * reach(scale.camera, kernel.theta)))
     size = _size(kernel.theta, far, min(scale.camera.shape))
-    if np.prod(scale.camera.shape) <= budget.frame:
+    if is_covered(pyramid, level, budget):
         corners = covering(scale.camera.shape, size)
     else:
         count = max(int(budget.tiles / size**2), _FEWEST)
@@ -89,6 +89,11 @@ def planned_tiles(
             focus=focus,
         )
     return Tiles(scale, corners, size, far)
+
+
+def is_covered(pyramid: Pyramid, level: int, budget: Budget = Budget()) -> bool:  # noqa: B008
+    """Whether tiles cover all of a scale, instead of being chosen."""
+    return bool(np.prod(pyramid.at(level).camera.shape) <= budget.frame)
 
 
 def _size(theta: NDArray[np.float64], far: int, most: int) -> int:

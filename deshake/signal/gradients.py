@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["adjoint_differences", "differences", "squared_response", "strong"]
+__all__ = ["adjoint_differences", "differences", "length_of", "squared_response", "strong"]
 
 Image = NDArray[np.float32]
 
@@ -29,6 +29,12 @@ def adjoint_differences(across: Image, down: Image) -> Image:
     out[..., 1:, :] += down[..., :-1, :]
     out[..., 0, :] += down[..., -1, :]
     return out
+
+
+def length_of(across: Image, down: Image) -> Image:
+    """Length of gradients. OpenCV's rounds by where in memory its output lies."""
+    length: Image = np.sqrt(across * across + down * down)
+    return length
 
 
 def squared_response(rows: int, columns: int) -> Image:

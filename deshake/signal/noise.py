@@ -20,6 +20,8 @@ _MOST_PIXELS = 500_000
 def noise_level(picture: Image, where: Mask | None = None) -> float:
     """Estimate the standard deviation of white noise (Immerkaer 1996, with the median).
 
+    What is exactly flat, a black sky, says nothing of the noise and does not count.
+
     Parameters
     ----------
     picture : (h, w) array of float32
@@ -36,4 +38,6 @@ def noise_level(picture: Image, where: Mask | None = None) -> float:
         )
     else:
         rough = cv2.filter2D(picture, -1, _SECOND_DIFFERENCES)
-    return float(np.median(np.abs(rough if where is None else rough[where]))) / _MEDIAN
+    sizes = np.abs(rough if where is None else rough[where])
+    sizes = sizes[sizes > 0]
+    return float(np.median(sizes)) / _MEDIAN if sizes.size else 0.0

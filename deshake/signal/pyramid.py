@@ -30,6 +30,7 @@ RATIO = 2**0.5
 """Of the size of one scale to the next coarser one."""
 
 _COARSEST_SIDE = 48  # px, the shorter side of the coarsest scale
+_ROUNDING = 1e-9  # of logarithms
 _CONTRAST = 0.1  # rms gradient, reduced to `_CONTRAST_SIDE`
 _CONTRAST_SIDE = 100  # px, the longer side
 _CONTRAST_FROM = 800  # px, the longer side of the scale that the contrast is measured on
@@ -97,7 +98,7 @@ class Pyramid:
     def coarsest(self) -> int:
         """Number of the coarsest scale, whose shorter side has about 48 pixels."""
         shorter = min(self.camera.shape)
-        return max(int(np.log(shorter / _COARSEST_SIDE) / np.log(RATIO)), 0)
+        return max(int(np.log(shorter / _COARSEST_SIDE) / np.log(RATIO) + _ROUNDING), 0)
 
     def at(self, level: int) -> Scale:
         """Return a scale; 0 is the photo itself, one more is smaller by the root of two."""

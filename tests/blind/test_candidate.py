@@ -129,3 +129,9 @@ def test_refinement_keeps_to_its_scale_and_axes(pyramid, rough) -> None:
     coarse = refined(pyramid, rough, 2, how, axes=(True, True, False))
     assert coarse.steps[0] == pytest.approx(rough.steps[0] / 2, rel=0.02)
     assert np.ptp(coarse.theta[:, 2]) < 0.05 * coarse.steps[2]
+
+
+def test_the_same_each_time(shaken, found) -> None:
+    again = run(Candidate(shaken.pyramid, 3)).kernel
+    assert again.theta.tobytes() == found.kernel.theta.tobytes()
+    assert again.weights.tobytes() == found.kernel.weights.tobytes()

@@ -123,3 +123,10 @@ def test_the_margin_rises_with_either_gain(shaken, kernels, monkeypatch, measure
         found.append(judge.margin(kernels["true"]))
     assert found == sorted(set(found))
     assert found[2] == 0
+
+
+def test_a_black_sky_is_no_sign_of_little_noise(shaken, kernels) -> None:
+    night = shaken.grey.copy()
+    night[:, : night.shape[1] // 2] = 0
+    found = margins(night, shaken, kernels, "true", "wrong")
+    assert found["true"] > max(found["wrong"], 0.05)

@@ -55,3 +55,11 @@ def test_a_photo_of_one_scale_has_a_race_of_one(shake) -> None:
     ended = race(pyramid)
     assert ended.winner.level == 0
     assert ended.winner.kernel.camera is small.camera
+
+
+def test_threads_change_no_byte(ended, shaken) -> None:
+    two = race(shaken.pyramid, threads=2)
+    assert two.winner.kernel.theta.tobytes() == ended.winner.kernel.theta.tobytes()
+    assert two.winner.kernel.weights.tobytes() == ended.winner.kernel.weights.tobytes()
+    assert two.winner.name == ended.winner.name
+    assert two[1:] == ended[1:]

@@ -47,7 +47,7 @@ def test_covering_tiles_leave_no_pixel_out(shape, size) -> None:
 
 
 def test_as_many_tiles_as_wanted_lie_within_the_frame_and_apart(photograph) -> None:
-    corners = chosen(of(photograph), 0, SIZE, 8, 6.0)
+    corners = chosen(of(photograph), 0, SIZE, 8, width=6.0)
     assert len(corners) == 8
     places = np.array(corners)
     assert places.min() >= 0
@@ -58,21 +58,21 @@ def test_as_many_tiles_as_wanted_lie_within_the_frame_and_apart(photograph) -> N
 
 def test_the_choice_is_the_same_each_time(photograph) -> None:
     pyramid = of(photograph)
-    first = chosen(pyramid, 1, SIZE, 8, 6.0)
-    assert chosen(pyramid, 1, SIZE, 8, 6.0) == first
-    assert chosen(of(photograph), 1, SIZE, 8, 6.0) == first
-    assert chosen(of(photograph), 1, SIZE, 5, 6.0) == first[:5]
+    first = chosen(pyramid, 1, SIZE, 8, width=6.0)
+    assert chosen(pyramid, 1, SIZE, 8, width=6.0) == first
+    assert chosen(of(photograph), 1, SIZE, 8, width=6.0) == first
+    assert chosen(of(photograph), 1, SIZE, 5, width=6.0) == first[:5]
 
 
 def test_exposure_does_not_count(photograph) -> None:
-    dim = chosen(of(photograph / 4), 0, SIZE, 8, 6.0)
-    assert dim == chosen(of(photograph), 0, SIZE, 8, 6.0)
+    dim = chosen(of(photograph / 4), 0, SIZE, 8, width=6.0)
+    assert dim == chosen(of(photograph), 0, SIZE, 8, width=6.0)
 
 
 def test_an_edge_of_another_direction_is_taken_soon() -> None:
     grey = np.kron(np.random.default_rng(0).random((1, 30)), np.ones((300, 10)))
     grey[200:250, 100:150] = np.kron(np.random.default_rng(1).random((5, 1)), np.ones((10, 50)))
-    places = middles(chosen(of(grey), 0, SIZE, 4, 6.0))
+    places = middles(chosen(of(grey), 0, SIZE, 4, width=6.0))
     across = (np.abs(places - [225, 125]) < 45).all(1)
     assert across[:3].any()
     assert not across.all()
@@ -80,7 +80,7 @@ def test_an_edge_of_another_direction_is_taken_soon() -> None:
 
 def test_tiles_far_from_the_middle_tell_of_the_roll() -> None:
     for seed in range(3):
-        places = middles(chosen(of(texture(320, 320, seed=seed)), 0, SIZE, 4, 6.0))
+        places = middles(chosen(of(texture(320, 320, seed=seed)), 0, SIZE, 4, width=6.0))
         away = np.abs(places - 160).max(1)
         assert away.mean() > 80  # it is 95 for tiles at random
         assert (np.hypot(*(places - 160).T) > 120).sum() >= 3
@@ -97,22 +97,24 @@ def test_out_of_focus_tiles_are_avoided() -> None:
         both = shaken.copy()
         side = np.s_[:, 200:] if sharp_left else np.s_[:, :200]
         both[side] = blurred[side]
-        places = middles(chosen(of(both), 0, SIZE, 6, 6.0))
+        places = middles(chosen(of(both), 0, SIZE, 6, width=6.0))
         assert ((places[:, 1] < 200) == sharp_left).all()
+        anywhere = middles(chosen(of(both), 0, SIZE, 6, width=6.0, focus=0.0))
+        assert ((anywhere[:, 1] < 200) != sharp_left).any()
 
 
 def test_clipped_tiles_are_avoided() -> None:
     grey = texture(300, 400)
     usable = np.ones(grey.shape, bool)
     usable[:, 200:] = np.random.default_rng(0).random((300, 200)) > 0.5
-    places = middles(chosen(of(grey, usable), 0, SIZE, 8, 6.0))
+    places = middles(chosen(of(grey, usable), 0, SIZE, 8, width=6.0))
     assert (places[:, 1] < 200 + SIZE / 2).all()
 
 
 def test_flat_tiles_come_last() -> None:
     grey = np.full((300, 400), 0.5)
     grey[100:180, 200:300] = texture(80, 100)
-    corners = chosen(of(grey), 0, SIZE, 4, 6.0)
+    corners = chosen(of(grey), 0, SIZE, 4, width=6.0)
     assert len(corners) == 4
     for y, x in corners:
         assert 100 - SIZE < y < 180
@@ -122,24 +124,24 @@ def test_flat_tiles_come_last() -> None:
 def test_edges_shorter_than_the_blur_say_little() -> None:
     grey = texture(300, 400, cell=60)
     grey[:, 200:] = texture(300, 200, cell=2)
-    places = middles(chosen(of(grey), 0, SIZE, 6, 12.0))
+    places = middles(chosen(of(grey), 0, SIZE, 6, width=12.0))
     assert (places[:, 1] < 200 + SIZE / 2).all()
 
 
 def test_only_allowed_tiles_are_taken(photograph) -> None:
     pyramid = of(photograph)
-    left = chosen(pyramid, 0, SIZE, 6, 6.0, lambda x, _: x < 0.4)
+    left = chosen(pyramid, 0, SIZE, 6, width=6.0, allowed=lambda x, _: x < 0.4)
     assert left
     assert (middles(left)[:, 1] < 0.4 * 300).all()
-    low = chosen(pyramid, 0, SIZE, 6, 6.0, lambda _, y: y > 0.5)
+    low = chosen(pyramid, 0, SIZE, 6, width=6.0, allowed=lambda _, y: y > 0.5)
     assert (middles(low)[:, 0] > 0.5 * 300).all()
-    none = chosen(pyramid, 0, SIZE, 6, 6.0, lambda x, _: np.zeros(x.shape, bool))
-    assert none == chosen(pyramid, 0, SIZE, 6, 6.0)
+    none = chosen(pyramid, 0, SIZE, 6, width=6.0, allowed=lambda x, _: np.zeros(x.shape, bool))
+    assert none == chosen(pyramid, 0, SIZE, 6, width=6.0)
 
 
 def test_of_a_large_photo_a_smaller_view_says_where(photograph) -> None:
     large = cv2.resize(photograph, (1200, 1200), interpolation=cv2.INTER_CUBIC)
-    found = chosen(of(large), 0, 4 * SIZE, 5, 24.0)
+    found = chosen(of(large), 0, 4 * SIZE, 5, width=24.0)
     assert max(max(corner) for corner in found) > 300
     assert max(max(corner) for corner in found) <= 1200 - 4 * SIZE
     small = np.clip(large[:: 1200 // 300, :: 1200 // 300], 0, 1)

@@ -232,7 +232,7 @@ def test_a_raw_photo_has_tiles_at_rest(deshake, make_dng, sharp, tmp_path):
     ],
 )
 @pytest.mark.parametrize("option", ["--latent", "--tiles"])
-def test_a_picture_that_cannot_be_is_one_line(refused, shaken, tmp_path, option, name, what):
+def test_a_picture_that_cannot_be_is_one_line(*, refused, shaken, tmp_path, option, name, what):
     photo = shaken("a.jpg")
     (tmp_path / "there.png").write_text("mine")
     assert what in refused("estimate-blind", photo, option, tmp_path / name)
