@@ -50,6 +50,7 @@ _SNAPSHOTS = 2  # of a candidate's last scales
 _AGREEING = 3  # neighbours that a kernel is compared with
 _REFINEMENTS = (Refinement(2e-3), Refinement(1e-2))
 _UNIFORM_REFINEMENTS = (Refinement(2e-3), Refinement(1e-3, cut=0.015))
+_COLLAPSED = 10.0  # taken off a small round spot: other starts found more
 _ROLL_WORTH = 0.003  # margin that a roll must bring
 _LEAST_WIDTH = 2.5  # px at its scale, below which a kernel is a point and not refined
 _CUT = 0.05  # weights below this share of the largest do not make a kernel wider
@@ -142,6 +143,7 @@ def race(
     finals = course.continued(taken, 0.5, 0.65)
     if not quick:
         finals += course.refined(finals, 0.65, 0.85)
+    finals = [entry for entry in finals if not is_spot(entry.kernel)] or finals
     margins = course.margins(finals, _WIDTH_AT_LAST)
     best = int(np.argmax(margins))
     winner, margin = finals[best], float(margins[best])
@@ -184,7 +186,8 @@ class _Course:
         alike = agreements([entry.kernel for entry in entries])
         np.fill_diagonal(alike, 0)
         nearest = -np.sort(-alike, axis=1)[:, :_AGREEING]
-        chances: NDArray[np.float64] = margins + nearest.mean(1)
+        collapsed = [is_spot(entry.kernel) for entry in entries]
+        chances: NDArray[np.float64] = margins + nearest.mean(1) - _COLLAPSED * np.array(collapsed)
         return chances
 
     def continued(self, runs: Sequence[Candidate], since: float, until: float) -> list[Entry]:

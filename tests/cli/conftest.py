@@ -54,15 +54,19 @@ def trial(monkeypatch: pytest.MonkeyPatch) -> Trial:
 
 @pytest.fixture
 def shaken(tmp_path: Path) -> Callable[..., Path]:
-    """Save a small shaken photo under a name; a 16-bit one if asked."""
+    """Save a small shaken photo under a name; a 16-bit one if asked.
 
-    def save(name: str, depth: int = 8) -> Path:
+    Those of 100 x 80 are shaken too little: they are left as they are. From `large` ones, of
+    200 x 160, a kernel is found with ``--blur-size 10``.
+    """
+
+    def save(name: str, depth: int = 8, *, large: bool = False) -> Path:
         # A texture with edges at every angle, blurred along a slant.
-        grey = cv2.resize(
-            np.random.default_rng(5).random((8, 10), np.float32), (100, 80), interpolation=3
-        )
+        width, height, length = (200, 160, 7) if large else (100, 80, 3)
+        grey = np.random.default_rng(5).random((height // 10, width // 10), np.float32)
+        grey = cv2.resize(grey, (width, height), interpolation=3)
         sharp = np.clip(0.5 + 3 * (grey - 0.5), 0.05, 0.95)
-        blurred = cv2.filter2D(sharp, -1, np.eye(3, dtype=np.float32) / 3)
+        blurred = cv2.filter2D(sharp, -1, np.eye(length, dtype=np.float32) / length)
         picture = np.stack([blurred, 0.8 * blurred + 0.1, 0.9 * blurred], -1)
         path = tmp_path / name
         if depth == 16:

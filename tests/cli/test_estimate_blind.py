@@ -28,11 +28,12 @@ LENS = ("--focal-35mm", 40)
 
 
 def test_writes_a_kernel_with_its_provenance(deshake, shaken, tmp_path):
-    photo = shaken("a.jpg")
-    outcome = deshake("estimate-blind", photo, *FAST, *LENS, "--json")
+    photo = shaken("a.jpg", large=True)
+    outcome = deshake("estimate-blind", photo, "--blur-size", 10, *LENS, "--json")
     assert outcome.code == 0
     content = read_kernel(tmp_path / "a.kernel.npz")
-    assert content.kernel.camera.shape == (80, 100)
+    assert content.kernel.camera.shape == (160, 200)
+    assert content.kernel.extent_px() > 5
     report = json.loads(outcome.out)
     assert report["input"] == str(photo)
     assert report["output"] == str(tmp_path / "a.kernel.npz")
@@ -44,7 +45,7 @@ def test_writes_a_kernel_with_its_provenance(deshake, shaken, tmp_path):
     assert provenance["command"] == "estimate-blind"
     assert provenance["options"] == {
         "transfer": None,
-        "blur_size": 3,
+        "blur_size": 10,
         "max_angle": None,
         "region": None,
         "uniform": False,
@@ -53,18 +54,18 @@ def test_writes_a_kernel_with_its_provenance(deshake, shaken, tmp_path):
     assert provenance["input_sha256"] == hashlib.sha256(photo.read_bytes()).hexdigest()
     assert provenance["camera"] == "--focal-35mm 40"
     assert provenance["notes"] == report["warnings"]
-    assert provenance["estimated_by"].startswith(("start ", "still"))
+    assert provenance["estimated_by"].startswith("start ")
     assert str(tmp_path) not in json.dumps(provenance)
     for note in report["warnings"]:
         assert f"warning: {photo}: {note}" in outcome.err
 
 
 def test_runs_and_threads_do_not_change_a_byte(deshake, shaken, tmp_path):
-    photo = shaken("a.jpg")
+    photo = shaken("a.jpg", large=True)
     found = set()
     for number, threads in enumerate((1, 3)):
         out = tmp_path / f"{number}.npz"
-        args = (*FAST, *LENS, "--threads", threads, "-q")
+        args = ("--blur-size", 10, *LENS, "--threads", threads, "-q")
         assert deshake("estimate-blind", photo, "-o", out, *args).code == 0
         found.add(out.read_bytes())
     assert len(found) == 1
@@ -88,9 +89,11 @@ def test_an_assumed_lens_is_said(deshake, shaken, tmp_path):
 
 
 def test_a_uniform_kernel_does_not_roll(deshake, shaken, tmp_path):
-    assert deshake("estimate-blind", shaken("a.jpg"), *EDGES, *LENS, "--uniform").code == 0
+    args = ("--blur-size", 10, *LENS, "--uniform")
+    assert deshake("estimate-blind", shaken("a.jpg", large=True), *args).code == 0
     kernel = read_kernel(tmp_path / "a.kernel.npz").kernel
     assert kernel.camera.is_uniform
+    assert len(kernel.weights) > 5
     assert abs(kernel.theta[:, 2]).max() < 1e-9
 
 

@@ -24,18 +24,22 @@ def texture(height, width, seed=5):
     return (0.1 + 0.8 * fine).astype(np.float32)
 
 
-@pytest.fixture
-def shaken(tmp_path):
-    """A photo of 96 x 72 blurred by a pan, its kernel, and the sharp picture; all linear."""
-    camera = Camera.from_focal(100, 72, 96)
+def pan(folder, scale=1):
+    """A photo of 96 x 72 or larger, blurred by a pan, its kernel, and the sharp one; linear."""
+    camera = Camera.from_focal(100 * scale, 72 * scale, 96 * scale)
     kernel = RotationKernel.from_path([(0, -0.02, 0), (0, 0.02, 0)], camera).centred()
     blur = ShakeBlur(kernel)
     sharp = texture(*blur.latent_shape)
     codes = np.rint(np.stack([blur.forward(sharp)] * 3, -1) * 255).astype(np.uint8)
-    path = tmp_path / "shaken.png"
+    path = folder / "shaken.png"
     Image.fromarray(codes).save(path)
     inner = slice(blur.margin, -blur.margin)
     return read_photo(path, transfer="linear"), kernel, sharp[inner, inner]
+
+
+@pytest.fixture
+def shaken(tmp_path):
+    return pan(tmp_path)
 
 
 def test_luminance_weighs_the_colours():
@@ -46,10 +50,10 @@ def test_luminance_weighs_the_colours():
     assert luminance(grey) is grey
 
 
-def test_the_estimate_finds_the_pan(shaken):
-    photo, truth, _ = shaken
+def test_the_estimate_finds_the_pan(tmp_path):
+    photo, truth, _ = pan(tmp_path, 2)
     camera = CameraFile(truth.camera, "made up")
-    found = estimate(photo, EstimateOptions(camera=camera, blur_size=6))
+    found = estimate(photo, EstimateOptions(camera=camera, blur_size=12))
     kernel = found.content.kernel
     spread = np.sqrt(kernel.weights @ (kernel.theta - kernel.centroid) ** 2)
     assert spread[1] > 1.3 * spread[0]
