@@ -18,7 +18,7 @@ from deshake.blind.kernel_faults import FILLED, SCATTERED, faults
 from deshake.blind.latent_picture import latent_gradients
 from deshake.blind.race import race
 from deshake.blind.result import BlindEstimate
-from deshake.blind.sharpness import looks_sharp
+from deshake.blind.sharpness import looks_sharp, sharpness
 from deshake.blind.spot import is_spot
 from deshake.blind.trust import confidence
 from deshake.blind.variational.estimate import estimate_variational
@@ -47,6 +47,7 @@ STILL = "still"
 SHARP = "the photo looks sharp: it is left as it is"
 SOFT = "the photo is a little soft rather than shaken: it is left as it is"
 
+_FAIRLY_SHARP = 0.69  # of `sharpness`: a real shaken photo has 0.68
 _LEAST_USABLE = 0.05  # share of the pixels
 _DOUBTFUL = 0.5  # confidence below which the user is warned
 _HOPELESS = 0.1  # confidence below which the photo is better left as it is
@@ -136,6 +137,7 @@ def estimate_kernel(
         axes=(True, True, not uniform and ALL_AXES[2]),
         bound=blur_px,
         quick=quick,
+        may_rest=sharpness(pyramid, 0) > _FAIRLY_SHARP,
         threads=threads or available_threads(),
         progress=lambda share, text: report(_RACE_SHARE * share, text),
     )

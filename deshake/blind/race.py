@@ -107,6 +107,7 @@ def race(
     axes: Axes = ALL_AXES,
     bound: float | None = None,
     quick: bool = False,
+    may_rest: bool = True,
     threads: int = 1,
     progress: Callable[[float, str], None] | None = None,
 ) -> Finish:
@@ -122,6 +123,9 @@ def race(
         Largest extent of the kernel in pixels of the photo.
     quick : bool
         Whether only the best start is continued, and nothing is refined.
+    may_rest : bool
+        Whether the race is called off where the finest starts leave a spot. Wide shakes may leave
+        one, too: the photo must look fairly sharp.
     threads : int
         Threads to use. The result does not depend on it.
     progress : callable, optional
@@ -131,7 +135,7 @@ def race(
     course = _Course(pyramid, axes, bound, threads, progress or (lambda _share, _text: None))
     starts = list(range(min(pyramid.coarsest, _COARSEST_START), 0, -2))[::-1] or [0]
     first = course.begun(starts[:2], 0.0, 0.15)
-    if all(is_spot(run.kernel) and run.level == 0 for run in first):
+    if may_rest and all(is_spot(run.kernel) and run.level == 0 for run in first):
         entry = _entry(first[0])
         course.progress(1.0, "the photo is not shaken")
         return Finish(entry, 0.0, 1.0, at_rest=True)
