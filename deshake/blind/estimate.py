@@ -24,7 +24,7 @@ from deshake.blind.trust import confidence
 from deshake.blind.variational.estimate import estimate_variational
 from deshake.errors import EstimationError
 from deshake.geometry.camera import Camera
-from deshake.geometry.kernel import ALL_AXES, RotationKernel
+from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.operators.strips import available_threads
 from deshake.signal.pyramid import Pyramid
@@ -134,7 +134,7 @@ def estimate_kernel(
         return _left(pyramid, whole, _HOPELESS, SHARP)
     ended = race(
         pyramid,
-        axes=(True, True, not uniform and ALL_AXES[2]),
+        axes=(True, True, not uniform),
         bound=blur_px,
         quick=quick,
         may_rest=sharpness(pyramid, 0) > _FAIRLY_SHARP,

@@ -23,7 +23,7 @@ from deshake.blind.sharp_edges import l0_picture
 from deshake.blind.tile_plan import Budget, planned_tiles
 from deshake.blind.tiles import Tiles, reach
 from deshake.geometry.kernel import RotationKernel
-from deshake.signal.gradients import adjoint_differences, differences
+from deshake.signal.gradients import differences
 from deshake.signal.noise import noise_level
 
 if TYPE_CHECKING:
@@ -129,11 +129,7 @@ class Judge:
                 data = tiles.data()
             across, down = differences(picture)
             share = _shrunk(np.hypot(across, down), price / beta)
-            spectra = tiles.rfft(adjoint_differences(across * share, down * share))
-            spectra *= np.float32(beta)
-            spectra += data
-            spectra /= tiles.power + np.float32(beta) * tiles.squared_response
-            picture = tiles.irfft(spectra)
+            picture = tiles.solved(data, across * share, down * share, beta)
         return picture
 
     def _ratio(self, image: Image) -> float:

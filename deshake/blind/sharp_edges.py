@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.signal.gradients import adjoint_differences, differences, length_of, strong
+from deshake.signal.gradients import differences, length_of, strong
 
 if TYPE_CHECKING:
     from deshake.blind.tiles import Tiles
@@ -58,11 +58,7 @@ def l0_picture(
         across, down = strong(*differences(picture), lam / beta)
         if beta >= beta_max:
             return picture, across, down
-        spectra = tiles.rfft(adjoint_differences(across, down))
-        spectra *= np.float32(beta)
-        spectra += data
-        spectra /= tiles.power + np.float32(beta) * tiles.squared_response
-        picture = tiles.irfft(spectra)
+        picture = tiles.solved(data, across, down, beta)
         beta *= _GROWTH
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from deshake.geometry.rotations import displacements, homographies
 from deshake.operators.bilinear import splat
-from deshake.signal.gradients import differences, squared_response
+from deshake.signal.gradients import adjoint_differences, differences, squared_response
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -136,6 +136,17 @@ class Tiles:
         spectra = self.rfft(self.filled)
         spectra *= self.H
         return spectra
+
+    def solved(self, data: Spectrum, across: Image, down: Image, beta: float) -> Image:
+        """Return the picture that explains `data` and has gradients near those given.
+
+        ``min |A_t S - g|^2 + beta |grad S - h|^2``, with h = (across, down).
+        """
+        spectra = self.rfft(adjoint_differences(across, down))
+        spectra *= np.float32(beta)
+        spectra += data
+        spectra /= self.power + np.float32(beta) * self.squared_response
+        return self.irfft(spectra)
 
     def fill(self, latent: Image) -> Image:
         """Fill in what is not believed from a latent picture; return that picture blurred."""
