@@ -16,17 +16,16 @@ import scipy.fft
 from deshake.geometry.rotations import displacements, homographies
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
     from deshake.geometry.kernel import RotationKernel
 
-__all__ = ["agreement", "agreements", "spread_px"]
+__all__ = ["agreement", "spread_px"]
 
 _PLACES = (0, 2, 4, 6, 8)  # of `Camera.corners`: the corners and the middle
 _SMOOTHING = 0.3  # of the kernel's spread
 _LEAST_SMOOTHING = 0.7  # px
+_MOST_UNLIKE = 0.2  # of one spread to the other, below which kernels have nothing in common
 _SIGMA = 1.5  # px that the smoothing comes to in the drawn filters
 
 
@@ -50,7 +49,9 @@ def agreement(
         Smoothing of the filters, in spreads of the narrower kernel.
 
     """
-    narrow = min(spread_px(one), spread_px(other))
+    narrow, wide = sorted((spread_px(one), spread_px(other)))
+    if narrow < _MOST_UNLIKE * wide:
+        return 0.0
     sigma = max(smoothing * narrow, _LEAST_SMOOTHING)
     shrink = max(sigma / _SIGMA, 1.0)
     places = one.camera.corners[list(_PLACES)]
@@ -73,15 +74,6 @@ def agreement(
         shifted = scipy.fft.irfft2(spectra[0] * np.conj(spectra[1]), (side, side))
         found.append(float(shifted.max()))
     return float(np.mean(found))
-
-
-def agreements(kernels: Sequence[RotationKernel]) -> NDArray[np.float64]:
-    """Return how alike all pairs of kernels are, (n, n) with ones on the diagonal."""
-    alike = np.eye(len(kernels))
-    for i, one in enumerate(kernels):
-        for j in range(i):
-            alike[i, j] = alike[j, i] = agreement(one, kernels[j])
-    return alike
 
 
 def _drawn(

@@ -8,7 +8,6 @@ to be found at once. So the first scale matters more than anything else, and `ra
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -16,13 +15,11 @@ import numpy as np
 
 from deshake.blind.kernel_step import RotationGrid, fitted_weights
 from deshake.blind.sharp_edges import Edges, latent_edges
-from deshake.blind.tile_choice import FOCUS
-from deshake.blind.tile_plan import Budget, Part, is_covered, planned_tiles
+from deshake.blind.tile_plan import Budget, Part, planned_tiles
 from deshake.blind.tiles import reach
-from deshake.blind.trimming import main_piece, strongest
+from deshake.blind.trimming import heaviest, main_piece, strongest
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
 from deshake.geometry.rotations import grid_steps
-from deshake.signal.noise import noise_level
 from deshake.signal.pyramid import RATIO
 
 if TYPE_CHECKING:
@@ -37,8 +34,9 @@ __all__ = ["FINE", "Candidate", "Refinement", "Setting", "edge_floor", "refined"
 Axes = tuple[bool, bool, bool]
 
 _START_HALF = (2, 2, 1)  # grid steps
-_CARRIED_UNIFORM = 0.02  # of the largest: one blur for the whole frame is known well
 _GROWTH_LIMIT = 6  # the kernel grows up to one over this of the shorter side
+_LIGHT = 1e-4  # of the weight: what is below is zero
+_FAINT = 0.05  # of the weight, that does not make a kernel wider
 _MAIN = 0.8  # share of a wide kernel that its main piece holds, if the rest is to be dropped
 
 
@@ -57,23 +55,18 @@ class Setting:
         Iterations.
     iterations, shocks : int
         Of each scale, and those of them, the first ones, that see shock-filtered edges.
-    cut : float
-        Weights below this share of the largest are noise.
-    carried : float
-        Weights that a finer scale begins with, of the largest.
+    cut, carried : float
+        The smallest weights that together hold less than this share are noise: after a fit, and
+        when a finer scale begins.
     most, most_grown : int
         Rotations that a finer scale begins with, before it is given room, and rotations that a
         kernel may grow to.
-    roll : bool
-        Whether the camera may turn about its optical axis.
     small : float
         Pixels up to which a kernel is free to grow at every scale.
     wide : float
         Pixels that a kernel may be wide: wider, it would break up.
     noise : float
         Least price of an edge, in variances of the noise.
-    focus : float
-        How much tiles in focus are preferred.
 
     """
 
@@ -82,15 +75,13 @@ class Setting:
     falling: int = 45
     iterations: int = 5
     shocks: int = 3
-    cut: float = 0.05
-    carried: float = 0.08
+    cut: float = 0.03
+    carried: float = 0.03
     most: int = 150
     most_grown: int = 500
-    roll: bool = True
     small: float = 8.0
     wide: float = 41.0
     noise: float = 10.0
-    focus: float = FOCUS
 
 
 FINE = Setting()
@@ -106,19 +97,23 @@ class Refinement(NamedTuple):
     iterations : int
         Of latent picture and kernel.
     carried, cut : float
-        Weights to begin with and to keep, of the largest.
+        The smallest weights that together hold less than this share are dropped: at the beginning,
+        and after a fit.
     most : int
         Rotations to begin with, before they are given room.
+    room : bool
+        Whether they are given room.
     budget : Budget
         Pixels to look at.
 
     """
 
     price: float
-    iterations: int = 4
-    carried: float = 0.02
+    iterations: int = 8
+    carried: float = 0.01
     cut: float = 0.03
     most: int = 300
+    room: bool = True
     budget: Budget = Budget(0.25e6, 0.3e6)
 
 
@@ -152,24 +147,23 @@ class Candidate:
         self.pyramid = pyramid
         self.start = start
         self.setting = setting
-        self.axes = (axes[0], axes[1], axes[2] and setting.roll and not pyramid.camera.is_uniform)
+        self.axes = (axes[0], axes[1], axes[2] and not pyramid.camera.is_uniform)
         self.bound = bound
         self.level = start + 1
         self._kernel: RotationKernel | None = None
         self._iterations = 0
-        self._chose = False
         self._tiles: Tiles
         self._grid: RotationGrid | None = None
 
     @property
     def kernel(self) -> RotationKernel:
         """The kernel for the whole photo, centred."""
-        return self._own.above(self.setting.cut).centred().for_camera(self.pyramid.camera)
+        return heaviest(self._own, _LIGHT).centred().for_camera(self.pyramid.camera)
 
     @property
     def width(self) -> float:
         """Width of the kernel in pixels of its scale."""
-        return self._own.above(self.setting.cut).extent_px()
+        return heaviest(self._own, _FAINT).extent_px()
 
     @property
     def _own(self) -> RotationKernel:
@@ -177,25 +171,11 @@ class Candidate:
             raise ValueError("no scale has been worked on")
         return self._kernel
 
-    @property
-    def chooses_next(self) -> bool:
-        """Whether tiles are chosen at the next scale, where all before were covered as a whole."""
-        if self._chose or self.level == 0:
-            return False
-        return not is_covered(self.pyramid, self.level - 1)
-
-    def forked(self, setting: Setting) -> Candidate:
-        """Return a candidate that goes on from here with another setting."""
-        other = copy(self)
-        other.setting = setting
-        return other
-
     def advance(self) -> bool:
         """Work on the next finer scale; False if there is none that the kernel fits."""
         if self.level == 0 or not self._fits_next():
             return False
         self.level -= 1
-        self._chose = not is_covered(self.pyramid, self.level)
         scale = self.pyramid.at(self.level)
         first = self._kernel is None
         self._kernel = _start(scale.camera, self.axes) if first else self._carried(scale.camera)
@@ -217,7 +197,7 @@ class Candidate:
         kept = np.isin(_keys(self._kernel), _keys(piece))
         if self._kernel.weights[kept].sum() < _MAIN:
             return False
-        if piece.above(self.setting.cut).extent_px() * RATIO > self.setting.wide:
+        if heaviest(piece, _FAINT).extent_px() * RATIO > self.setting.wide:
             return False
         self._kernel = piece  # a hand's path hangs together
         return True
@@ -228,7 +208,7 @@ class Candidate:
         return float(s.first * (s.last / s.first) ** done)
 
     def _cut_tiles(self) -> None:
-        self._tiles = planned_tiles(self.pyramid, self.level, self._own, focus=self.setting.focus)
+        self._tiles = planned_tiles(self.pyramid, self.level, self._own)
         self._grid = None
 
     def _fit(self, price: float, edges: Edges) -> None:
@@ -241,11 +221,8 @@ class Candidate:
 
     def _carried(self, camera: Camera) -> RotationKernel:
         """Carry the kernel to the next scale: resample, cut, recentre, give it room."""
-        kept = self._own.above(self.setting.cut).for_camera(camera)
-        carried = self.setting.carried
-        if camera.is_uniform:
-            carried = min(carried, _CARRIED_UNIFORM)
-        finer = kept.resampled(grid_steps(camera), self.axes).above(carried)
+        kept = heaviest(self._own, _LIGHT).for_camera(camera)
+        finer = heaviest(kept.resampled(grid_steps(camera), self.axes), self.setting.carried)
         finer = strongest(finer, self.setting.most)
         finer = finer.shifted(-np.rint(finer.centroid / finer.steps).astype(np.int64))
         return self._inside(finer.dilated(self.axes))
@@ -253,7 +230,7 @@ class Candidate:
     def _grow(self) -> None:
         """Give the kernel room around its non-zero weights, where it may still grow."""
         own = self._own
-        around = own.above(self.setting.cut).dilated(self.axes)
+        around = heaviest(own, _LIGHT).dilated(self.axes)
         indices = np.concatenate([own.indices, around.indices])
         weights = np.concatenate([own.weights, np.zeros(len(around.weights))])
         grown = self._inside(RotationKernel.from_indices(indices, weights, own.steps, own.camera))
@@ -284,8 +261,7 @@ class Candidate:
 
 def edge_floor(pyramid: Pyramid, level: int, variances: float = FINE.noise) -> float:
     """Least price of an edge that is no noise, at a scale."""
-    scale = pyramid.at(level)
-    return float(variances * (noise_level(scale.picture) * scale.contrast) ** 2)
+    return float(variances * pyramid.noise(level) ** 2)
 
 
 def refined(
@@ -296,7 +272,6 @@ def refined(
     *,
     axes: Axes = ALL_AXES,
     part: Part = "fitted",
-    focus: float = FOCUS,
 ) -> RotationKernel:
     """Estimate latent picture and kernel in turn a few times, from a kernel that is about right.
 
@@ -317,8 +292,6 @@ def refined(
         The axes that the camera may turn about.
     part : {"fitted", "apart", "all"}
         The tiles to look at.
-    focus : float
-        How much tiles in focus are preferred.
 
     Returns
     -------
@@ -327,17 +300,19 @@ def refined(
 
     """
     camera = pyramid.at(level).camera
-    finer = kernel.for_camera(camera).resampled(grid_steps(camera), axes).above(how.carried)
-    finer = strongest(finer, how.most).dilated(axes)
+    finer = heaviest(kernel.for_camera(camera).resampled(grid_steps(camera), axes), how.carried)
+    finer = strongest(finer, how.most)
+    if how.room:
+        finer = finer.dilated(axes)
     price = max(how.price, edge_floor(pyramid, level))
-    tiles = planned_tiles(pyramid, level, finer, part=part, budget=how.budget, focus=focus)
+    tiles = planned_tiles(pyramid, level, finer, part=part, budget=how.budget)
     grid = RotationGrid(tiles, finer.indices, finer.steps)
     for _ in range(how.iterations):
         tiles.bind(finer)
-        fit = grid.equations(latent_edges(tiles, price, "l0"))
+        fit = grid.equations(latent_edges(tiles, price, "l0"), pyramid.noise(level))
         weights = fitted_weights(fit, grid.indices, finer.weights, cut=how.cut)
         finer = replace(finer, weights=weights)
-    return finer.above(how.cut).centred().for_camera(pyramid.camera)
+    return heaviest(finer, _LIGHT).centred().for_camera(pyramid.camera)
 
 
 def _keys(kernel: RotationKernel) -> NDArray[np.int64]:

@@ -19,6 +19,7 @@ import scipy.ndimage
 import scipy.sparse
 from numpy.typing import NDArray
 
+from deshake.blind.trimming import without_light
 from deshake.geometry.rotations import displacements, homographies
 from deshake.operators.bilinear import bilinear_taps
 
@@ -30,7 +31,10 @@ __all__ = ["NormalEquations", "RotationGrid", "fitted_weights", "nonnegative"]
 Image = NDArray[np.float32]
 Vector = NDArray[np.float64]
 
-_RIDGE = 0.005  # of the energy of the edges
+_RIDGE = 0.003  # of the energy of the edges
+_TEXTURE = 0.3  # of the mean square of the edges: variance of the gradients about them
+_MISFIT = 8.0  # variance of all that the model leaves unexplained, in variances of the noise
+_LEAST_NOISE = 0.002  # in the contrast of the pyramid
 _ISLAND = 0.03  # connected pieces of the kernel with less of its mass are noise
 _LEAST_ENERGY = 1e-9  # below that of any edge
 _LEAST_SUM = 1e-6  # of the weights, below which the edges explain nothing
@@ -72,13 +76,16 @@ class RotationGrid:
         self._right = _gatherer(tiles, indices * steps, -1)
         self._gram = _gatherer(tiles, lags * steps, 1)
 
-    def equations(self, edges: tuple[Image, Image]) -> NormalEquations:
+    def equations(self, edges: tuple[Image, Image], noise: float | None = None) -> NormalEquations:
         """Set up the least squares of the kernel, summed over all tiles.
 
         Parameters
         ----------
         edges : two (P, N, N) arrays
             Gradients of the sharp picture, across and down.
+        noise : float, optional
+            Standard deviation of the photo's noise. With it the edges are taken for a mean, about
+            which the true gradients vary by what the photo leaves open; else they are certain.
 
         """
         tiles = self.tiles
@@ -89,10 +96,27 @@ class RotationGrid:
             cross += middle * blurred
             middle *= tiles.rfft(edge * tiles.around)
             auto += middle
+        if noise is not None:
+            auto += self._open(edges, noise)
         right: Image = self._right.dot(tiles.irfft(cross).ravel())
         lagged: Image = self._gram.dot(tiles.irfft(auto).ravel())
         gram = lagged[self._place].astype(np.float64)
         return NormalEquations((gram + gram.T) / 2, right.astype(np.float64), float(gram[0, 0]))
+
+    def _open(self, edges: tuple[Image, Image], noise: float) -> Image:
+        """Power spectra (P, N, N // 2 + 1) of what the photo leaves open of the gradients.
+
+        Their posterior variance, for texture that is white before anything is seen: where the
+        filter passes nothing, as at its zeros, it is that of the texture. Without it the least
+        squares take silence there for knowledge, and kernels drift towards a point.
+        """
+        tiles = self.tiles
+        pixels = tiles.middle.sum((1, 2))[:, None, None]
+        energy = sum((edge**2 * tiles.middle).sum((1, 2)) for edge in edges)[:, None, None]
+        texture = _TEXTURE * energy / (2 * pixels)
+        error = 2 * _MISFIT * max(noise, _LEAST_NOISE) ** 2
+        spectra: Image = 2 * pixels * texture * error / (texture * tiles.power + error)
+        return spectra.astype(np.float32)
 
 
 def _gatherer(tiles: Tiles, theta: Vector, sign: int) -> scipy.sparse.csr_array:
@@ -107,7 +131,11 @@ def _gatherer(tiles: Tiles, theta: Vector, sign: int) -> scipy.sparse.csr_array:
 
 
 def fitted_weights(
-    fit: NormalEquations, indices: NDArray[np.int64], weights: Vector, *, cut: float
+    fit: NormalEquations,
+    indices: NDArray[np.int64],
+    weights: Vector,
+    *,
+    cut: float,
 ) -> Vector:
     """Solve for the weights, and drop what is likely to be noise.
 
@@ -123,7 +151,7 @@ def fitted_weights(
     weights : (K,) array
         The weights so far; they are returned where there are no edges to go by.
     cut : float
-        Weights below this share of the largest are dropped.
+        The smallest weights that together hold less than this share are dropped.
 
     Returns
     -------
@@ -138,7 +166,7 @@ def fitted_weights(
     found = nonnegative(fit.gram / fit.energy + np.diag(ridge), fit.right / fit.energy, weights)
     if not found.sum() > _LEAST_SUM:
         return weights
-    kept = _without_islands(indices, np.where(found < cut * found.max(), 0.0, found))
+    kept = _without_islands(indices, without_light(found, cut))
     normed: Vector = kept / kept.sum()
     return normed
 

@@ -1,10 +1,10 @@
-"""The race between starts: many kernels begun, few continued, the best one kept.
+"""The race between starts: a kernel from every first scale, the best ones refined, one kept.
 
 A shake is found from a scale where it is a few pixels wide, and nobody knows which that is. So
-candidates start at every second scale; each goes on until its kernel is wide enough to be compared.
-Then two witnesses are heard: the judge, on tiles that no candidate saw, and the other candidates,
-since kernels that agree from independent starts are seldom wrong. The best go on to the finest
-scale that they can reach, are refined there, and are compared once more.
+candidates start at every second scale, and each goes on to the finest scale that it can reach. Then
+two witnesses are heard: the judge, on tiles that no candidate saw, and the other candidates, since
+kernels that agree from independent starts are seldom wrong. The best are refined, with roll and
+without, and are compared once more.
 
 The two finest starts run first. Where both end in a small round spot, the photo was not shaken, and
 the race is called off.
@@ -12,15 +12,16 @@ the race is called off.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from deshake.blind.agreement import agreement, agreements
-from deshake.blind.candidate import FINE, Axes, Candidate, Refinement, refined
+from deshake.blind.agreement import agreement
+from deshake.blind.camera_path import thinned
+from deshake.blind.candidate import Axes, Candidate, Refinement, refined
 from deshake.blind.judge import Judge
 from deshake.blind.spot import is_spot
+from deshake.blind.trimming import heaviest
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
 from deshake.operators.strips import in_order
 
@@ -33,27 +34,24 @@ if TYPE_CHECKING:
 
 __all__ = ["Entry", "Finish", "race"]
 
-SETTINGS = (FINE, replace(FINE, focus=0.0))
-"""Tiles in focus, and tiles wherever there are edges: the one is right for a shallow depth of
-field, the other where the steepest edges are those that run along with the shake."""
-
 _COARSEST_START = 11
-_COMPARED_AT = 11.0  # px, the width of a kernel that is worth comparing
-_LEAST_SCALES = 3  # that a candidate works on before it is compared
-_WIDTH_HALFWAY = 16.0  # px at the scale where candidates are compared half-way
-_WIDTH_AT_LAST = 28.0  # px at the scale where they are compared at last
-_WIDE = 0.7  # quantile of the kernels' widths that decides on the scale of the judge
-_WIDEST = 60.0  # px at that scale: wider kernels are out
-_CONTINUED = 3
-_MOST_CONTINUED = 4  # settings that begin to differ later counted
+_OWN_WIDTH = 8.0  # px of a kernel at the scale where it is judged by itself
+_COMMON_WIDTH = 28.0  # px of kernels at the scale where they are judged side by side
+_WIDE = 0.6  # quantile of the kernels' widths that decides on that scale
+_WIDEST = 48.0  # px at that scale: wider kernels are out
+_REFINED = 3  # starts
 _SNAPSHOTS = 2  # of a candidate's last scales
+_AGREEMENT_WORTH = 0.2  # of margin, for an agreement of 1
 _AGREEING = 3  # neighbours that a kernel is compared with
-_REFINEMENTS = (Refinement(2e-3), Refinement(1e-2))
-_UNIFORM_REFINEMENTS = (Refinement(2e-3), Refinement(1e-3, cut=0.015))
+_REFINEMENT = Refinement(2e-3)
+_OTHER_REFINEMENT = Refinement(1e-2)  # that the winner is tried with
+_PATH_REFINEMENT = Refinement(2e-3, iterations=4, cut=0.01, room=False)  # of a thin path
+_WIDE_PATH = 1.4  # grid steps
+_UNIFORM_REFINEMENT = Refinement(1e-3)
 _COLLAPSED = 10.0  # taken off a small round spot: other starts found more
-_ROLL_WORTH = 0.003  # margin that a roll must bring
+_ROLL_WORTH = 0.003  # of margin, that roll must bring
 _LEAST_WIDTH = 2.5  # px at its scale, below which a kernel is a point and not refined
-_CUT = 0.05  # weights below this share of the largest do not make a kernel wider
+_FAINT = 0.05  # of the weight, that does not make a kernel wider
 
 
 class Entry(NamedTuple):
@@ -67,8 +65,6 @@ class Entry(NamedTuple):
         The scales that it was begun and estimated at.
     kernel : RotationKernel
         For the camera of the photo, centred.
-    focus : float
-        How much tiles in focus were preferred.
 
     """
 
@@ -76,7 +72,6 @@ class Entry(NamedTuple):
     start: int
     level: int
     kernel: RotationKernel
-    focus: float
 
 
 class Finish(NamedTuple):
@@ -134,29 +129,26 @@ def race(
     """
     course = _Course(pyramid, axes, bound, threads, progress or (lambda _share, _text: None))
     starts = list(range(min(pyramid.coarsest, _COARSEST_START), 0, -2))[::-1] or [0]
-    first = course.begun(starts[:2], 0.0, 0.15)
-    if may_rest and all(is_spot(run.kernel) and run.level == 0 for run in first):
-        entry = _entry(first[0])
+    found = course.run(starts[:2], 0.0, 0.15)
+    if may_rest and all(is_spot(e.kernel) and e.level == 0 for e in _last(found)):
         course.progress(1.0, "the photo is not shaken")
-        return Finish(entry, 0.0, 1.0, at_rest=True)
-    runs = first + course.begun(starts[2:], 0.15, 0.45)
-    halfway = [_entry(run) for run in runs]
-    order = np.argsort(-course.chances(halfway), kind="stable")
-    taken = [one for i in order[: 1 if quick else _CONTINUED] for one in _variants(runs[i])]
-    taken = taken[: 1 if quick else _MOST_CONTINUED]
-    finals = course.continued(taken, 0.5, 0.65)
+        return Finish(_last(found)[0], 0.0, 1.0, at_rest=True)
+    found += course.run(starts[2:], 0.15, 0.5)
+    chances = course.chances(found, found)
+    order = [found[i] for i in np.argsort(-chances, kind="stable")]
+    winner = order[0]
     if not quick:
-        finals += course.refined(finals, 0.65, 0.85)
-    finals = [entry for entry in finals if not is_spot(entry.kernel)] or finals
-    margins = course.margins(finals, _WIDTH_AT_LAST)
-    best = int(np.argmax(margins))
-    winner, margin = finals[best], float(margins[best])
-    if not quick:
-        winner, margin = course.without_roll(winner, margin)
-    others = [entry.kernel for entry in (*halfway, *finals) if entry.start != winner.start]
-    alike = sorted((agreement(winner.kernel, other) for other in others), reverse=True)[:2]
+        best = dict.fromkeys(entry.start for entry in order)
+        taken = [e for e in _last(found) if e.start in list(best)[:_REFINED]]
+        taken = [e for e in taken if not is_spot(e.kernel)] or taken
+        finals = course.refined(taken, 0.5, 0.85)
+        finals += [e for e in found if e.start in {one.start for one in taken}]
+        found += finals
+        chances = course.chances(finals, found) + course.side_by_side(finals)
+        winner = course.polished(finals[int(np.argmax(chances))], taken)
+    margin = float(course.margins([winner])[0])
     course.progress(1.0, "kernel estimated")
-    return Finish(winner, margin, float(np.mean(alike or [0.0])), at_rest=False)
+    return Finish(winner, margin, _nearest(winner, found), at_rest=False)
 
 
 class _Course:
@@ -176,38 +168,31 @@ class _Course:
         self.threads = threads
         self.progress = progress
 
-    def begun(self, starts: Sequence[int], since: float, until: float) -> list[Candidate]:
-        """Work candidates to where they are compared."""
-        runs: list[Candidate] = []
-        for done, (_, found) in enumerate(in_order(self._begun, starts, self.threads), 1):
-            runs += found
-            self.progress(since + (until - since) * done / len(starts), "starts")
-        return runs
-
-    def chances(self, entries: Sequence[Entry]) -> NDArray[np.float64]:
-        """Margin of each kernel, and how well it agrees with its nearest neighbours."""
-        margins = self.margins(entries, _WIDTH_HALFWAY)
-        alike = agreements([entry.kernel for entry in entries])
-        np.fill_diagonal(alike, 0)
-        nearest = -np.sort(-alike, axis=1)[:, :_AGREEING]
-        collapsed = [is_spot(entry.kernel) for entry in entries]
-        chances: NDArray[np.float64] = margins + nearest.mean(1) - _COLLAPSED * np.array(collapsed)
-        return chances
-
-    def continued(self, runs: Sequence[Candidate], since: float, until: float) -> list[Entry]:
+    def run(self, starts: Sequence[int], since: float, until: float) -> list[Entry]:
         """Work candidates to their ends; the kernels of their last scales."""
         entries: list[Entry] = []
-        for done, (_, found) in enumerate(in_order(_to_end, runs, self.threads), 1):
+        for done, (_, found) in enumerate(in_order(self._run, starts, self.threads), 1):
             entries += found
-            self.progress(since + (until - since) * done / len(runs), "best starts")
+            self.progress(since + (until - since) * done / len(starts), "starts")
         return entries
 
+    def chances(self, entries: Sequence[Entry], known: Sequence[Entry]) -> NDArray[np.float64]:
+        """Hear both witnesses: each kernel's margin, and how well it agrees with what is known."""
+        alike = np.array([_nearest(entry, known) for entry in entries])
+        collapsed = np.array([is_spot(entry.kernel) for entry in entries])
+        chances: NDArray[np.float64] = (
+            self.margins(entries) + _AGREEMENT_WORTH * alike - _COLLAPSED * collapsed
+        )
+        return chances
+
     def refined(self, entries: Sequence[Entry], since: float, until: float) -> list[Entry]:
-        """Refine the last kernel of every start."""
-        last = {(entry.start, entry.focus): entry for entry in entries}.values()
+        """Refine kernels, with roll and without."""
         uniform = self.pyramid.camera.is_uniform
-        ways = _UNIFORM_REFINEMENTS if uniform else _REFINEMENTS
-        jobs = [(entry, how) for entry in last for how in ways]
+        ways = (_REFINEMENT, _UNIFORM_REFINEMENT) if uniform else (_REFINEMENT,)
+        jobs = [(entry, how, self.axes) for entry in entries for how in ways]
+        if self.axes[2]:
+            flat = (self.axes[0], self.axes[1], False)
+            jobs += [(entry, how, flat) for entry in entries for how in ways]
         found = []
         work = in_order(lambda job: self._refined(*job), jobs, self.threads)
         for done, (_, entry) in enumerate(work, 1):
@@ -215,82 +200,90 @@ class _Course:
             self.progress(since + (until - since) * done / len(jobs), "refinement")
         return found
 
-    def margins(self, entries: Sequence[Entry], width: float) -> NDArray[np.float64]:
-        """Margins at the scale where most of the kernels are at most so many pixels wide."""
-        widths = np.array([entry.kernel.above(_CUT).extent_px() for entry in entries])
-        level = int(np.ceil(2 * np.log2(max(float(np.quantile(widths, _WIDE)) / width, 1e-9))))
-        level = int(np.clip(level, 0, self.pyramid.coarsest))
-        shrink = self.pyramid.at(level).camera.width / self.pyramid.camera.width
-        fits = [i for i, width in enumerate(widths * shrink) if width <= _WIDEST]
-        margins = np.full(len(entries), -1.0)
-        if not fits:
-            return margins
-        judge = Judge.of(self.pyramid, level, [entries[i].kernel for i in fits])
-        margins[fits] = [judge.margin(entries[i].kernel) for i in fits]
+    def margins(self, entries: Sequence[Entry]) -> NDArray[np.float64]:
+        """Margins of kernels, each at the scale where it is a few pixels wide.
+
+        There a kernel that is too narrow has nothing to gain, and one too wide loses: no other
+        kernel's width decides on where to look.
+        """
+        levels = np.array([self._level(_width(entry), _OWN_WIDTH) for entry in entries])
+        margins = np.empty(len(entries))
+        for level in np.unique(levels):
+            at = np.flatnonzero(levels == level)
+            margins[at] = self._judged([entries[int(i)] for i in at], int(level))
         return margins
 
-    def without_roll(self, winner: Entry, margin: float) -> tuple[Entry, float]:
-        """Take the roll off a kernel unless the tiles that were kept apart ask for it."""
-        if not self.axes[2] or not winner.kernel.theta[:, 2].any():
-            return winner, margin
-        flat = self._refined(winner, _REFINEMENTS[0], axes=(self.axes[0], self.axes[1], False))
-        entries = [winner, flat._replace(name=f"{winner.name}, no roll")]
-        margins = self.margins(entries, _WIDTH_AT_LAST)
-        if margins[1] >= margins[0] - _ROLL_WORTH:
-            return entries[1], margin + float(margins[1] - margins[0])
-        return winner, margin
+    def side_by_side(self, entries: Sequence[Entry]) -> NDArray[np.float64]:
+        """Margins of kernels at one scale, where most of them are well resolved."""
+        widths = np.array([_width(entry) for entry in entries])
+        level = self._level(float(np.quantile(widths, _WIDE)), _COMMON_WIDTH)
+        shrink = self.pyramid.at(level).camera.width / self.pyramid.camera.width
+        margins = np.full(len(entries), -1.0)
+        fits = np.flatnonzero(widths * shrink <= _WIDEST)
+        if len(fits):
+            margins[fits] = self._judged([entries[int(i)] for i in fits], level)
+        return margins
 
-    def _begun(self, start: int) -> list[Candidate]:
-        """Work one start to where it is compared, with every setting once they differ."""
-        run = Candidate(self.pyramid, start, SETTINGS[0], axes=self.axes, bound=self.bound)
-        while not run.chooses_next and not _is_halfway(run) and run.advance():
-            pass
-        if _is_halfway(run) or not run.chooses_next:
-            return [run]
-        runs = _variants(run)
-        for one in runs:
-            while not _is_halfway(one) and one.advance():
-                pass
-        return runs
+    def _level(self, width: float, wanted: float) -> int:
+        """Return the scale at which so many pixels of the photo are as many as wanted."""
+        level = np.ceil(2 * np.log2(max(width / wanted, 1e-9)))
+        return int(np.clip(level, 0, self.pyramid.coarsest))
 
-    def _refined(self, entry: Entry, how: Refinement, axes: Axes | None = None) -> Entry:
+    def _judged(self, entries: Sequence[Entry], level: int) -> NDArray[np.float64]:
+        judge = Judge.of(self.pyramid, level, [entry.kernel for entry in entries])
+        margins = np.array([judge.margin(entry.kernel) for entry in entries])
+        if self.axes[2]:
+            margins -= [_ROLL_WORTH * bool(entry.kernel.theta[:, 2].any()) for entry in entries]
+        return margins
+
+    def polished(self, winner: Entry, sources: Sequence[Entry]) -> Entry:
+        """Refine what the winner came from by other edges, thin it, and return the best."""
+        source = next(entry for entry in sources if entry.start == winner.start)
+        flat = not winner.kernel.theta[:, 2].any()
+        axes = (self.axes[0], self.axes[1], self.axes[2] and not flat)
+        other = self._refined(source, _OTHER_REFINEMENT, axes)
+        path = self._refined(_thin(winner, _WIDE_PATH), _PATH_REFINEMENT, axes)
+        entries = [winner, _thin(winner), other, _thin(other), path, _thin(path)]
+        return entries[int(np.argmax(self.side_by_side(entries)))]
+
+    def _run(self, start: int) -> list[Entry]:
+        """Work one start to its end."""
+        run = Candidate(self.pyramid, start, axes=self.axes, bound=self.bound)
+        entries = []
+        while run.advance():
+            name = f"start {start}, scale {run.level}"
+            entries.append(Entry(name, start, run.level, run.kernel))
+        return entries[-_SNAPSHOTS:]
+
+    def _refined(self, entry: Entry, how: Refinement, axes: Axes) -> Entry:
         if self._is_point(entry):
             return entry
-        kernel = refined(
-            self.pyramid,
-            entry.kernel,
-            entry.level,
-            how,
-            axes=axes or self.axes,
-            focus=entry.focus,
-        )
-        return entry._replace(name=f"{entry.name}, refined at {how.price:g}", kernel=kernel)
+        kernel = refined(self.pyramid, entry.kernel, entry.level, how, axes=axes)
+        flat = ", no roll" if self.axes[2] and not axes[2] else ""
+        return entry._replace(name=f"{entry.name}, refined at {how.price:g}{flat}", kernel=kernel)
 
     def _is_point(self, entry: Entry) -> bool:
         camera = self.pyramid.at(entry.level).camera
         return entry.kernel.for_camera(camera).extent_px() < _LEAST_WIDTH
 
 
-def _is_halfway(run: Candidate) -> bool:
-    """Whether a candidate's kernel is wide enough to be compared."""
-    return run.start - run.level >= _LEAST_SCALES - 1 and run.width > _COMPARED_AT
+def _width(entry: Entry) -> float:
+    """Width of a kernel in pixels of the photo."""
+    return heaviest(entry.kernel, _FAINT).extent_px()
 
 
-def _variants(run: Candidate) -> list[Candidate]:
-    """Return a candidate with every setting, if its settings are still to make a difference."""
-    if not run.chooses_next:
-        return [run]
-    return [run, *(run.forked(setting) for setting in SETTINGS[1:])]
+def _nearest(entry: Entry, known: Sequence[Entry]) -> float:
+    """Mean agreement of a kernel with the nearest ones of other starts."""
+    others = [one.kernel for one in known if one.start != entry.start]
+    alike = sorted((agreement(entry.kernel, other) for other in others), reverse=True)
+    return float(np.mean(alike[:_AGREEING] or [0.0]))
 
 
-def _to_end(run: Candidate) -> list[Entry]:
-    entries = [_entry(run)]
-    while run.advance():
-        entries.append(_entry(run))
-    return entries[-_SNAPSHOTS:]
+def _thin(entry: Entry, width: float = 1.0) -> Entry:
+    """Take the thickness off a kernel."""
+    return entry._replace(name=f"{entry.name}, thin", kernel=thinned(entry.kernel, width))
 
 
-def _entry(run: Candidate) -> Entry:
-    focus = run.setting.focus
-    name = f"start {run.start}{'' if focus else ', any focus'}, scale {run.level}"
-    return Entry(name, run.start, run.level, run.kernel, focus)
+def _last(entries: Sequence[Entry]) -> list[Entry]:
+    """Return the last kernel of every start."""
+    return list({entry.start: entry for entry in entries}.values())

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from deshake.geometry.kernel import RotationKernel
 
-__all__ = ["main_piece", "most_of", "strongest", "without_strays"]
+__all__ = ["heaviest", "main_piece", "most_of", "strongest", "without_light", "without_strays"]
 
 _MOST = 0.8  # share of the weight that tells how wide a kernel is
 _STRAY = 0.03  # share of the weight that pieces of the kernel hold that are no noise
@@ -29,6 +29,24 @@ def strongest(kernel: RotationKernel, most: int) -> RotationKernel:
         return kernel
     kept = np.sort(np.argsort(-kernel.weights, kind="stable")[:most])
     return _only(kernel, kept)
+
+
+def without_light(weights: NDArray[np.float64], share: float) -> NDArray[np.float64]:
+    """Set the smallest weights to zero that together hold less than a share of the sum."""
+    order = np.argsort(weights, kind="stable")
+    held = np.cumsum(weights[order])
+    kept = weights.copy()
+    kept[order[held < share * held[-1]]] = 0
+    return kept
+
+
+def heaviest(kernel: RotationKernel, share: float) -> RotationKernel:
+    """Return a kernel without its smallest weights, which together hold less than a share.
+
+    A share of the sum, not of the largest weight: a camera that rests at one place and moves on
+    leaves a point and a long faint tail, which holds most of the light.
+    """
+    return _only(kernel, without_light(kernel.weights, share) > 0)
 
 
 def most_of(kernel: RotationKernel) -> RotationKernel:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake.errors import EstimationError
+from deshake.signal.noise import noise_level
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable
@@ -109,6 +110,11 @@ class Pyramid:
                 picture = np.maximum(light, 0) ** np.float32(1 / self.gamma)
             self._scales[level] = Scale(picture, camera, usable, self._contrast)
         return self._scales[level]
+
+    def noise(self, level: int) -> float:
+        """Return the standard deviation of a scale's noise, in the contrast of the pyramid."""
+        scale = self.at(level)
+        return self.kept(("noise", level), lambda: noise_level(scale.picture) * scale.contrast)
 
     def kept(self, key: Hashable, make: Callable[[], T]) -> T:
         """Return what was made of the photo under a key; it is made when it is first asked for."""

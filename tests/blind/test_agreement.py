@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deshake.blind.agreement import agreement, agreements, spread_px
+from deshake.blind.agreement import agreement, spread_px
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
@@ -94,15 +94,10 @@ def test_wide_kernels_are_compared_as_narrow_ones_are() -> None:
     assert agreement(*wide) == pytest.approx(narrow, abs=0.1)
 
 
-def test_all_pairs() -> None:
-    names = ["curve", "half", "pan"]
-    found = agreements([KERNELS[name] for name in names])
-    np.testing.assert_array_equal(found, found.T)
-    np.testing.assert_array_equal(np.diag(found), 1)
-    for (i, one), (j, other) in itertools.combinations(enumerate(names), 2):
-        wanted = agreement(KERNELS[one], KERNELS[other])
-        assert found[i, j] == pytest.approx(wanted, abs=1e-4)
-    assert agreements([]).shape == (0, 0)
+def test_kernels_of_very_different_widths_have_nothing_in_common() -> None:
+    narrow = kernel([[0, -1, 0], [0, 1, 0]])
+    assert agreement(narrow, KERNELS["pan"]) == 0
+    assert agreement(KERNELS["still"], KERNELS["pan"]) == 0
 
 
 def test_the_spread_is_that_of_what_is_moved() -> None:

@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
 from deshake.blind.agreement import agreement, spread_px
-from deshake.blind.camera_path import filled_path
+from deshake.blind.camera_path import filled_path, thinned
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
@@ -98,3 +98,57 @@ def test_wide_kernels_get_no_more_rotations_than_can_be_restored() -> None:
     kernel = RotationKernel.from_indices(places, rng.random(len(places)), 16 * STEPS, CAMERA)
     pairs = (cdist(places, places, "chebyshev") == 1).sum()
     assert len(filled_path(kernel).weights) <= max(pairs, 1500) + len(places)
+
+
+def smeared(path: np.ndarray, steps: float = 1.2) -> RotationKernel:
+    """Smear a path by so many pixels about every axis, as an estimate is."""
+    true = RotationKernel.from_path(path * STEPS, CAMERA)
+    rng = np.random.default_rng(0)
+    theta = np.repeat(true.theta, 8, 0)
+    theta = theta + rng.normal(0, steps, theta.shape) * STEPS
+    found = RotationKernel(theta, np.repeat(true.weights, 8) / 8, STEPS, CAMERA)
+    return found.resampled(STEPS)
+
+
+def off(kernel: RotationKernel, path: np.ndarray) -> float:
+    """Mean distance of a kernel's rotations from a path, in pixels."""
+    fine = RotationKernel.from_path(path * STEPS, CAMERA).theta / STEPS
+    return float(kernel.weights @ cdist(kernel.theta / STEPS, fine).min(1))
+
+
+@pytest.mark.parametrize("roll", [1, 0])
+def test_a_thinned_kernel_lies_on_the_path(roll) -> None:
+    path = PATH * [1, 1, roll]
+    thick = smeared(path)
+    thin = thinned(thick, 1.4)
+    assert off(thin, path) < 0.65 * off(thick, path)
+    assert len(thin.weights) < len(thick.weights)
+    true = RotationKernel.from_path(path * STEPS, CAMERA)
+    assert spread_px(thin) == pytest.approx(spread_px(true), rel=0.03)
+
+
+def test_thinning_keeps_the_light_and_where_the_camera_pointed() -> None:
+    thick = smeared(PATH)
+    thin = thinned(thick)
+    assert thin.weights.sum() == pytest.approx(1)
+    assert thin.weights.min() > 0
+    np.testing.assert_allclose(thin.centroid, thick.centroid, atol=1e-9)
+    np.testing.assert_array_equal(thin.steps, thick.steps)
+
+
+def test_thinning_keeps_a_thin_path_and_a_point() -> None:
+    path = RotationKernel.from_path(np.array([[0.0, -8, 0], [0, 8, 0]]) * STEPS, CAMERA)
+    assert agreement(thinned(path), path, smoothing=0.1) > 0.99
+    point = RotationKernel.delta(CAMERA)
+    np.testing.assert_allclose(thinned(point).theta, 0, atol=1e-12)
+
+
+def test_a_uniform_kernel_stays_uniform() -> None:
+    camera = Camera.uniform(120, 160)
+    steps = grid_steps(camera)
+    disk = [[x, y, 0] for x in range(-2, 3) for y in range(-9, 10)]
+    kernel = RotationKernel.from_indices(disk, np.ones(len(disk)), steps, camera)
+    thin = thinned(kernel, 1.4)
+    np.testing.assert_allclose(thin.theta[:, 2], 0, atol=1e-12)
+    across = np.sqrt(thin.weights @ thin.theta[:, 0] ** 2) / steps[0]
+    assert across < 0.6

@@ -7,6 +7,7 @@ import pytest
 
 from deshake.blind.judge import Judge
 from deshake.geometry.kernel import RotationKernel
+from deshake.operators.warps import Warps
 from deshake.signal.pyramid import Pyramid
 
 
@@ -68,8 +69,8 @@ def test_exposure_does_not_count(shaken, kernels, plain) -> None:
 
 def test_what_was_judged_before_does_not_count(shaken, kernels) -> None:
     judge = Judge.of(shaken.pyramid, 0, list(kernels.values()))
-    first = [judge.score(kernels[name]) for name in ("true", "still")]
-    again = [judge.score(kernels[name]) for name in ("still", "true")]
+    first = [judge.energy(kernels[name]) for name in ("true", "still")]
+    again = [judge.energy(kernels[name]) for name in ("still", "true")]
     assert first == again[::-1]
     assert judge.still == first[1]
 
@@ -79,7 +80,7 @@ def test_rotations_without_weight_do_not_count(shaken, kernels) -> None:
     theta = np.concatenate([near.theta, 1.5 * near.theta])
     padded = replace(near, theta=theta, weights=np.append(near.weights, 0 * near.weights))
     judge = Judge.of(shaken.pyramid, 0, list(kernels.values()))
-    assert judge.score(padded) == judge.score(near)
+    assert judge.energy(padded) == judge.energy(near)
 
 
 def test_where_the_camera_pointed_hardly_counts(shaken, kernels) -> None:
@@ -99,12 +100,11 @@ def test_clipped_pixels_are_left_out(shaken, kernels, plain) -> None:
     assert found["true"] == pytest.approx(plain["true"], abs=0.08)
 
 
-def test_lights_that_no_kernel_explains_hardly_count(shaken, kernels, plain) -> None:
+def test_lights_that_no_kernel_explains_mislead_nobody(shaken, kernels) -> None:
     lit = shaken.grey.copy()
     lit[40:180:40, 40:220:40] += np.float32(lit.max())  # lights that were not shaken
     found = margins(lit, shaken, kernels, "true", "long")
-    assert found["true"] > found["long"]
-    assert found["true"] > 0.3 * plain["true"]
+    assert found["true"] > max(found["long"], 0)
 
 
 def test_it_has_room_for_the_widest_kernel(shaken, kernels) -> None:
@@ -113,20 +113,16 @@ def test_it_has_room_for_the_widest_kernel(shaken, kernels) -> None:
     assert wide.tiles.far > narrow.tiles.far
 
 
-@pytest.mark.parametrize("measure", ["energy", "sparsity"])
-def test_the_margin_rises_with_either_gain(shaken, kernels, monkeypatch, measure) -> None:
+def test_the_margin_is_the_gain_in_energy(shaken, kernels) -> None:
     judge = Judge.of(shaken.pyramid, 2, [kernels["true"]])
-    found = []
-    for gain in (-0.03, -0.01, 0.0, 0.1, 3.0):
-        score = judge.still._replace(**{measure: getattr(judge.still, measure) - gain})
-        monkeypatch.setattr(judge, "score", lambda _, score=score: score)
-        found.append(judge.margin(kernels["true"]))
-    assert found == sorted(set(found))
-    assert found[2] == 0
+    gain = judge.energy(kernels["still"]) - judge.energy(kernels["true"])
+    assert judge.margin(kernels["true"]) == pytest.approx(gain, abs=1e-12)
 
 
 def test_a_black_sky_is_no_sign_of_little_noise(shaken, kernels) -> None:
-    night = shaken.grey.copy()
-    night[:, : night.shape[1] // 2] = 0
+    dark = shaken.sharp.copy()
+    dark[:, : dark.shape[1] // 2] = 0
+    warps = Warps(shaken.camera, shaken.kernel.theta, margin=shaken.margin)
+    night = warps.blur(dark, shaken.kernel.weights).astype(np.float32)
     found = margins(night, shaken, kernels, "true", "wrong")
-    assert found["true"] > max(found["wrong"], 0.05)
+    assert found["true"] > max(found["wrong"], 0.02)

@@ -3,7 +3,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deshake.blind.trimming import main_piece, most_of, strongest, without_strays
+from deshake.blind.trimming import (
+    heaviest,
+    main_piece,
+    most_of,
+    strongest,
+    without_light,
+    without_strays,
+)
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
@@ -30,6 +37,22 @@ def test_the_strongest_are_kept():
     np.testing.assert_allclose(found.weights, [5 / 8, 3 / 8])
     whole = kernel(PATH)
     assert strongest(whole, 4) is whole
+
+
+@pytest.mark.parametrize(("share", "count"), [(0, 4), (0.1, 4), (0.2, 3), (0.4, 2), (0.9, 1)])
+def test_the_lightest_are_dropped_that_hold_less_than_a_share(share, count):
+    found = heaviest(kernel(PATH), share)
+    assert len(found.weights) == count
+    assert found.weights.sum() == pytest.approx(1)
+
+
+def test_a_long_faint_tail_is_kept_beside_a_bright_point():
+    weights = np.array([60.0] + 40 * [1.0])
+    np.testing.assert_array_equal(without_light(weights, 0.005), weights)
+    dropped = without_light(weights, 0.03)
+    assert dropped.sum() > 0.97 * weights.sum()
+    assert (dropped == 0).sum() == 2
+    assert (weights > 0).all()  # the weights given stay as they are
 
 
 @pytest.mark.parametrize(("heavy", "count"), [(5, 3), (92, 1)])

@@ -137,3 +137,11 @@ def test_what_was_made_of_a_photo_is_kept_under_its_key(sharp) -> None:
     assert len(made) == 1
     pyramid.kept(("one", 2), make)
     assert len(made) == 2
+
+
+def test_noise_is_told_in_the_contrast_of_the_pyramid(sharp) -> None:
+    grain = np.random.default_rng(0).normal(0, 0.05, sharp.shape).astype(np.float32)
+    pyramid = of(sharp + grain)
+    assert pyramid.noise(0) == pytest.approx(0.05 * pyramid.at(0).contrast, rel=0.2)
+    assert pyramid.noise(2) < 0.7 * pyramid.noise(0)
+    assert pyramid.noise(0) == pyramid.noise(0)
