@@ -40,6 +40,7 @@ _COMMON_WIDTH = 28.0  # px of kernels at the scale where they are judged side by
 _WIDE = 0.6  # quantile of the kernels' widths that decides on that scale
 _WIDEST = 48.0  # px at that scale: wider kernels are out
 _REFINED = 3  # starts
+_COMPARED = 6  # kernels, side by side
 _SNAPSHOTS = 2  # of a candidate's last scales
 _AGREEMENT_WORTH = 0.2  # of margin, for an agreement of 1
 _AGREEING = 3  # neighbours that a kernel is compared with
@@ -144,7 +145,10 @@ def race(
         finals = course.refined(taken, 0.5, 0.85)
         finals += [e for e in found if e.start in {one.start for one in taken}]
         found += finals
-        chances = course.chances(finals, found) + course.side_by_side(finals)
+        chances = course.chances(finals, found)
+        compared = np.argsort(-chances, kind="stable")[:_COMPARED]
+        finals = [finals[i] for i in compared]
+        chances = chances[compared] + course.side_by_side(finals)
         winner = course.polished(finals[int(np.argmax(chances))], taken)
     margin = float(course.margins([winner])[0])
     course.progress(1.0, "kernel estimated")

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from deshake.blind.trimming import heaviest
 from deshake.geometry.rotations import grid_steps
 
 if TYPE_CHECKING:
@@ -15,6 +16,7 @@ __all__ = ["axes_px", "is_spot"]
 
 _SMALL = 1.3  # px, standard deviation along the longer axis
 _ROUND = 0.6  # shorter axis over the longer one
+_FAINT = 0.2  # of the weight, that does not count
 _POINT = 0.7  # px: so small a kernel is a point, whatever its shape
 
 
@@ -32,5 +34,5 @@ def is_spot(kernel: RotationKernel) -> bool:
     Sharp and soft photos leave spots of 0 to 1.3 px; of 43 simulated hand shakes from 3 px on, none
     does from both of the two finest starts.
     """
-    longer, shorter = axes_px(kernel)
+    longer, shorter = axes_px(heaviest(kernel, _FAINT))
     return longer <= _POINT or (longer <= _SMALL and shorter >= _ROUND * longer)

@@ -145,7 +145,7 @@ class Tiles:
         spectra = self.rfft(adjoint_differences(across, down))
         spectra *= np.float32(beta)
         spectra += data
-        spectra /= self.power + np.float32(beta) * self.squared_response
+        spectra *= np.reciprocal(self.power + np.float32(beta) * self.squared_response)
         return self.irfft(spectra)
 
     def fill(self, latent: Image) -> Image:
