@@ -38,6 +38,10 @@ _COARSEST_START = 11
 _OWN_WIDTH = 8.0  # px of a kernel at the scale where it is judged by itself
 _COMMON_WIDTH = 28.0  # px of kernels at the scale where they are judged side by side
 _WIDE = 0.6  # quantile of the kernels' widths that decides on that scale
+_WIDEST_OF_MOST = 0.9  # quantile, for photos of which the energy says nothing
+_SILENT = 0.015  # margin that no kernel reaches there
+_MOST_LOSS = 0.05  # of energy
+_SHARPENING_WORTH = 0.6  # of margin, for a gain of 1 in -ln nsp
 _WIDEST = 48.0  # px at that scale: wider kernels are out
 _REFINED = 3  # starts
 _COMPARED = 6  # kernels, side by side
@@ -140,16 +144,22 @@ def race(
     winner = order[0]
     if not quick:
         best = dict.fromkeys(entry.start for entry in order)
-        taken = [e for e in _last(found) if e.start in list(best)[:_REFINED]]
+        ends = _last(found)
+        taken = [e for e in ends if e.start in list(best)[:_REFINED]]
         taken = [e for e in taken if not is_spot(e.kernel)] or taken
         finals = course.refined(taken, 0.5, 0.85)
         finals += [e for e in found if e.start in {one.start for one in taken}]
         found += finals
         chances = course.chances(finals, found)
         compared = np.argsort(-chances, kind="stable")[:_COMPARED]
-        finals = [finals[i] for i in compared]
-        chances = chances[compared] + course.side_by_side(finals)
-        winner = course.polished(finals[int(np.argmax(chances))], taken)
+        finals, chances = [finals[i] for i in compared], chances[compared]
+        compare = course.side_by_side
+        margins = compare(finals)
+        if margins.max() < _SILENT:
+            finals, compare = found, course.by_sharpness
+            chances = _AGREEMENT_WORTH * np.array([_nearest(entry, found) for entry in found])
+            margins = compare(found)
+        winner = course.polished(finals[int(np.argmax(chances + margins))], ends, compare)
     margin = float(course.margins([winner])[0])
     course.progress(1.0, "kernel estimated")
     return Finish(winner, margin, _nearest(winner, found), at_rest=False)
@@ -219,14 +229,39 @@ class _Course:
 
     def side_by_side(self, entries: Sequence[Entry]) -> NDArray[np.float64]:
         """Margins of kernels at one scale, where most of them are well resolved."""
+        return self._compared(entries, _WIDE, self._judged)
+
+    def by_sharpness(self, entries: Sequence[Entry]) -> NDArray[np.float64]:
+        """How much sharper kernels make the photo, at one scale; a loss of energy counts little.
+
+        For photos of which the energy says nothing: fine texture costs the true kernel some.
+        """
+
+        def score(judge: Judge, entry: Entry) -> float:
+            lost = max(judge.margin(entry.kernel), -_MOST_LOSS)
+            return lost + _SHARPENING_WORTH * judge.sharpening(entry.kernel)
+
+        def scores(fitting: Sequence[Entry], level: int) -> NDArray[np.float64]:
+            judge = Judge.of(self.pyramid, level, [entry.kernel for entry in fitting])
+            return np.array([score(judge, entry) for entry in fitting])
+
+        return self._compared(entries, _WIDEST_OF_MOST, scores)
+
+    def _compared(
+        self,
+        entries: Sequence[Entry],
+        quantile: float,
+        scores: Callable[[Sequence[Entry], int], NDArray[np.float64]],
+    ) -> NDArray[np.float64]:
+        """Scores of kernels at the scale where those of a quantile of the widths are resolved."""
         widths = np.array([_width(entry) for entry in entries])
-        level = self._level(float(np.quantile(widths, _WIDE)), _COMMON_WIDTH)
+        level = self._level(float(np.quantile(widths, quantile)), _COMMON_WIDTH)
         shrink = self.pyramid.at(level).camera.width / self.pyramid.camera.width
-        margins = np.full(len(entries), -1.0)
+        compared = np.full(len(entries), -1.0)
         fits = np.flatnonzero(widths * shrink <= _WIDEST)
         if len(fits):
-            margins[fits] = self._judged([entries[int(i)] for i in fits], level)
-        return margins
+            compared[fits] = scores([entries[int(i)] for i in fits], level)
+        return compared
 
     def _level(self, width: float, wanted: float) -> int:
         """Return the scale at which so many pixels of the photo are as many as wanted."""
@@ -240,7 +275,12 @@ class _Course:
             margins -= [_ROLL_WORTH * bool(entry.kernel.theta[:, 2].any()) for entry in entries]
         return margins
 
-    def polished(self, winner: Entry, sources: Sequence[Entry]) -> Entry:
+    def polished(
+        self,
+        winner: Entry,
+        sources: Sequence[Entry],
+        compare: Callable[[Sequence[Entry]], NDArray[np.float64]],
+    ) -> Entry:
         """Refine what the winner came from by other edges, thin it, and return the best."""
         source = next(entry for entry in sources if entry.start == winner.start)
         flat = not winner.kernel.theta[:, 2].any()
@@ -248,7 +288,7 @@ class _Course:
         other = self._refined(source, _OTHER_REFINEMENT, axes)
         path = self._refined(_thin(winner, _WIDE_PATH), _PATH_REFINEMENT, axes)
         entries = [winner, _thin(winner), other, _thin(other), path, _thin(path)]
-        return entries[int(np.argmax(self.side_by_side(entries)))]
+        return entries[int(np.argmax(compare(entries)))]
 
     def _run(self, start: int) -> list[Entry]:
         """Work one start to its end."""

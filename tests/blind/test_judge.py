@@ -119,6 +119,13 @@ def test_the_margin_is_the_gain_in_energy(shaken, kernels) -> None:
     assert judge.margin(kernels["true"]) == pytest.approx(gain, abs=1e-12)
 
 
+def test_the_true_kernel_sharpens_most(shaken, kernels) -> None:
+    judge = Judge.of(shaken.pyramid, 0, list(kernels.values()))
+    gains = {name: judge.sharpening(kernel) for name, kernel in kernels.items()}
+    assert gains["true"] > max(gains["short"], gains["wrong"], 0.02)
+    assert abs(gains["still"]) < 0.25 * gains["true"]
+
+
 def test_a_black_sky_is_no_sign_of_little_noise(shaken, kernels) -> None:
     dark = shaken.sharp.copy()
     dark[:, : dark.shape[1] // 2] = 0
