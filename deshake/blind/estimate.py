@@ -49,7 +49,7 @@ SOFT = "the photo is a little soft rather than shaken: it is left as it is"
 
 _FAIRLY_SHARP = 0.69  # of `sharpness`: a real shaken photo has 0.68
 _LEAST_USABLE = 0.05  # share of the pixels
-_DOUBTFUL = 0.7  # confidence below which the user is warned
+_DOUBTFUL = 0.75  # confidence below which the user is warned
 _HOPELESS = 0.1  # confidence below which the photo is better left as it is
 _RACE_SHARE = 0.95  # of the time
 
@@ -132,26 +132,26 @@ def estimate_kernel(
     if looks_sharp(pyramid):
         report(1.0, "the photo looks sharp")
         return _left(pyramid, whole, _HOPELESS, SHARP)
-    steepness = sharpness(pyramid, 0)
     ended = race(
         pyramid,
         axes=(True, True, not uniform),
         bound=blur_px,
         quick=quick,
-        may_rest=steepness > _FAIRLY_SHARP,
+        may_rest=sharpness(pyramid, 0) > _FAIRLY_SHARP,
         threads=threads or available_threads(),
         progress=lambda share, text: report(_RACE_SHARE * share, text),
     )
-    found = _concluded(pyramid, whole, ended, confidence(ended, steepness), blur_px)
+    found = _concluded(pyramid, whole, ended, blur_px)
     report(1.0, "kernel estimated")
     return found
 
 
 def _concluded(
-    pyramid: Pyramid, whole: Camera, ended: Finish, trust: float, blur_px: float | None
+    pyramid: Pyramid, whole: Camera, ended: Finish, blur_px: float | None
 ) -> BlindEstimate:
     """Decide what the end of a race means for the photo."""
     kernel = ended.winner.kernel
+    trust = confidence(ended)
     if ended.at_rest or is_spot(kernel):
         point = len(kernel.weights) == 1 or not kernel.extent_px() > 1
         return _left(pyramid, whole, min(trust, _HOPELESS), SHARP if point else SOFT)

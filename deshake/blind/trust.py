@@ -18,22 +18,18 @@ _OF_AGREEMENT = 0.7  # per power of ten by which the agreement comes nearer to o
 _CLOSEST = 0.005  # of one: agreement cannot be measured better
 _OF_WIDTH = 2.1  # per doubling of the width
 _NARROWEST, _EVEN_WIDTH, _WIDEST = 3.0, 10.0, 40.0  # px
-_OF_SHARPNESS = 40.0  # per unit above what shaken photos have
-_SHAKEN_SHARPNESS = 0.6
-"""A logistic regression on 52 photos of the benchmark's set to tune on: of 24 kernels that it
-gives 0.9 or more there, all better the photo. The width says most. A small kernel is easily read
-into a photo that is sharp, or that the lens left soft; a wide one is seldom found by chance."""
+"""A logistic regression on 52 photos of the benchmark's set to tune on: all 23 kernels that it
+gives 0.9 or more there better the photo. The width says most. A small kernel is easily read into a
+photo that is sharp, or that the lens left soft; a wide one is seldom found by chance."""
 
 
-def confidence(ended: Finish, sharpness: float) -> float:
+def confidence(ended: Finish) -> float:
     """Return the chance, 0..1, that the winner of a race betters the photo.
 
     Parameters
     ----------
     ended : Finish
         The race.
-    sharpness : float
-        Of the photo, as from `sharpness`: the edges of a shaken photo are not steep.
 
     """
     if ended.at_rest:
@@ -44,6 +40,5 @@ def confidence(ended: Finish, sharpness: float) -> float:
         + _OF_MARGIN * np.clip(ended.margin, _LEAST_MARGIN, _MOST_MARGIN)
         - _OF_AGREEMENT * np.log10(1 + _CLOSEST - min(ended.agreement, 1.0))
         + _OF_WIDTH * np.log2(width / _EVEN_WIDTH)
-        - _OF_SHARPNESS * max(sharpness - _SHAKEN_SHARPNESS, 0.0)
     )
     return float(1 / (1 + np.exp(-excess)))
