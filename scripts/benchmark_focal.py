@@ -28,11 +28,11 @@ from shaken_photos import PHOTOS, aligned, display, psnr, shaken
 from shaken_photos import Case as Shake
 
 from deshake.blind.estimate import estimate_kernel
-from deshake.deconvolution.dark_halos import without_dark_halos
-from deshake.deconvolution.methods import BY_DEFAULT, restore
 from deshake.errors import DeshakeError, EstimationError
 from deshake.geometry.camera import Camera
-from deshake.pipelines.stages import luminance
+from deshake.restore.dark_halos import without_dark_halos
+from deshake.restore.methods import BY_DEFAULT, restore
+from deshake.signal.luminance import luminance
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

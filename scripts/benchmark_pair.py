@@ -47,25 +47,26 @@ from pair_scores import Row, Score, header, line, summary
 from shaken_pairs import NOISES, PAIRS, Pair, PairCase, shaken_pair
 from shaken_photos import aligned, display, psnr, ssim
 
-from deshake.deconvolution.denoising import noisy_photo
 from deshake.errors import DeshakeError
-from deshake.estimation.registration import Registration, registered
+from deshake.files.kernel_file import CameraFile
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import compose
-from deshake.io.kernel_file import CameraFile
-from deshake.pipelines.pair_deblurring import PairRestorationOptions, deblur_pair
-from deshake.pipelines.pair_stages import estimate_pair
-from deshake.pipelines.register import find_registration
-from deshake.pipelines.registered_pair import RegisteredPair
-from deshake.pipelines.sheets import detailed_part
-from deshake.pipelines.stages import EstimateOptions, deblur, estimate
+from deshake.pair.denoising import noisy_photo
+from deshake.pair.registered_pair import RegisteredPair
+from deshake.pair.registration import Registration, registered
+from deshake.pictures.sheets import detailed_part
+from deshake.stages.estimate_options import EstimateOptions
+from deshake.stages.pair_deblurring import PairRestorationOptions, deblur_pair
+from deshake.stages.pair_stages import estimate_pair
+from deshake.stages.registering import find_registration
+from deshake.stages.stages import deblur, estimate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from shaken_photos import Case
 
-    from deshake.io.photo import Photo
+    from deshake.formats.photo import Photo
 
 Image = NDArray[np.float32]
 

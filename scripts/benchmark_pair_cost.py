@@ -26,22 +26,22 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from benchmark_cost import BYTES, Case, alone, mosaic
 
-from deshake.deconvolution.noise import mean_light
-from deshake.estimation.pair_pixels import PairPictures, derivatives, drawn_pixels, usable_pixels
-from deshake.estimation.pair_rows import PairRows
-from deshake.estimation.simplex import least_on_simplex
+from deshake.files.kernel_file import CameraFile
+from deshake.formats.encoding import Encoding
+from deshake.formats.photo import Photo
+from deshake.formats.transfer import LINEAR
 from deshake.geometry.rotations import grid_steps
-from deshake.io.encoding import Encoding
-from deshake.io.kernel_file import CameraFile
-from deshake.io.metadata import Metadata
-from deshake.io.photo import Photo
-from deshake.io.transfer import LINEAR
+from deshake.metadata.metadata import Metadata
 from deshake.operators.filter_flow import FilterFlow
 from deshake.operators.strips import available_threads
-from deshake.pipelines.pair_deblurring import PairRestorationOptions, deblur_pair
-from deshake.pipelines.pair_stages import estimate_pair
-from deshake.pipelines.register import find_registration
-from deshake.pipelines.stages import EstimateOptions
+from deshake.pair.pair_pixels import PairPictures, derivatives, drawn_pixels, usable_pixels
+from deshake.pair.pair_rows import PairRows
+from deshake.pair.simplex import least_on_simplex
+from deshake.signal.noise import mean_light
+from deshake.stages.estimate_options import EstimateOptions
+from deshake.stages.pair_deblurring import PairRestorationOptions, deblur_pair
+from deshake.stages.pair_stages import estimate_pair
+from deshake.stages.registering import find_registration
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -49,8 +49,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from deshake.deconvolution.sparse_gradients import Quality
     from deshake.geometry.kernel import RotationKernel
+    from deshake.restore.sparse_gradients import Quality
 
     Image = NDArray[np.float32]
 

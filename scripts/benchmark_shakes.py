@@ -45,12 +45,13 @@ from numpy.typing import NDArray
 from shake_cases import CASES, KINDS, MissingError, Places, case_file, is_rendered, render
 
 from deshake.errors import DeshakeError
+from deshake.formats.photo import read_photo
+from deshake.formats.transfer import Srgb, encode
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import displacements, grid_steps, homographies
-from deshake.io.photo import read_photo
-from deshake.io.transfer import Srgb, encode
-from deshake.pipelines.stages import EstimateOptions, deblur, estimate
+from deshake.stages.estimate_options import EstimateOptions
+from deshake.stages.stages import deblur, estimate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -58,7 +59,7 @@ if TYPE_CHECKING:
 
     from shake_cases import Case
 
-    from deshake.io.photo import Photo
+    from deshake.formats.photo import Photo
 
 Codes = NDArray[np.uint8]
 

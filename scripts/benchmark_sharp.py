@@ -34,9 +34,10 @@ from skimage import data
 from sklearn.datasets import load_sample_image
 
 from deshake.errors import DeshakeError
-from deshake.io.photo import Photo, read_photo
-from deshake.io.transfer import Srgb, decode, encode
-from deshake.pipelines.stages import EstimateOptions, deblur, estimate
+from deshake.formats.photo import Photo, read_photo
+from deshake.formats.transfer import Srgb, decode, encode
+from deshake.stages.estimate_options import EstimateOptions
+from deshake.stages.stages import deblur, estimate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

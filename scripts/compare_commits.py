@@ -29,9 +29,9 @@ import cv2
 import numpy as np
 from PIL import Image
 
+from deshake.files.kernel_file import KernelFile, write_kernel
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
-from deshake.io.kernel_file import KernelFile, write_kernel
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -25,19 +25,20 @@ from arguments import at_least
 
 from deshake.batch.folders import find_photos
 from deshake.errors import DeshakeError, OutputError
-from deshake.io.files import check_output
-from deshake.io.kernel_file import write_kernel
-from deshake.io.photo import read_photo, write_photo
-from deshake.pipelines.comparison import before_and_after
-from deshake.pipelines.file_stages import kernel_name
-from deshake.pipelines.sheets import CHARACTER, GAP, Line, sheet
-from deshake.pipelines.stages import EstimateOptions, deblur, estimate
+from deshake.files.disk import check_output
+from deshake.files.kernel_file import write_kernel
+from deshake.formats.photo import read_photo, write_photo
+from deshake.pictures.comparison import before_and_after
+from deshake.pictures.sheets import CHARACTER, GAP, Line, sheet
+from deshake.stages.estimate_options import EstimateOptions
+from deshake.stages.file_stages import kernel_name
+from deshake.stages.stages import deblur, estimate
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from deshake.io.photo import Photo
-    from deshake.pipelines.stages import Estimate
+    from deshake.formats.photo import Photo
+    from deshake.stages.stages import Estimate
 
 WIDTH = 480
 LEAST_WIDTH = 120

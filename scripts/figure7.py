@@ -32,34 +32,27 @@ from shaken_pairs import PAIRS, shaken_pair
 from shaken_photos import display, psnr, ssim
 
 from deshake.errors import DeshakeError, OutputError
-from deshake.estimation.registration import registered
+from deshake.files.disk import check_output
+from deshake.files.kernel_file import CameraFile
+from deshake.formats.photo import Photo, read_photo
+from deshake.formats.transfer import decode
 from deshake.geometry.rotations import compose
-from deshake.io.files import check_output
-from deshake.io.kernel_file import CameraFile
-from deshake.io.photo import Photo, read_photo
-from deshake.io.transfer import decode
-from deshake.pipelines.pair_deblurring import PairRestorationOptions, deblur_pair
-from deshake.pipelines.pair_stages import estimate_pair
-from deshake.pipelines.register import find_registration
-from deshake.pipelines.render import render_filters, render_kernel
-from deshake.pipelines.sheets import (
-    CHARACTER,
-    GAP,
-    Line,
-    detailed_part,
-    resized,
-    sheet,
-    shown,
-)
-from deshake.pipelines.stages import EstimateOptions, luminance
+from deshake.pair.registration import registered
+from deshake.pictures.render import render_filters, render_kernel
+from deshake.pictures.sheets import CHARACTER, GAP, Line, detailed_part, resized, sheet, shown
+from deshake.signal.luminance import luminance
+from deshake.stages.estimate_options import EstimateOptions
+from deshake.stages.pair_deblurring import PairRestorationOptions, deblur_pair
+from deshake.stages.pair_stages import estimate_pair
+from deshake.stages.registering import find_registration
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from deshake.geometry.kernel import RotationKernel
-    from deshake.pipelines.canvas import Picture
-    from deshake.pipelines.pair_stages import PairKernel
-    from deshake.pipelines.register import Found
+    from deshake.pictures.canvas import Picture
+    from deshake.stages.pair_stages import PairKernel
+    from deshake.stages.registering import Found
 
 WIDTH = 400
 LEAST_WIDTH = 120

@@ -7,16 +7,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from deshake.batch.footprint import estimate_memory, photo_memory
-from deshake.io.files import sha256
-from deshake.pipelines.calibration import calibrate_file
-from deshake.pipelines.file_stages import estimate_file
+from deshake.files.disk import sha256
+from deshake.stages.calibration import calibrate_file
+from deshake.stages.file_stages import estimate_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from deshake.batch.plan import Job
-    from deshake.io.picture_size import PictureSize
-    from deshake.pipelines.stages import EstimateOptions
+    from deshake.formats.picture_size import PictureSize
+    from deshake.stages.estimate_options import EstimateOptions
 
     Progress = Callable[[float, str], None]
 

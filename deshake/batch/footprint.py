@@ -9,15 +9,15 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
-from deshake.io.picture_size import PictureSize, picture_size
-from deshake.pipelines.finishing import AS_IT_IS, Finish
-from deshake.pipelines.pair_deblurring import PairRestorationOptions
-from deshake.pipelines.preview import preview_side
+from deshake.formats.picture_size import PictureSize, picture_size
+from deshake.stages.finishing import AS_IT_IS, Finish
+from deshake.stages.pair_deblurring import PairRestorationOptions
+from deshake.stages.preview import preview_side
 
 if TYPE_CHECKING:
     from deshake.batch.plan import Job
     from deshake.batch.work import Work
-    from deshake.deconvolution.methods import RestorationOptions
+    from deshake.restore.methods import RestorationOptions
 
 __all__ = [
     "default_blur",

@@ -6,8 +6,8 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from deshake.errors import DeshakeError
-from deshake.io.kernel_file import read_kernel
-from deshake.io.provenance import read_provenance
+from deshake.files.kernel_file import read_kernel
+from deshake.metadata.provenance import read_provenance
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

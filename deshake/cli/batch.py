@@ -131,7 +131,7 @@ def for_masks(mask: Path, photos: Sequence[Path]) -> Callable[[Found], Path | No
                 "one mask goes with one photo; for several, --mask names a folder"
             )
         return lambda _: mask
-    from deshake.pipelines.blending import find_mask
+    from deshake.stages.blending import find_mask
 
     return lambda found: find_mask(mask / found.below, found.path)
 

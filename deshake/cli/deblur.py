@@ -13,14 +13,19 @@ from deshake.cli.batch import (
     refuse_stdout,
     run_batch,
 )
-from deshake.cli.finishing import finish_options
+from deshake.cli.finishing_options import finish_options
 from deshake.cli.options import (
     FILE,
     general_options,
     output_option,
     transfer_option,
 )
-from deshake.cli.restoration import check_pair, noisy_option, restoration, restoration_options
+from deshake.cli.restoration_options import (
+    check_pair,
+    noisy_option,
+    restoration,
+    restoration_options,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,8 +34,8 @@ if TYPE_CHECKING:
     from deshake.batch.folders import Found
     from deshake.cli.batch import Batch
     from deshake.cli.context import Context
-    from deshake.io.transfer import TransferName
-    from deshake.pipelines.finishing import Finish
+    from deshake.formats.transfer import TransferName
+    from deshake.stages.finishing import Finish
 
 __all__ = ["command"]
 
@@ -89,8 +94,8 @@ def command(
     natural order, with -r also those of the folders in it. If one fails, the others go on.
     """
     from deshake.batch.plan import Extra
-    from deshake.batch.work import Deblur
-    from deshake.pipelines.comparison import comparison_name
+    from deshake.batch.restoration_work import Deblur
+    from deshake.pictures.comparison import comparison_name
 
     if noisy is None and registration is not None:
         raise click.UsageError("--registration needs --noisy.")
@@ -114,7 +119,7 @@ def command(
 
 def _kernels(path: Path) -> Callable[[Found], Path]:
     """Return what finds the kernel of a photo: the one, or that of its stem in the folder."""
-    from deshake.pipelines.file_stages import kernel_name
+    from deshake.stages.file_stages import kernel_name
 
     if not path.is_dir():
         return lambda _: path

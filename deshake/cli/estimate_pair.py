@@ -73,10 +73,10 @@ def command(
     frame of the registered NOISY. Where nothing tells the focal length, a 50 mm equivalent is
     assumed.
     """
-    from deshake.io.kernel_file import read_camera
-    from deshake.pipelines.file_stages import kernel_name
-    from deshake.pipelines.pair_stages import estimate_pair_file
-    from deshake.pipelines.stages import EstimateOptions
+    from deshake.files.kernel_file import read_camera
+    from deshake.stages.estimate_options import EstimateOptions
+    from deshake.stages.file_stages import kernel_name
+    from deshake.stages.pair_stages import estimate_pair_file
 
     one_to_stdout(as_json=as_json, output=output)
     for name, value in {"camera": camera, **choices}.items():

@@ -14,21 +14,26 @@ from deshake.cli.batch import (
     refuse_stdout,
     run_batch,
 )
-from deshake.cli.finishing import finish_options
+from deshake.cli.finishing_options import finish_options
 from deshake.cli.options import (
     FILE,
     estimate_options,
     general_options,
     output_option,
 )
-from deshake.cli.restoration import check_pair, noisy_option, restoration, restoration_options
+from deshake.cli.restoration_options import (
+    check_pair,
+    noisy_option,
+    restoration,
+    restoration_options,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from deshake.cli.batch import Batch
     from deshake.cli.context import Context
-    from deshake.pipelines.finishing import Finish
+    from deshake.stages.finishing import Finish
 
 __all__ = ["command"]
 
@@ -81,11 +86,11 @@ def command(
     noisy photo: the same bytes as register, estimate-pair and deblur --noisy give one by one.
     """
     from deshake.batch.plan import Extra
-    from deshake.batch.work import Fix
-    from deshake.io.kernel_file import read_camera
-    from deshake.pipelines.comparison import comparison_name
-    from deshake.pipelines.file_stages import kernel_name
-    from deshake.pipelines.stages import EstimateOptions
+    from deshake.batch.restoration_work import Fix
+    from deshake.files.kernel_file import read_camera
+    from deshake.pictures.comparison import comparison_name
+    from deshake.stages.estimate_options import EstimateOptions
+    from deshake.stages.file_stages import kernel_name
 
     chosen = restoration(noisy, method=method, quality=quality, iterations=iterations)
     if noisy is not None:

@@ -73,9 +73,9 @@ def command(
     between the two, how many times brighter BLURRED is, and how sure that is. Photos of different
     scenes are refused. Where nothing tells the focal length, a 50 mm equivalent is assumed.
     """
-    from deshake.io.kernel_file import read_camera
-    from deshake.pipelines.register import register_file, registration_name
-    from deshake.pipelines.stages import EstimateOptions
+    from deshake.files.kernel_file import read_camera
+    from deshake.stages.estimate_options import EstimateOptions
+    from deshake.stages.registering import register_file, registration_name
 
     to_stdout = one_to_stdout(as_json=as_json, output=output, preview=preview)
     path = blurred.with_name(registration_name(blurred)) if output is None else output

@@ -6,8 +6,8 @@ from PIL import Image
 from deshake.batch.estimate_work import Calibrate, EstimateBlind, kernel_origin
 from deshake.batch.plan import Job
 from deshake.errors import EstimationError
-from deshake.io.kernel_file import read_camera
-from deshake.pipelines.stages import EstimateOptions
+from deshake.files.kernel_file import read_camera
+from deshake.stages.estimate_options import EstimateOptions
 
 
 @pytest.fixture

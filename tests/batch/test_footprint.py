@@ -15,15 +15,15 @@ from deshake.batch.footprint import (
     worked_size,
 )
 from deshake.batch.plan import Job
-from deshake.batch.work import Deblur, Fix
-from deshake.deconvolution.methods import RestorationOptions
+from deshake.batch.restoration_work import Deblur, Fix
+from deshake.files.kernel_file import CameraFile, KernelFile, write_kernel
+from deshake.formats.picture_size import PictureSize
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
-from deshake.io.kernel_file import CameraFile, KernelFile, write_kernel
-from deshake.io.picture_size import PictureSize
-from deshake.pipelines.finishing import Finish
-from deshake.pipelines.pair_deblurring import PairRestorationOptions
-from deshake.pipelines.stages import EstimateOptions
+from deshake.restore.methods import RestorationOptions
+from deshake.stages.estimate_options import EstimateOptions
+from deshake.stages.finishing import Finish
+from deshake.stages.pair_deblurring import PairRestorationOptions
 
 
 @pytest.fixture

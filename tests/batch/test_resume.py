@@ -8,12 +8,12 @@ from PIL import Image
 
 from deshake.batch.estimate_work import EstimateBlind
 from deshake.batch.plan import Job
+from deshake.batch.restoration_work import Deblur, Fix
 from deshake.batch.resume import differences, doubt
 from deshake.batch.task import run_job
-from deshake.batch.work import Deblur, Fix
-from deshake.deconvolution.methods import RestorationOptions
-from deshake.pipelines.finishing import Finish
-from deshake.pipelines.stages import EstimateOptions
+from deshake.restore.methods import RestorationOptions
+from deshake.stages.estimate_options import EstimateOptions
+from deshake.stages.finishing import Finish
 
 OPTIONS = EstimateOptions(focal_35mm=40, blur_size=3, uniform=True, estimator="edges")
 FIX = Fix(OPTIONS)

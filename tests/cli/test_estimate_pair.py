@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from skimage import data
 
+from deshake.files.kernel_file import CameraFile, read_kernel, write_camera
+from deshake.files.registration_file import RegistrationFile, write_registration
 from deshake.geometry.camera import Camera
 from deshake.geometry.rotations import grid_steps
-from deshake.io.kernel_file import CameraFile, read_kernel, write_camera
-from deshake.io.registration_file import RegistrationFile, write_registration
 
 SHAPE = (100, 140)
 CAMERA = Camera.from_focal(150.0, *SHAPE)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from skimage import data
 
-from deshake.io.kernel_file import read_kernel
-from deshake.io.provenance import read_provenance
+from deshake.files.kernel_file import read_kernel
+from deshake.metadata.provenance import read_provenance
 
 LENS = ("--focal-px", 150)
 BLUR = ("--blur-size", 8)

@@ -12,12 +12,12 @@ import tifffile
 from PIL import Image
 from skimage import data
 
+from deshake.files.kernel_file import KernelFile, read_kernel, write_kernel
+from deshake.formats.photo import read_photo
+from deshake.formats.transfer import SRGB
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
-from deshake.io.kernel_file import KernelFile, read_kernel, write_kernel
-from deshake.io.photo import read_photo
-from deshake.io.transfer import SRGB
 from deshake.operators.warps import Warps
 
 EXIF = {0x920A: ("r", [35.0]), 0xA405: ("H", [46]), 0x829A: ("r", [0.5])}

@@ -12,10 +12,10 @@ import pytest
 from PIL import Image
 from skimage import data
 
+from deshake.files.kernel_file import CameraFile, write_camera
+from deshake.files.registration_file import read_registration
 from deshake.geometry.camera import Camera
 from deshake.geometry.rotations import homographies
-from deshake.io.kernel_file import CameraFile, write_camera
-from deshake.io.registration_file import read_registration
 
 LENS = ("--focal-px", 240)
 THETA = np.radians([1.0, -2.0, 3.0])
