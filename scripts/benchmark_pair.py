@@ -55,11 +55,12 @@ from deshake.pair.denoising import noisy_photo
 from deshake.pair.registered_pair import RegisteredPair
 from deshake.pair.registration import Registration, registered
 from deshake.pictures.sheets import detailed_part
+from deshake.stages.blind_estimate import estimate_blind
+from deshake.stages.deblurring import deblur
 from deshake.stages.estimate_options import EstimateOptions
-from deshake.stages.pair_deblurring import PairRestorationOptions, deblur_pair
-from deshake.stages.pair_stages import estimate_pair
+from deshake.stages.methods import RestorationOptions
+from deshake.stages.pair_estimate import estimate_pair
 from deshake.stages.registering import find_registration
-from deshake.stages.stages import deblur, estimate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -73,7 +74,7 @@ Image = NDArray[np.float32]
 DETAIL = 160  # px, side of the parts that --crops shows
 WAYS = ("single", "uniform", "residual", "stopped", "fusion", "true")
 NEEDED = {"fusion", "true"}  # by the summary
-RESIDUAL = PairRestorationOptions("residual")
+RESIDUAL = RestorationOptions("residual")
 COUNTS = (1, 2, 3, 5, 8, 12)  # of its iterations
 
 
@@ -101,7 +102,7 @@ def blind(case: PairCase, logs: Sequence[Path]) -> Score:
     """Score the blurred photo alone, deblurred blindly."""
     pair = shaken_pair(case, logs)
     photo, _ = pair.photos()
-    kernel = estimate(photo, options_of(pair), threads=1).content.kernel
+    kernel = estimate_blind(photo, options_of(pair), threads=1).content.kernel
     shown = display(deblur(photo, kernel, threads=1).pixels)
     truth = display(pair.sharp(pair.kernel.centroid))
     return max(Score(psnr(one, truth), ssim(one, truth)) for one in (shown, aligned(shown, truth)))
@@ -111,7 +112,7 @@ def best_residual(known: Callable[..., Photo], truth: Image, default: Image) -> 
     """Return the residual method's result at the best of some numbers of iterations."""
     best = default
     for count in COUNTS:
-        light = known(options=PairRestorationOptions("residual", iterations=count)).pixels
+        light = known(options=RestorationOptions("residual", iterations=count)).pixels
         if psnr(display(light), truth) <= psnr(display(best), truth):
             break
         best = light
@@ -168,19 +169,19 @@ def compare(
     if "single" in wanted:
         results["single"] = (deblur(blurred, true, threads=1).pixels, centred)
     ways = {
-        "uniform": (kernels.get("uniform kernel", kernel).kernel, PairRestorationOptions()),
+        "uniform": (kernels.get("uniform kernel", kernel).kernel, RestorationOptions("fusion")),
         "residual": (kernel.kernel, RESIDUAL),
-        "fusion": (kernel.kernel, PairRestorationOptions()),
-        "true": (moved, PairRestorationOptions()),
+        "fusion": (kernel.kernel, RestorationOptions("fusion")),
+        "true": (moved, RestorationOptions("fusion")),
     }
     for what in (way for way in ways if way in wanted):
         chosen, how = ways[what]
         work = partial(
-            deblur_pair, blurred, noisy, chosen, how, registration=registration, threads=1
+            deblur, blurred, chosen, how, noisy=noisy, registration=registration, threads=1
         )
         results[what] = (timed(what, work).pixels, there)
     known = partial(
-        deblur_pair, blurred, noisy, kernel.kernel, registration=registration, threads=1
+        deblur, blurred, kernel.kernel, noisy=noisy, registration=registration, threads=1
     )
     if "stopped" in wanted:
         light = known(options=RESIDUAL).pixels

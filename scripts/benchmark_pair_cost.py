@@ -38,9 +38,10 @@ from deshake.pair.pair_pixels import PairPictures, derivatives, drawn_pixels, us
 from deshake.pair.pair_rows import PairRows
 from deshake.pair.simplex import least_on_simplex
 from deshake.signal.noise import mean_light
+from deshake.stages.deblurring import deblur
 from deshake.stages.estimate_options import EstimateOptions
-from deshake.stages.pair_deblurring import PairRestorationOptions, deblur_pair
-from deshake.stages.pair_stages import estimate_pair
+from deshake.stages.methods import RestorationOptions
+from deshake.stages.pair_estimate import estimate_pair
 from deshake.stages.registering import find_registration
 
 if TYPE_CHECKING:
@@ -111,10 +112,10 @@ def stages(case: Case, file: Path, quality: Quality, threads: int) -> list[Stage
     found = timed("register", lambda: find_registration(blurred, noisy, options, threads=threads))
     known = {"registration": found.registration, "threads": threads}
     pair = timed("estimate-pair", lambda: estimate_pair(blurred, noisy, options, **known))
-    how = PairRestorationOptions(quality=quality)
+    how = RestorationOptions("fusion", quality=quality)
     timed(
         f"deblur --noisy, {pair.content.kernel.extent_px():.0f} px",
-        lambda: deblur_pair(blurred, noisy, pair.content.kernel, how, **known),
+        lambda: deblur(blurred, pair.content.kernel, how, noisy=noisy, **known),
     )
     return took
 

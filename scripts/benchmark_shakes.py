@@ -50,8 +50,9 @@ from deshake.formats.transfer import Srgb, encode
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import displacements, grid_steps, homographies
+from deshake.stages.blind_estimate import estimate_blind
+from deshake.stages.deblurring import deblur
 from deshake.stages.estimate_options import EstimateOptions
-from deshake.stages.stages import deblur, estimate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -344,7 +345,7 @@ def measure(case: Case, folder: Path) -> Row:
     kernel, confidence, notes, verdict = None, 0.0, [], "left"
     start = time.process_time()
     try:
-        found = estimate(photo, options, threads=1)
+        found = estimate_blind(photo, options, threads=1)
         kernel, confidence, notes = found.content.kernel, found.content.confidence, found.notes
     except DeshakeError as error:
         verdict = f"error: {error}"

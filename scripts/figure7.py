@@ -41,9 +41,10 @@ from deshake.pair.registration import registered
 from deshake.pictures.render import render_filters, render_kernel
 from deshake.pictures.sheets import CHARACTER, GAP, Line, detailed_part, resized, sheet, shown
 from deshake.signal.luminance import luminance
+from deshake.stages.deblurring import deblur
 from deshake.stages.estimate_options import EstimateOptions
-from deshake.stages.pair_deblurring import PairRestorationOptions, deblur_pair
-from deshake.stages.pair_stages import estimate_pair
+from deshake.stages.methods import RestorationOptions
+from deshake.stages.pair_estimate import estimate_pair
 from deshake.stages.registering import find_registration
 
 if TYPE_CHECKING:
@@ -51,7 +52,7 @@ if TYPE_CHECKING:
 
     from deshake.geometry.kernel import RotationKernel
     from deshake.pictures.canvas import Picture
-    from deshake.stages.pair_stages import PairKernel
+    from deshake.stages.estimate_result import Estimate
     from deshake.stages.registering import Found
 
 WIDTH = 400
@@ -78,7 +79,7 @@ class Shown(NamedTuple):
     """What was found: the registration, both kernels, both results, and the seconds it took."""
 
     found: Found
-    kernels: dict[str, PairKernel]
+    kernels: dict[str, Estimate]
     results: dict[str, Photo]
     seconds: float
 
@@ -107,7 +108,7 @@ def deblurred(pair: PairToShow, threads: int) -> Shown:
         known = {"registration": registration, "threads": threads}
         kernels[model] = estimate_pair(g, f_N, options, **known)
         kernel = kernels[model].content.kernel
-        results[model] = deblur_pair(g, f_N, kernel, PairRestorationOptions(), **known)
+        results[model] = deblur(g, kernel, RestorationOptions("fusion"), noisy=f_N, **known)
     return Shown(found, kernels, results, time.perf_counter() - start)
 
 

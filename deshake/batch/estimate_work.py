@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from deshake.batch.footprint import estimate_memory, photo_memory
 from deshake.files.disk import sha256
 from deshake.stages.calibration import calibrate_file
-from deshake.stages.file_stages import estimate_file
+from deshake.stages.estimating import estimate_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Final
 
 from deshake.formats.picture_size import PictureSize, picture_size
 from deshake.stages.finishing import AS_IT_IS, Finish
-from deshake.stages.pair_deblurring import PairRestorationOptions
 from deshake.stages.preview import preview_side
 
 if TYPE_CHECKING:
     from deshake.batch.plan import Job
     from deshake.batch.work import Work
-    from deshake.restore.methods import RestorationOptions
+    from deshake.stages.methods import RestorationOptions
 
 __all__ = [
     "default_blur",
@@ -74,7 +73,7 @@ def estimate_memory(size: PictureSize, threads: int) -> int:
 
 def restoration_memory(
     size: PictureSize,
-    options: RestorationOptions | PairRestorationOptions,
+    options: RestorationOptions,
     threads: int,
     blur: float | None = None,
     *,
@@ -88,7 +87,7 @@ def restoration_memory(
     ----------
     size : PictureSize
         The photo as it is read.
-    options : RestorationOptions or PairRestorationOptions
+    options : RestorationOptions
         How it is deblurred.
     threads : int
         By so many threads.
@@ -103,7 +102,7 @@ def restoration_memory(
 
     """
     seen = worked_size(size, finish)
-    paired = isinstance(options, PairRestorationOptions)
+    paired = options.needs_noisy
     each = (_PAIR if paired else _RESTORATION)[seen.channels]
     if bends:
         each += (_KEPT if finish.keep_geometry else _LENS) * (2 if paired else 1)

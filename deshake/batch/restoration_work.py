@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from deshake.batch.estimate_work import kernel_origin
@@ -12,11 +12,10 @@ from deshake.batch.footprint import estimate_memory, restoration_memory, worked_
 from deshake.errors import DeshakeError
 from deshake.files.disk import STREAM
 from deshake.files.kernel_file import read_kernel
-from deshake.restore.methods import BY_DEFAULT, RestorationOptions
-from deshake.stages.file_stages import deblur_file, fix_file
+from deshake.stages.deblurring import deblur_file
 from deshake.stages.finishing import AS_IT_IS, Finish
-from deshake.stages.pair_deblurring import PairRestorationOptions
-from deshake.stages.pair_file_stages import deblur_pair_file, fix_pair_file
+from deshake.stages.fixing import fix_file
+from deshake.stages.methods import RestorationOptions
 from deshake.stages.photo_provenance import photo_origin, registration_origin
 from deshake.stages.registering import known_registration
 
@@ -27,8 +26,6 @@ if TYPE_CHECKING:
     from deshake.formats.picture_size import PictureSize
     from deshake.formats.transfer import TransferName
     from deshake.stages.estimate_options import EstimateOptions
-    from deshake.stages.pair_file_stages import FixedPair
-    from deshake.stages.stages import Estimate
 
     Progress = Callable[[float, str], None]
 
@@ -43,7 +40,7 @@ class Fix:
     ----------
     options : EstimateOptions
         What the estimate goes by.
-    restoration : RestorationOptions or PairRestorationOptions
+    restoration : RestorationOptions
         How the photo is deblurred.
     finish : Finish
         What is wanted of the result beside it; the ``mask`` is the job's.
@@ -51,36 +48,26 @@ class Fix:
     """
 
     options: EstimateOptions
-    restoration: RestorationOptions | PairRestorationOptions = BY_DEFAULT
+    restoration: RestorationOptions = field(default_factory=RestorationOptions)
     finish: Finish = AS_IT_IS
 
     def __call__(
         self, job: Job, *, threads: int | None, progress: Progress | None
     ) -> dict[str, Any]:
         """Fix the photo of a job."""
-        output, kernel = job.place, job.others.get("kernel")
-        common: dict[str, Any] = {
-            "overwrite": job.overwrite,
-            "finish": _with_mask(self.finish, job),
-            "overwrite_others": job.overwrite_others,
-            "threads": threads,
-            "progress": progress,
-        }
-        found: FixedPair | Estimate
-        if isinstance(self.restoration, PairRestorationOptions):
-            found = fix_pair_file(
-                job.source,
-                job.needs["noisy"],
-                output,
-                kernel,
-                self.options,
-                restoration=self.restoration,
-                **common,
-            )
-        else:
-            found = fix_file(
-                job.source, output, kernel, self.options, restoration=self.restoration, **common
-            )
+        found = fix_file(
+            job.source,
+            job.place,
+            job.others.get("kernel"),
+            self.options,
+            noisy=job.needs.get("noisy"),
+            restoration=self.restoration,
+            finish=_with_mask(self.finish, job),
+            overwrite=job.overwrite,
+            overwrite_others=job.overwrite_others,
+            threads=threads,
+            progress=progress,
+        )
         return found.report() | self.finish.report()
 
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:
@@ -121,7 +108,7 @@ class Deblur:
 
     Parameters
     ----------
-    restoration : RestorationOptions or PairRestorationOptions
+    restoration : RestorationOptions
         How.
     transfer : {"srgb", "linear", "gamma22"}, optional
         The file's transfer curve.
@@ -130,7 +117,7 @@ class Deblur:
 
     """
 
-    restoration: RestorationOptions | PairRestorationOptions = BY_DEFAULT
+    restoration: RestorationOptions = field(default_factory=RestorationOptions)
     transfer: TransferName | None = None
     finish: Finish = AS_IT_IS
 
@@ -138,31 +125,23 @@ class Deblur:
         self, job: Job, *, threads: int | None, progress: Progress | None
     ) -> dict[str, Any]:
         """Deblur the photo of a job."""
-        kernel = job.needs["kernel"]
-        common: dict[str, Any] = {
-            "transfer": self.transfer,
-            "finish": _with_mask(self.finish, job),
-            "overwrite": job.overwrite,
-            "threads": threads,
-            "progress": progress,
+        content = deblur_file(
+            job.source,
+            job.needs["kernel"],
+            job.output,
+            noisy=job.needs.get("noisy"),
+            registration=job.needs.get("registration"),
+            transfer=self.transfer,
+            restoration=self.restoration,
+            finish=_with_mask(self.finish, job),
+            overwrite=job.overwrite,
+            threads=threads,
+            progress=progress,
+        )
+        figures = {
+            "extent_px": round(content.kernel.extent_px(), 2),
+            "confidence": round(content.confidence, 4),
         }
-        figures: dict[str, Any] = {}
-        if str(kernel) != STREAM:  # which can be read but once
-            content = read_kernel(kernel)
-            figures["extent_px"] = round(content.kernel.extent_px(), 2)
-            figures["confidence"] = round(content.confidence, 4)
-        if isinstance(self.restoration, PairRestorationOptions):
-            deblur_pair_file(
-                job.source,
-                job.needs["noisy"],
-                kernel,
-                job.output,
-                self.restoration,
-                registration=job.needs.get("registration"),
-                **common,
-            )
-        else:
-            deblur_file(job.source, kernel, job.output, restoration=self.restoration, **common)
         return figures | self.finish.report()
 
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:
@@ -196,7 +175,7 @@ class Deblur:
         kernel = job.needs["kernel"]
         told = {} if str(kernel) == STREAM else read_kernel(kernel).provenance
         registration = job.needs.get("registration")
-        if isinstance(self.restoration, PairRestorationOptions) and str(registration) != STREAM:
+        if self.restoration.needs_noisy and str(registration) != STREAM:
             given = None if registration is None else known_registration(registration)
             known["registration"] = registration_origin(given, told)
         names = ("options", "input_sha256", "noisy_sha256", "camera")

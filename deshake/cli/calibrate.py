@@ -87,7 +87,7 @@ def command(
         _from_chessboards(context, photos, output, board or (9, 6), batch)
         return 0
     from deshake.batch.estimate_work import Calibrate
-    from deshake.stages.file_stages import camera_name
+    from deshake.stages.estimating import camera_name
 
     to_stdout = one_to_stdout(as_json=batch.as_json, output=output)
     jobs = planned(photos, output, batch, name=camera_name, beside=not batch.as_json)

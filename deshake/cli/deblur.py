@@ -119,7 +119,7 @@ def command(
 
 def _kernels(path: Path) -> Callable[[Found], Path]:
     """Return what finds the kernel of a photo: the one, or that of its stem in the folder."""
-    from deshake.stages.file_stages import kernel_name
+    from deshake.stages.estimating import kernel_name
 
     if not path.is_dir():
         return lambda _: path

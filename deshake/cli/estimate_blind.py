@@ -74,7 +74,7 @@ def command(
     from deshake.batch.plan import Extra
     from deshake.files.kernel_file import read_camera
     from deshake.stages.estimate_options import EstimateOptions
-    from deshake.stages.file_stages import kernel_name
+    from deshake.stages.estimating import kernel_name
 
     one_to_stdout(as_json=batch.as_json, output=output, latent=latent, tiles=tiles)
     pictures = {"latent": latent, "tiles": tiles}

@@ -75,8 +75,7 @@ def command(
     """
     from deshake.files.kernel_file import read_camera
     from deshake.stages.estimate_options import EstimateOptions
-    from deshake.stages.file_stages import kernel_name
-    from deshake.stages.pair_stages import estimate_pair_file
+    from deshake.stages.estimating import estimate_file, kernel_name
 
     one_to_stdout(as_json=as_json, output=output)
     for name, value in {"camera": camera, **choices}.items():
@@ -87,11 +86,11 @@ def command(
     known = None if camera is None else read_camera(camera)
     options = EstimateOptions(camera=known, **choices)
     with context.bar(blurred.name) as bar:
-        found = estimate_pair_file(
+        found = estimate_file(
             blurred,
-            noisy,
             path,
             options,
+            noisy=noisy,
             registration=registration,
             overwrite=overwrite,
             threads=context.threads,

@@ -90,7 +90,7 @@ def command(
     from deshake.files.kernel_file import read_camera
     from deshake.pictures.comparison import comparison_name
     from deshake.stages.estimate_options import EstimateOptions
-    from deshake.stages.file_stages import kernel_name
+    from deshake.stages.estimating import kernel_name
 
     chosen = restoration(noisy, method=method, quality=quality, iterations=iterations)
     if noisy is not None:

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 import click
 
 from deshake.cli.options import FILE
+from deshake.restore.quality import Quality
+from deshake.stages.methods import METHODS, RestorationOptions, default_method
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from deshake.restore.methods import RestorationOptions
-    from deshake.stages.pair_deblurring import PairRestorationOptions
-
 __all__ = ["check_pair", "noisy_option", "restoration", "restoration_options"]
 
 F = TypeVar("F", bound="Callable[..., Any]")
-
-_PAIR_METHODS = ("fusion", "residual")
 
 noisy_option = click.option(
     "--noisy",
@@ -35,28 +32,19 @@ def restoration_options(command: F) -> F:
     """
     method = click.option(
         "--method",
-        type=click.Choice(
-            [
-                "sparse",
-                "rl",
-                "rl-accelerated",
-                "rl-tv",
-                "wiener",
-                "unsupervised-wiener",
-                *_PAIR_METHODS,
-            ]
-        ),
+        type=click.Choice(list(METHODS)),
         is_eager=True,  # the other two look at it
         help="How to deblur: by sparse gradients, by Richardson-Lucy (plain, accelerated or with "
         "total variation), or, if the blur is uniform, by Wiener filters. With --noisy: by fusion "
-        "of both photos, or by residual Richardson-Lucy.  [default: sparse; with --noisy, fusion]",
+        "of both photos, or by residual Richardson-Lucy.  [default: "
+        f"{default_method(noisy=False)}; with --noisy, {default_method(noisy=True)}]",
     )
     quality = click.option(
         "--quality",
-        type=click.Choice(["fast", "default", "high"]),
+        type=click.Choice(get_args(Quality)),
         default="default",
         show_default=True,
-        callback=_goes_with("sparse", "fusion", None),
+        callback=_goes_with_method,
         help="How much time sparse takes: about 0.6, 1 or 1.4 times that of the default, and "
         "fusion: about 0.7, 1 or 1.5 times.",
     )
@@ -64,16 +52,7 @@ def restoration_options(command: F) -> F:
         "--iterations",
         type=click.IntRange(1, 10_000),
         metavar="N",
-        callback=_goes_with(
-            "sparse",
-            "rl",
-            "rl-accelerated",
-            "rl-tv",
-            "unsupervised-wiener",
-            "fusion",
-            "residual",
-            None,
-        ),
+        callback=_goes_with_method,
         help="Iterations of the method.  [default: 5 for sparse, 10 for fusion, "
         "else by the photo's noise]",
     )
@@ -83,9 +62,9 @@ def restoration_options(command: F) -> F:
 def restoration(
     noisy: Path | None,
     *,
-    method: Any,  # noqa: ANN401 - of either kind, or None
-    **choices: Any,  # noqa: ANN401 - fields of either kind
-) -> RestorationOptions | PairRestorationOptions:
+    method: str | None,
+    **choices: Any,  # noqa: ANN401 - fields of RestorationOptions
+) -> RestorationOptions:
     """Return how a photo is deblurred, with a noisy one or alone.
 
     Raises
@@ -94,18 +73,12 @@ def restoration(
         If the method is one for the other case.
 
     """
-    of_pair = method in _PAIR_METHODS
-    if noisy is None:
-        from deshake.restore.methods import RestorationOptions
-
-        if of_pair:
-            raise click.UsageError(f"--method {method} needs --noisy.")
-        return RestorationOptions(method or "sparse", **choices)
-    from deshake.stages.pair_deblurring import PairRestorationOptions
-
-    if not of_pair and method is not None:
+    options = RestorationOptions(method or default_method(noisy=noisy is not None), **choices)
+    if options.needs_noisy and noisy is None:
+        raise click.UsageError(f"--method {method} needs --noisy.")
+    if noisy is not None and not options.needs_noisy:
         raise click.UsageError(f"--noisy does not go with --method {method}.")
-    return PairRestorationOptions(method or "fusion", **choices)
+    return options
 
 
 def check_pair(photos: Sequence[Path], noisy: Path) -> None:
@@ -124,14 +97,11 @@ def check_pair(photos: Sequence[Path], noisy: Path) -> None:
         raise click.UsageError(f"{noisy} is the photo itself: name the noisy one with --noisy")
 
 
-def _goes_with(*methods: str | None) -> Callable[[click.Context, click.Parameter, Any], Any]:
-    """Make a callback that fails where the option was given with another --method."""
-
-    def check(ctx: click.Context, param: click.Parameter, value: Any) -> Any:  # noqa: ANN401
-        method = ctx.params.get("method")
-        if value not in {None, param.default} and method not in methods:
-            msg = f"{param.opts[-1]} does not go with --method {method}."
-            raise click.UsageError(msg, ctx)
-        return value
-
-    return check
+def _goes_with_method(ctx: click.Context, param: click.Parameter, value: Any) -> Any:  # noqa: ANN401
+    """Fail where an option was given that the --method does not take."""
+    method = ctx.params.get("method")
+    given = value not in {None, param.default}
+    if given and method is not None and param.name not in METHODS[method].options:
+        msg = f"{param.opts[-1]} does not go with --method {method}."
+        raise click.UsageError(msg, ctx)
+    return value

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from deshake.geometry.kernel import RotationKernel
     from deshake.operators.shake_blur import Filters
     from deshake.pair.denoising import NoisyPhoto
-    from deshake.restore.sparse_gradients import Quality
+    from deshake.restore.quality import Quality
 
     Progress = Callable[[float, str], None]
 
@@ -73,9 +73,9 @@ _PREPARING = 8.0  # effort of all before the first stage, in stages
 def fuse(
     g: Image,
     noisy: NoisyPhoto,
-    valid: Image,
     kernel: RotationKernel,
     *,
+    valid: Image,
     clipped: Mask | None = None,
     noisy_clipped: Mask | None = None,
     quality: Quality = "default",

@@ -20,7 +20,7 @@ Where any did, m keeps their surroundings out of the data, and what lies behind 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -40,14 +40,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from deshake.geometry.kernel import RotationKernel
+    from deshake.restore.quality import Quality
 
     Image = NDArray[np.float32]
     Progress = Callable[[float, str], None]
 
-__all__ = ["Quality", "sparse_gradients"]
-
-Quality = Literal["fast", "default", "high"]
-"""How much time is spent on the result."""
+__all__ = ["sparse_gradients"]
 
 
 class _Level(NamedTuple):

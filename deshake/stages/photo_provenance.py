@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from deshake.formats.photo import Photo
     from deshake.formats.transfer import TransferName
     from deshake.pair.registration import Registration
-    from deshake.restore.methods import RestorationOptions
-    from deshake.stages.pair_deblurring import PairRestorationOptions
+    from deshake.stages.methods import RestorationOptions
 
 __all__ = ["photo_origin", "photo_provenance", "registration_origin", "with_photo_provenance"]
 
@@ -38,7 +37,7 @@ _LONGEST_KERNEL: Final = 16_384  # characters of a kernel's provenance that a ph
 def photo_provenance(
     photo: Photo,
     content: KernelFile,
-    restoration: RestorationOptions | PairRestorationOptions,
+    restoration: RestorationOptions,
     *,
     transfer: TransferName | None = None,
     noisy: Photo | None = None,
@@ -53,7 +52,7 @@ def photo_provenance(
         The photo, or its result.
     content : KernelFile
         The kernel, whose own provenance is carried without its scales.
-    restoration : RestorationOptions or PairRestorationOptions
+    restoration : RestorationOptions
         How it was deblurred.
     transfer : {"srgb", "linear", "gamma22"}, optional
         The transfer curve, if one was given.
@@ -83,7 +82,7 @@ def photo_provenance(
 
 def photo_origin(
     source: Path,
-    restoration: RestorationOptions | PairRestorationOptions,
+    restoration: RestorationOptions,
     *,
     transfer: TransferName | None = None,
     noisy: Path | None = None,

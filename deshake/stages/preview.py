@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, Final
 import cv2
 import numpy as np
 
+from deshake.stages.blind_estimate import estimate_blind
 from deshake.stages.fitting import check_region
-from deshake.stages.stages import estimate
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from deshake.formats.photo import Photo
     from deshake.stages.estimate_options import EstimateOptions
-    from deshake.stages.stages import Estimate
+    from deshake.stages.estimate_result import Estimate
 
 __all__ = ["preview_estimate", "preview_options", "preview_photo", "preview_side"]
 
@@ -76,12 +76,12 @@ def preview_estimate(
     Raises
     ------
     DeshakeError
-        For the reasons of `estimate`.
+        For the reasons of `estimate_blind`.
 
     """
     seen = _reduced(small, _ESTIMATE_SIDE)
     goes_by = preview_options(options, photo, seen)
-    found = estimate(seen, goes_by, threads=threads, progress=progress)
+    found = estimate_blind(seen, goes_by, threads=threads, progress=progress)
     kernel = found.content.kernel.at_size(*small.shape)
     camera = replace(found.camera, camera=found.camera.camera.scaled(*small.shape))
     return replace(found, content=replace(found.content, kernel=kernel), camera=camera)

@@ -20,10 +20,9 @@ from deshake.files.kernel_file import CameraFile, KernelFile, write_kernel
 from deshake.formats.picture_size import PictureSize
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
-from deshake.restore.methods import RestorationOptions
 from deshake.stages.estimate_options import EstimateOptions
 from deshake.stages.finishing import Finish
-from deshake.stages.pair_deblurring import PairRestorationOptions
+from deshake.stages.methods import RestorationOptions
 
 
 @pytest.fixture
@@ -88,7 +87,7 @@ def test_a_preview_has_its_least_size():
         (555e6, RestorationOptions(), {"bends": True}),
         (572e6, RestorationOptions(), {"bends": True, "finish": Finish(keep_geometry=True)}),
         (184e6, RestorationOptions(), {"finish": Finish(preview=True)}),
-        (1054e6, PairRestorationOptions(), {}),
+        (1054e6, RestorationOptions("fusion"), {}),
     ],
 )
 def test_predictions_are_near_what_was_measured(measured, options, more):
@@ -124,7 +123,7 @@ def test_stages_differ():
     size = PictureSize(24_000_000, 3)
     alone = restoration_memory(size, RestorationOptions(), 1)
     assert photo_memory(size) < estimate_memory(size, 1) < alone
-    assert alone < restoration_memory(size, PairRestorationOptions(), 1)
+    assert alone < restoration_memory(size, RestorationOptions("fusion"), 1)
     kept = Finish(keep_geometry=True)
     for finish, low, high in ((Finish(), 3.07e9, 3.5e9), (kept, 3.43e9, 3.8e9)):  # 3.07 and 3.43
         found = restoration_memory(size, RestorationOptions(), 1, 30, finish=finish, bends=True)

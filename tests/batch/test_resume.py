@@ -11,9 +11,9 @@ from deshake.batch.plan import Job
 from deshake.batch.restoration_work import Deblur, Fix
 from deshake.batch.resume import differences, doubt
 from deshake.batch.task import run_job
-from deshake.restore.methods import RestorationOptions
 from deshake.stages.estimate_options import EstimateOptions
 from deshake.stages.finishing import Finish
+from deshake.stages.methods import RestorationOptions
 
 OPTIONS = EstimateOptions(focal_35mm=40, blur_size=3, uniform=True, estimator="edges")
 FIX = Fix(OPTIONS)

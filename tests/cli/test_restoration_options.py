@@ -7,8 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from deshake.cli.restoration_options import noisy_option, restoration, restoration_options
-from deshake.restore.methods import RestorationOptions
-from deshake.stages.pair_deblurring import PairRestorationOptions
+from deshake.stages.methods import RestorationOptions
 
 
 @pytest.fixture
@@ -31,7 +30,7 @@ def parse():
 
 def test_the_default_depends_on_the_noisy_photo(parse):
     assert parse() == RestorationOptions()
-    assert parse("--noisy", "n.png") == PairRestorationOptions()
+    assert parse("--noisy", "n.png") == RestorationOptions("fusion")
 
 
 def test_choices_are_passed_on(parse):
@@ -39,10 +38,8 @@ def test_choices_are_passed_on(parse):
         "sparse", "high", 3
     )
     args = ("--noisy", "n.png", "--method", "residual", "--iterations", "7")
-    assert parse(*args) == PairRestorationOptions("residual", "default", 7)
-    assert parse("--noisy", "n.png", "--quality", "fast") == PairRestorationOptions(
-        "fusion", "fast"
-    )
+    assert parse(*args) == RestorationOptions("residual", "default", 7)
+    assert parse("--noisy", "n.png", "--quality", "fast") == RestorationOptions("fusion", "fast")
 
 
 @pytest.mark.parametrize("method", ["fusion", "residual"])

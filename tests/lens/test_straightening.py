@@ -22,10 +22,10 @@ from deshake.lens.straightening import (
     straightened,
 )
 from deshake.metadata.metadata import Metadata
-from deshake.restore.methods import RestorationOptions
 from deshake.simulate.shake_path import random_path
 from deshake.simulate.shaken_photo import shake
-from deshake.stages.stages import deblur
+from deshake.stages.deblurring import deblur
+from deshake.stages.methods import RestorationOptions
 
 FAST = RestorationOptions(quality="fast")
 BARREL = np.array([-0.25, 0.03, 0, 0, 0])

@@ -31,7 +31,7 @@ def pair(lab):
 def fused_with(g, f_N, valid, kernel, **options):
     """Fuse a photo with a noisy one that lies in its frame."""
     noisy, valid = noisy_photo(g, f_N, lambda image: (image, valid))
-    return fuse(g, noisy, valid, kernel, **options)
+    return fuse(g, noisy, kernel, valid=valid, **options)
 
 
 @pytest.mark.parametrize("name", ["uniform", "all"])
@@ -81,7 +81,7 @@ def test_the_noisy_photo_tells_what_lies_over_the_border(lab):
     valid = np.ones(f_N.shape[:2], np.float32)
     valid[:, : (len(sharp) - lab.shape[0]) // 2 + 6] = 0
     frame = np.ascontiguousarray(lab.frame(sharp))
-    further = fuse(g, lab.noisy_photo(g, f_N, valid), valid, lab.all_axes).pixels
+    further = fuse(g, lab.noisy_photo(g, f_N, valid), lab.all_axes, valid=valid).pixels
     within = fused_with(g, lab.frame(f_N), lab.frame(valid), lab.all_axes).pixels
     rim = np.ones(lab.shape, bool)
     rim[8:-8, :-8] = rim[:, :16] = False
@@ -155,6 +155,7 @@ def test_refuses_what_does_not_fit(lab, pair):
     _, g, f_N, valid = pair(0.05)
     noisy = lab.noisy_photo(g, f_N, valid)
     grey = lab.noisy_photo(g[..., 0], f_N[..., 0], valid)
-    for wrong in ((g, grey, valid), (g, noisy, valid[1:]), (g[1:], noisy, valid)):
+    wrong = ((g, grey, valid), (g, noisy, valid[1:]), (g[1:], noisy, valid))
+    for blurred, other, seen in wrong:
         with pytest.raises(ValueError, match="does not fit"):
-            fuse(*wrong, lab.all_axes)
+            fuse(blurred, other, lab.all_axes, valid=seen)

@@ -14,9 +14,8 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.lens.straightening import is_straightened
 from deshake.metadata.provenance import read_provenance
 from deshake.pair.registration import Registration
-from deshake.restore.methods import RestorationOptions
 from deshake.stages.finishing import Finish
-from deshake.stages.pair_deblurring import PairRestorationOptions
+from deshake.stages.methods import RestorationOptions
 from deshake.stages.photo_provenance import photo_provenance, with_photo_provenance
 from deshake.version import __version__
 
@@ -59,7 +58,7 @@ def test_it_tells_what_was_done_to_what(photo):
 def test_a_pair_names_both_photos(photo, tmp_path):
     Image.new("RGB", (12, 8), "olive").save(tmp_path / "n.png")
     noisy = read_photo(tmp_path / "n.png")
-    told = photo_provenance(photo, content({}), PairRestorationOptions(), noisy=noisy)
+    told = photo_provenance(photo, content({}), RestorationOptions("fusion"), noisy=noisy)
     assert told["noisy_sha256"] == hashlib.sha256(noisy.source.read_bytes()).hexdigest()
     assert told["options"]["method"] == "fusion"
 
@@ -69,7 +68,9 @@ def test_a_registration_is_told_where_the_kernel_does_not_tell_it(photo):
     one, other = (Registration(np.array([0, y, 0.0]), 2.0, 0.9, camera) for y in (0.1, 0.2))
     found = content({"registration": one.report()})
     told = [
-        photo_provenance(photo, found, PairRestorationOptions(), noisy=photo, registration=given)
+        photo_provenance(
+            photo, found, RestorationOptions("fusion"), noisy=photo, registration=given
+        )
         for given in (None, one, other)
     ]
     assert "registration" not in told[0] | told[1]

@@ -1,4 +1,4 @@
-"""The stages for a blurred and a noisy photo of one scene: to the blur kernel, Sec. 6.
+"""The kernel of a photo with the help of a noisy one of the same scene, Sec. 6.
 
 The noisy photo is registered to the blurred one, unless that was done before. Where the kernel then
 explains the blurred photo badly, the two photos' tones are matched (`registered_pair`), and the
@@ -10,27 +10,26 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any, Final
 
 from deshake.errors import DeshakeError, EstimationError
-from deshake.files.disk import check_output, sha256
-from deshake.files.kernel_file import CameraFile, KernelFile, write_kernel
-from deshake.formats.photo import read_pair
+from deshake.files.disk import sha256
+from deshake.files.kernel_file import CameraFile, KernelFile
 from deshake.geometry.kernel import RotationKernel
 from deshake.lens.straightening import bent_kernel, straight_pair
 from deshake.pair.clipped_noise import unclipped_mean
 from deshake.pair.registered_pair import RegisteredPair
 from deshake.pair.registration import registered
 from deshake.stages.estimate_options import largest_blur
+from deshake.stages.estimate_result import TRUSTED, Estimate
 from deshake.stages.fitting import check_registration
 from deshake.stages.progress import part
-from deshake.stages.registering import find_registration, known_registration, relative_zoom
+from deshake.stages.registering import find_registration, relative_zoom
 from deshake.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from deshake.formats.photo import Photo
     from deshake.pair.kernel_estimate import PairEstimate
@@ -39,59 +38,12 @@ if TYPE_CHECKING:
 
     Progress = Callable[[float, str], None]
 
-__all__ = ["PairKernel", "estimate_pair", "estimate_pair_file"]
+__all__ = ["estimate_pair"]
 
 _log = logging.getLogger(__name__)
 
 _REGISTERED: Final = 0.3  # of the time
 _ALL_BUT: Final = 0.01  # of the edges, left unexplained, above which tone curves are tried
-_TRUSTED: Final = 0.5  # confidence below which the photo is left as it is
-
-
-@dataclass(frozen=True, eq=False)
-class PairKernel:
-    """A kernel as it goes to its file, and what the user should know of it.
-
-    Parameters
-    ----------
-    content : KernelFile
-        The kernel with its confidence and provenance, in the frame of the registered noisy photo.
-    camera : CameraFile
-        The camera that was gone by, and where its focal length comes from.
-    registration : Registration
-        How the noisy photo lies to the blurred one.
-    scale : float
-        The photometric factor, fitted together with the kernel.
-    notes : list of str
-        In plain words.
-
-    """
-
-    content: KernelFile
-    camera: CameraFile
-    registration: Registration
-    scale: float
-    notes: list[str]
-
-    @property
-    def trusted(self) -> bool:
-        """Whether the photo is deblurred with it; else the kernel is that of a still camera."""
-        return self.content.confidence >= _TRUSTED
-
-    def report(self) -> dict[str, Any]:
-        """Return the figures of the estimate as JSON data."""
-        kernel = self.content.kernel
-        return {
-            "rotations": len(kernel.weights),
-            "extent_px": round(kernel.extent_px(), 2),
-            "confidence": round(self.content.confidence, 4),
-            "trusted": self.trusted,
-            "scale": round(self.scale, 5),
-            "registration_confidence": round(self.registration.confidence, 4),
-            "notes": self.notes,
-            "focal_px": round(self.camera.camera.focal_px, 2),
-            "camera_source": self.camera.source,
-        }
 
 
 def estimate_pair(
@@ -102,7 +54,7 @@ def estimate_pair(
     registration: Registration | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
-) -> PairKernel:
+) -> Estimate:
     """Estimate the blur kernel of a photo with the help of a noisy one.
 
     Parameters
@@ -175,7 +127,7 @@ def estimate_pair(
         notes.append("the photos have tone curves of their own, which were matched")
     notes += found.notes
     kernel = found.kernel
-    if found.confidence < _TRUSTED:
+    if found.confidence < TRUSTED:
         notes.append(
             f"the two photos agree too badly to trust a kernel ({found.confidence:.2f}): the photo "
             "is left as it is; without the noisy photo it can be deblurred blindly"
@@ -189,42 +141,7 @@ def estimate_pair(
     provenance |= {"camera": camera.source, "tone_curves": curved, "notes": notes}
     kernel = bent_kernel(kernel, registration.camera, pinhole)
     content = KernelFile(kernel, found.confidence, provenance)
-    return PairKernel(content, camera, registration, scale, notes)
-
-
-def estimate_pair_file(
-    blurred: Path,
-    noisy: Path,
-    output: Path,
-    options: EstimateOptions,
-    *,
-    registration: Path | None = None,
-    overwrite: bool = False,
-    threads: int | None = None,
-    progress: Progress | None = None,
-) -> PairKernel:
-    """Estimate the kernel of a photo from a pair of files, and write its kernel file.
-
-    Raises
-    ------
-    PhotoError, CalibrationError, KernelFileError, EstimationError
-        For the reasons of `read_photo` and `estimate_pair`.
-    OutputError
-        If the output cannot be written.
-
-    """
-    inputs = [path for path in (blurred, noisy, registration) if path is not None]
-    check_output(output, *inputs, overwrite=overwrite)
-    known = None if registration is None else known_registration(registration)
-    found = estimate_pair(
-        *read_pair(blurred, noisy, transfer=options.transfer),
-        options,
-        registration=known,
-        threads=threads,
-        progress=progress,
-    )
-    write_kernel(output, found.content, overwrite=overwrite)
-    return found
+    return Estimate(content, camera, notes, registration=registration, scale=scale)
 
 
 def _silent(_share: float, _text: str) -> None:

@@ -10,14 +10,14 @@ from skimage import data
 from deshake.errors import OutputError, PhotoError
 from deshake.files.kernel_file import read_kernel
 from deshake.formats.photo import read_photo
-from deshake.stages import outputs, pair_file_stages
+from deshake.stages import fixing, outputs
 from deshake.stages.estimate_options import EstimateOptions
-from deshake.stages.pair_deblurring import PairRestorationOptions
-from deshake.stages.pair_file_stages import fix_pair_file
+from deshake.stages.fixing import fix_file
+from deshake.stages.methods import RestorationOptions
 
 HEIGHT, WIDTH = 110, 150
 OPTIONS = EstimateOptions(focal_px=160, transfer="linear", blur_size=9, uniform=True)
-QUICK = PairRestorationOptions(iterations=2)
+QUICK = RestorationOptions("fusion", iterations=2)
 
 
 @pytest.fixture(scope="module")
@@ -48,12 +48,13 @@ def squared(photo, sharp):
 
 def test_a_sharp_photo_comes_out(pair, photos, tmp_path):
     told = []
-    found = fix_pair_file(
-        *pair,
+    found = fix_file(
+        pair[0],
         tmp_path / "out.png",
         tmp_path / "k.npz",
         OPTIONS,
-        restoration=PairRestorationOptions(),
+        noisy=pair[1],
+        restoration=RestorationOptions("fusion"),
         threads=1,
         progress=lambda share, text: told.append((share, text)),
     )
@@ -62,7 +63,7 @@ def test_a_sharp_photo_comes_out(pair, photos, tmp_path):
     noisy = noisy.with_pixels(4 * noisy.pixels)
     assert squared(out, photos[2]) < 0.25 * min(squared(p, photos[2]) for p in (blurred, noisy))
     content = read_kernel(tmp_path / "k.npz")
-    assert np.array_equal(content.kernel.weights, found.kernel.content.kernel.weights)
+    assert np.array_equal(content.kernel.weights, found.content.kernel.weights)
     shares = [share for share, _ in told]
     assert shares == sorted(shares)
     assert shares[-1] == 1
@@ -79,7 +80,7 @@ def test_the_kernel_goes_with_the_photo(pair, tmp_path, monkeypatch):
     monkeypatch.setattr(outputs, "write_photo", fail)
     out, kernel = tmp_path / "out.png", tmp_path / "k.npz"
     with pytest.raises(KeyboardInterrupt):
-        fix_pair_file(*pair, out, kernel, OPTIONS, restoration=QUICK, threads=1)
+        fix_file(pair[0], out, kernel, OPTIONS, noisy=pair[1], restoration=QUICK, threads=1)
     assert {path.name for path in tmp_path.iterdir()} == {"long.png", "short.png"}
 
 
@@ -87,8 +88,15 @@ def test_the_kernel_goes_with_the_photo(pair, tmp_path, monkeypatch):
 def test_the_kernel_is_no_photo(pair, tmp_path, name):
     out, kernel = tmp_path / "out.png", tmp_path / name
     with pytest.raises(OutputError, match="the output is the input itself"):
-        fix_pair_file(
-            *pair, out, kernel, OPTIONS, restoration=QUICK, overwrite=True, overwrite_others=True
+        fix_file(
+            pair[0],
+            out,
+            kernel,
+            OPTIONS,
+            noisy=pair[1],
+            restoration=QUICK,
+            overwrite=True,
+            overwrite_others=True,
         )
 
 
@@ -96,25 +104,34 @@ def test_what_cannot_be_written_is_told_before_the_work(pair, tmp_path, monkeypa
     def fail(*_, **__):
         raise AssertionError
 
-    monkeypatch.setattr(pair_file_stages, "find_registration", fail)
+    monkeypatch.setattr(fixing, "find_registration", fail)
     (tmp_path / "k.npz").write_text("mine")
     for out, kernel in ((tmp_path / "no" / "out.png", None), (tmp_path / "out.gif", None)):
         with pytest.raises(OutputError):
-            fix_pair_file(*pair, out, kernel, OPTIONS, restoration=QUICK)
+            fix_file(pair[0], out, kernel, OPTIONS, noisy=pair[1], restoration=QUICK)
     with pytest.raises(OutputError, match="exists already"):
-        fix_pair_file(*pair, tmp_path / "out.png", tmp_path / "k.npz", OPTIONS, restoration=QUICK)
+        fix_file(
+            pair[0],
+            tmp_path / "out.png",
+            tmp_path / "k.npz",
+            OPTIONS,
+            noisy=pair[1],
+            restoration=QUICK,
+        )
     assert (tmp_path / "k.npz").read_text() == "mine"
 
 
 def test_a_missing_photo_is_named(pair, tmp_path):
     gone = tmp_path / "gone.png"
     with pytest.raises(PhotoError, match="no such file") as error:
-        fix_pair_file(pair[0], gone, tmp_path / "out.png", None, OPTIONS, restoration=QUICK)
+        fix_file(pair[0], tmp_path / "out.png", None, OPTIONS, noisy=gone, restoration=QUICK)
     assert error.value.file == str(gone)
 
 
 def test_an_assumed_lens_is_told_once(pair, tmp_path, caplog):
     options = replace(OPTIONS, focal_px=None)
-    found = fix_pair_file(*pair, tmp_path / "out.png", None, options, restoration=QUICK, threads=1)
+    found = fix_file(
+        pair[0], tmp_path / "out.png", None, options, noisy=pair[1], restoration=QUICK, threads=1
+    )
     assert sum("50 mm" in note for note in found.report()["notes"]) == 1
     assert caplog.text.count("50 mm-equivalent is assumed") == 1

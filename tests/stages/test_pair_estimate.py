@@ -17,7 +17,8 @@ from deshake.geometry.rotations import grid_steps
 from deshake.operators.warps import Warps
 from deshake.pair.registration import Registration
 from deshake.stages.estimate_options import EstimateOptions
-from deshake.stages.pair_stages import estimate_pair, estimate_pair_file
+from deshake.stages.estimating import estimate_file
+from deshake.stages.pair_estimate import estimate_pair
 
 SHAPE = (150, 210)
 MARGIN = 25
@@ -57,11 +58,11 @@ def options(**changes):
 def test_a_pair_of_files_gives_the_kernel(pair, tmp_path):
     folder, truth = pair
     told = []
-    found = estimate_pair_file(
+    found = estimate_file(
         folder / "blurred.tif",
-        folder / "noisy.tif",
         tmp_path / "k.npz",
         options(),
+        noisy=folder / "noisy.tif",
         threads=1,
         progress=lambda share, _: told.append(share),
     )
@@ -103,7 +104,7 @@ def test_where_the_photos_agree_badly_the_photo_is_left_as_it_is(pair):
 def test_the_kernel_file_tells_how_it_came_about(pair, tmp_path):
     folder, _ = pair
     blurred, noisy = folder / "blurred.tif", folder / "noisy.tif"
-    estimate_pair_file(blurred, noisy, tmp_path / "k.npz", options(uniform=True), threads=1)
+    estimate_file(blurred, tmp_path / "k.npz", options(uniform=True), noisy=noisy, threads=1)
     provenance = read_kernel(tmp_path / "k.npz").provenance
     assert provenance["command"] == "estimate-pair"
     assert provenance["options"] == {
@@ -125,8 +126,8 @@ def test_a_registration_is_gone_by(pair, tmp_path):
     file = tmp_path / "r.npz"
     off = TURN + np.array([0, 2, 0]) * STEPS
     write_registration(file, RegistrationFile(off, RATIO, CAMERA, 0.9))
-    found = estimate_pair_file(
-        blurred, noisy, tmp_path / "k.npz", options(), registration=file, threads=1
+    found = estimate_file(
+        blurred, tmp_path / "k.npz", options(), noisy=noisy, registration=file, threads=1
     )
     np.testing.assert_array_equal(found.registration.theta, off)
     assert found.camera.source == "the registration"
@@ -141,11 +142,11 @@ def test_a_registration_of_another_size_is_refused(pair, tmp_path):
     other = Camera.from_focal(220.0, 160, 210)
     write_registration(file, RegistrationFile(TURN, RATIO, other, 0.9))
     with pytest.raises(KernelFileError, match="for pictures of 210 x 160 pixels"):
-        estimate_pair_file(
+        estimate_file(
             folder / "blurred.tif",
-            folder / "noisy.tif",
             tmp_path / "k.npz",
             options(),
+            noisy=folder / "noisy.tif",
             registration=file,
         )
     assert not (tmp_path / "k.npz").exists()
@@ -155,11 +156,11 @@ def test_a_registration_of_another_size_is_refused(pair, tmp_path):
 def test_no_input_is_overwritten(pair, name):
     folder, _ = pair
     with pytest.raises(OutputError, match="the output is the input itself"):
-        estimate_pair_file(
+        estimate_file(
             folder / "blurred.tif",
-            folder / "noisy.tif",
             folder / name,
             options(),
+            noisy=folder / "noisy.tif",
             overwrite=True,
         )
 

@@ -12,10 +12,11 @@ from deshake.formats.photo import read_photo
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.operators.shake_blur import ShakeBlur
-from deshake.restore.methods import BY_DEFAULT, RestorationOptions, restore
-from deshake.stages import stages
+from deshake.stages import blind_estimate
+from deshake.stages.blind_estimate import FOCAL_LENGTHS, estimate_blind
+from deshake.stages.deblurring import deblur
 from deshake.stages.estimate_options import EstimateOptions
-from deshake.stages.stages import FOCAL_LENGTHS, deblur, estimate
+from deshake.stages.methods import RestorationOptions, restore
 
 
 def texture(height, width, seed=5):
@@ -46,7 +47,7 @@ def shaken(tmp_path):
 def test_the_estimate_finds_the_pan(tmp_path):
     photo, truth, _ = pan(tmp_path, 2)
     camera = CameraFile(truth.camera, "made up")
-    found = estimate(photo, EstimateOptions(camera=camera, blur_size=12))
+    found = estimate_blind(photo, EstimateOptions(camera=camera, blur_size=12))
     kernel = found.content.kernel
     spread = np.sqrt(kernel.weights @ (kernel.theta - kernel.centroid) ** 2)
     assert spread[1] > 1.3 * spread[0]
@@ -62,7 +63,7 @@ def test_an_angle_means_its_pixels(shaken):
     focal, half = 100, 95 / 2
     wide = np.radians(angle) * (focal**2 + half**2) / focal  # tilts, at the frame's edge
     same = [
-        estimate(
+        estimate_blind(
             photo, EstimateOptions(camera=camera, uniform=True, estimator="edges", **bound)
         ).content.kernel
         for bound in ({"max_angle": angle}, {"blur_size": wide})
@@ -72,7 +73,7 @@ def test_an_angle_means_its_pixels(shaken):
 
 def test_an_assumed_lens_is_long_and_noted(shaken):
     photo, _, _ = shaken
-    found = estimate(photo, EstimateOptions(blur_size=3, uniform=True))
+    found = estimate_blind(photo, EstimateOptions(blur_size=3, uniform=True))
     assert found.camera.source == "assumed: 50 mm-equivalent"
     assert "50 mm-equivalent is assumed" in found.notes[0]
     assert found.content.provenance["notes"] == found.notes
@@ -93,14 +94,14 @@ def test_dark_halos_do_not_fall_to_black(shaken):
     long = RotationKernel(truth.theta * 2, truth.weights, truth.steps, truth.camera)
     result = deblur(photo, long)
     assert result.pixels.min() >= 0.095 * photo.pixels.min()
-    assert restore(photo.pixels, long, BY_DEFAULT).pixels.min() < 0.1 * photo.pixels.min()
+    assert restore(photo.pixels, long).pixels.min() < 0.1 * photo.pixels.min()
 
 
 def test_what_cannot_be_estimated_names_the_photo(shaken):
     photo, _, _ = shaken
     flat = replace(photo, pixels=np.full_like(photo.pixels, 0.5))
     with pytest.raises(EstimationError, match="no texture") as caught:
-        estimate(flat, EstimateOptions(blur_size=3))
+        estimate_blind(flat, EstimateOptions(blur_size=3))
     assert caught.value.file == str(photo.source)
 
 
@@ -113,16 +114,16 @@ def test_clipped_pixels_are_left_out_of_the_estimate(shaken):
     burnt = photo.pixels.copy()
     burnt[mask] = 1
     kernels = [
-        estimate(replace(photo, pixels=pixels, clipped=mask), options).content.kernel
+        estimate_blind(replace(photo, pixels=pixels, clipped=mask), options).content.kernel
         for pixels in (photo.pixels, burnt)
     ]
     np.testing.assert_allclose(kernels[0].theta, kernels[1].theta, atol=1e-4)
     np.testing.assert_allclose(kernels[0].weights, kernels[1].weights, atol=1e-3)
-    marked, unmarked = kernels[0].weights, estimate(photo, options).content.kernel.weights
+    marked, unmarked = kernels[0].weights, estimate_blind(photo, options).content.kernel.weights
     assert marked.shape != unmarked.shape or not np.array_equal(marked, unmarked)
 
 
-@pytest.mark.parametrize("method", [BY_DEFAULT, RestorationOptions("rl", iterations=15)])
+@pytest.mark.parametrize("method", [RestorationOptions(), RestorationOptions("rl", iterations=15)])
 def test_deblurring_comes_nearer_to_the_sharp_photo(shaken, method):
     photo, truth, sharp = shaken
     report = []
@@ -139,18 +140,18 @@ def test_deblurring_comes_nearer_to_the_sharp_photo(shaken, method):
 
 def test_the_focal_length_that_explains_the_photo_best_is_kept(shaken, monkeypatch):
     photo, _, _ = shaken
-    monkeypatch.setattr(stages, "FOCAL_LENGTHS", FOCAL_LENGTHS[::3])
+    monkeypatch.setattr(blind_estimate, "FOCAL_LENGTHS", FOCAL_LENGTHS[::3])
     options = EstimateOptions(blur_size=3, estimator="edges", region=(0, 0, 64, 56))
     told = []
-    auto = estimate(
+    auto = estimate_blind(
         photo,
         replace(options, focal="auto"),
         threads=1,
         progress=lambda share, _: told.append(share),
     )
     each = [
-        estimate(photo, replace(options, focal_35mm=film), threads=1)
-        for film in stages.FOCAL_LENGTHS
+        estimate_blind(photo, replace(options, focal_35mm=film), threads=1)
+        for film in blind_estimate.FOCAL_LENGTHS
     ]
     best = max(each, key=lambda found: found.content.confidence)
     np.testing.assert_array_equal(auto.content.kernel.weights, best.content.kernel.weights)

@@ -14,8 +14,8 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import homographies
 from deshake.operators.shake_blur import ShakeBlur
 from deshake.pair.registration import Registration
-from deshake.stages.pair_deblurring import PairRestorationOptions, deblur_pair
-from deshake.stages.pair_file_stages import deblur_pair_file
+from deshake.stages.deblurring import deblur, deblur_file
+from deshake.stages.methods import RestorationOptions
 
 HEIGHT, WIDTH, BEYOND = 130, 170, 20
 CAMERA = Camera.from_focal(200, HEIGHT, WIDTH)
@@ -67,7 +67,7 @@ def psnr(a, b):
 def test_the_kernel_of_a_still_camera_leaves_the_photo_as_it_is(pair):
     folder, _, _ = pair
     g, noisy = read(folder / "g.png"), read(folder / "n.png")
-    found = deblur_pair(g, noisy, RotationKernel.delta(CAMERA), PairRestorationOptions())
+    found = deblur(g, RotationKernel.delta(CAMERA), RestorationOptions("fusion"), noisy=noisy)
     np.testing.assert_array_equal(found.pixels, g.pixels)
 
 
@@ -76,8 +76,8 @@ def test_makes_a_sharper_photo(pair, method):
     folder, kernel, sharp = pair
     blurred, noisy = read(folder / "g.png"), read(folder / "n.png")
     registration = Registration(TURNED, 1.03 * RATIO, 1.0, CAMERA)
-    options = PairRestorationOptions(method)
-    done = deblur_pair(blurred, noisy, kernel, options, registration=registration)
+    options = RestorationOptions(method)
+    done = deblur(blurred, kernel, options, noisy=noisy, registration=registration)
     assert psnr(done.pixels, sharp) > psnr(blurred.pixels, sharp) + 3
     assert psnr(done.pixels, sharp) > 24
     assert done.encoding == blurred.encoding
@@ -87,11 +87,11 @@ def test_a_factor_that_is_a_little_off_is_found_again(pair):
     folder, kernel, _ = pair
     blurred, noisy = read(folder / "g.png"), read(folder / "n.png")
     found = [
-        deblur_pair(
+        deblur(
             blurred,
-            noisy,
             kernel,
-            PairRestorationOptions(iterations=2),
+            RestorationOptions("fusion", iterations=2),
+            noisy=noisy,
             registration=Registration(TURNED, factor * RATIO, 1.0, CAMERA),
         ).pixels
         for factor in (0.95, 1.05)
@@ -106,24 +106,25 @@ def test_grey_noisy_photos_pass(pair, tmp_path):
     path.write_bytes(cv2.imencode(".png", np.rint(noisy * 65535).astype(np.uint16))[1].tobytes())
     registration = Registration(TURNED, RATIO, 1.0, CAMERA)
     for one, other in (("g.png", path), (path, folder / "n.png")):
-        options = PairRestorationOptions(iterations=1)
+        options = RestorationOptions("fusion", iterations=1)
         photo = read(folder / one)
-        done = deblur_pair(photo, read(other), kernel, options, registration=registration)
+        done = deblur(photo, kernel, options, noisy=read(other), registration=registration)
         assert done.pixels.shape == photo.pixels.shape
 
 
 def test_from_file_to_file(pair, tmp_path):
     folder, _, _ = pair
-    out = deblur_pair_file(
+    content = deblur_file(
         folder / "g.png",
-        folder / "n.png",
         folder / "k.npz",
         tmp_path / "out.png",
-        PairRestorationOptions(iterations=2),
+        noisy=folder / "n.png",
+        restoration=RestorationOptions("fusion", iterations=2),
         registration=folder / "r.npz",
         transfer="linear",
     )
-    with Image.open(out) as image:
+    assert content.kernel.camera.shape == (HEIGHT, WIDTH)
+    with Image.open(tmp_path / "out.png") as image:
         assert image.size == (WIDTH, HEIGHT)
 
 
@@ -131,11 +132,11 @@ def test_the_photos_are_registered_if_nothing_tells_how_they_lie(pair):
     folder, kernel, sharp = pair
     blurred, noisy = read(folder / "g.png"), read(folder / "n.png")
     told = []
-    done = deblur_pair(
+    done = deblur(
         blurred,
-        noisy,
         kernel,
-        PairRestorationOptions(),
+        RestorationOptions("fusion"),
+        noisy=noisy,
         progress=lambda share, text: told.append((share, text)),
     )
     assert psnr(done.pixels, sharp) > psnr(blurred.pixels, sharp)
@@ -150,7 +151,7 @@ def test_another_scene_is_refused(pair):
     other = np.random.default_rng(1).random((9, 12, 3), np.float32)
     other = cv2.resize(other, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC).clip(0, 1)
     with pytest.raises(EstimationError) as error:
-        deblur_pair(blurred, noisy.with_pixels(other), kernel, PairRestorationOptions())
+        deblur(blurred, kernel, RestorationOptions("fusion"), noisy=noisy.with_pixels(other))
     assert error.value.file == str(folder / "g.png")
 
 
@@ -159,12 +160,12 @@ def test_a_registration_of_another_size_is_refused(pair, tmp_path):
     content = RegistrationFile(TURNED, RATIO, Camera.from_focal(100, 65, 85))
     write_registration(tmp_path / "r.npz", content)
     with pytest.raises(KernelFileError, match="85 x 65"):
-        deblur_pair_file(
+        deblur_file(
             folder / "g.png",
-            folder / "n.png",
             folder / "k.npz",
             tmp_path / "out.png",
-            PairRestorationOptions(),
+            noisy=folder / "n.png",
+            restoration=RestorationOptions("fusion"),
             registration=tmp_path / "r.npz",
         )
 
@@ -174,12 +175,12 @@ def test_inputs_are_never_the_output(pair, name):
     folder, _, _ = pair
     before = (folder / name).read_bytes()
     with pytest.raises(OutputError):
-        deblur_pair_file(
+        deblur_file(
             folder / "g.png",
-            folder / "n.png",
             folder / "k.npz",
             folder / name,
-            PairRestorationOptions(),
+            noisy=folder / "n.png",
+            restoration=RestorationOptions("fusion"),
             registration=folder / "r.npz",
             overwrite=True,
         )
@@ -187,12 +188,19 @@ def test_inputs_are_never_the_output(pair, name):
 
 
 @pytest.mark.parametrize(
-    ("choices", "what"),
+    ("method", "what"),
     [
-        ({"method": "sparse"}, "no method 'sparse' for pairs"),
-        ({"method": "residual", "quality": "high"}, "one quality only"),
+        ("sparse", "sparse takes no noisy photo"),
+        ("residual", "residual needs a noisy photo"),
     ],
 )
-def test_options_are_checked(choices, what):
+def test_the_method_goes_with_the_noisy_photo(pair, method, what):
+    folder, kernel, _ = pair
+    blurred, noisy = read(folder / "g.png"), read(folder / "n.png")
     with pytest.raises(ValueError, match=what):
-        PairRestorationOptions(**choices)
+        deblur(
+            blurred,
+            kernel,
+            RestorationOptions(method),
+            noisy=None if "needs" in what else noisy,
+        )

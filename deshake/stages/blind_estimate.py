@@ -1,14 +1,10 @@
-"""The stages from a shaken photo to a sharper one: estimate and deblur; `calibration` is the first.
-
-The commands that bear these names and `fix` call the same functions, which is why `fix` gives the
-same bytes as its stages run one by one.
-"""
+"""The kernel of a photo from the photo alone."""
 
 from __future__ import annotations
 
 import logging
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any, Final
 
 from deshake.blind.estimate import estimate_kernel
@@ -16,18 +12,15 @@ from deshake.errors import DeshakeError
 from deshake.files.disk import sha256
 from deshake.files.kernel_file import KernelFile
 from deshake.lens.straightening import (
-    bent,
     bent_kernel,
-    straight_kernel,
     straight_region,
     straightened,
 )
-from deshake.restore.dark_halos import without_dark_halos
-from deshake.restore.methods import BY_DEFAULT, RestorationOptions, restore
 from deshake.signal.luminance import luminance
 from deshake.signal.noise import noise_model
 from deshake.stages.calibration import camera_for
 from deshake.stages.estimate_options import EstimateOptions, largest_blur
+from deshake.stages.estimate_result import Estimate
 from deshake.stages.fitting import check_region
 from deshake.stages.progress import part
 from deshake.version import __version__
@@ -35,21 +28,15 @@ from deshake.version import __version__
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import numpy as np
-    from numpy.typing import NDArray
-
     from deshake.blind.result import BlindEstimate
     from deshake.files.kernel_file import CameraFile
     from deshake.formats.photo import Photo
-    from deshake.geometry.kernel import RotationKernel
 
     Progress = Callable[[float, str], None]
 
 __all__ = [
     "FOCAL_LENGTHS",
-    "Estimate",
-    "deblur",
-    "estimate",
+    "estimate_blind",
 ]
 
 _log = logging.getLogger(__name__)
@@ -60,46 +47,7 @@ FOCAL_LENGTHS: Final = (24.0, 35.0, 50.0, 70.0)
 _MID_GREY: Final = 0.18
 
 
-@dataclass(frozen=True, eq=False)
-class Estimate:
-    """A kernel as it goes to its file, and what the user should know of it.
-
-    Parameters
-    ----------
-    content : KernelFile
-        The kernel with its confidence and provenance.
-    camera : CameraFile
-        The camera that was gone by, and where its focal length comes from.
-    notes : list of str
-        In plain words.
-    latent : (2, h, w) array of float32
-        Gradients of the sharp photo, or region, as in `BlindEstimate`.
-    noise : float
-        Standard deviation of the photo's noise at a mid grey (18 % of white), in linear light.
-
-    """
-
-    content: KernelFile
-    camera: CameraFile
-    notes: list[str]
-    latent: NDArray[np.float32]
-    noise: float
-
-    def report(self) -> dict[str, Any]:
-        """Return the figures of the estimate as JSON data."""
-        kernel = self.content.kernel
-        return {
-            "rotations": len(kernel.weights),
-            "extent_px": round(kernel.extent_px(), 2),
-            "confidence": round(self.content.confidence, 4),
-            "noise": round(self.noise, 5),
-            "notes": self.notes,
-            "focal_px": round(self.camera.camera.focal_px, 2),
-            "camera_source": self.camera.source,
-        }
-
-
-def estimate(
+def estimate_blind(
     photo: Photo,
     options: EstimateOptions,
     *,
@@ -190,80 +138,7 @@ def _estimate(
     content = KernelFile(kernel, found.confidence, provenance)
     slope, floor = noise_model(grey)
     noise = math.sqrt(slope * _MID_GREY + floor)
-    return Estimate(content, camera, notes, found.latent, noise)
-
-
-def deblur(
-    photo: Photo,
-    kernel: RotationKernel,
-    options: RestorationOptions = BY_DEFAULT,
-    *,
-    keep_geometry: bool = False,
-    threads: int | None = None,
-    progress: Progress | None = None,
-) -> Photo:
-    """Deblur a photo with a kernel for its size.
-
-    Format, depth, opacity and metadata stay as they are. The kernel of a camera that stood still
-    leaves the photo as it is. Dark halos are kept from falling to black. A photo through a lens
-    that bends is straightened first, and its EXIF tells the new frame.
-
-    Parameters
-    ----------
-    photo : Photo
-        The photo.
-    kernel : RotationKernel
-        Its blur.
-    options : RestorationOptions
-        How.
-    keep_geometry : bool
-        Whether the result is bent again as the photo was.
-    threads : int, optional
-        Threads to use; by default all processors.
-    progress : callable, optional
-        Told the fraction done and what is being done.
-
-    Raises
-    ------
-    CalibrationError
-        If the lens's distortion is too strong to be undone.
-
-    """
-    still = not kernel.theta[kernel.weights > 0].any()
-    if still and progress is not None:
-        progress(1.0, "nothing to undo")
-    if still and (keep_geometry or kernel.camera.is_pinhole):
-        return photo
-    straight, seen = straightened(photo, kernel.camera, whole=keep_geometry)
-    if not still:
-        straight = _deblurred(
-            straight, straight_kernel(kernel, kernel.camera, seen), options, threads, progress
-        )
-    return bent(straight, photo, kernel.camera) if keep_geometry else straight
-
-
-def _deblurred(
-    photo: Photo,
-    kernel: RotationKernel,
-    options: RestorationOptions,
-    threads: int | None,
-    progress: Progress | None,
-) -> Photo:
-    """Deblur a photo of a pinhole."""
-    try:
-        restored = restore(
-            photo.pixels,
-            kernel,
-            options,
-            clipped=photo.clipped,
-            threads=threads,
-            progress=progress,
-        )
-    except DeshakeError as error:
-        error.file = error.file or str(photo.source)
-        raise
-    _log.info("%s: deblurred in %d iterations", photo.source, restored.iterations)
-    return photo.with_pixels(without_dark_halos(restored.pixels, photo.pixels, kernel))
+    return Estimate(content, camera, notes, latent=found.latent, noise=noise)
 
 
 def _provenance(
