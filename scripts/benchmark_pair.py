@@ -56,6 +56,7 @@ from deshake.pair.registered_pair import RegisteredPair
 from deshake.pair.registration import Registration, registered
 from deshake.pictures.sheets import detailed_part
 from deshake.stages.blind_estimate import estimate_blind
+from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.deblurring import deblur
 from deshake.stages.estimate_options import EstimateOptions
 from deshake.stages.methods import RestorationOptions
@@ -80,7 +81,9 @@ COUNTS = (1, 2, 3, 5, 8, 12)  # of its iterations
 
 def options_of(pair: Pair, *, uniform: bool = False) -> EstimateOptions:
     """Return what the estimate is told: the camera."""
-    return EstimateOptions(camera=CameraFile(pair.kernel.camera, "the truth"), uniform=uniform)
+    return EstimateOptions(
+        camera=CameraChoice(file=CameraFile(pair.kernel.camera, "the truth")), uniform=uniform
+    )
 
 
 def own_frame(

@@ -38,6 +38,7 @@ from deshake.pair.pair_pixels import PairPictures, derivatives, drawn_pixels, us
 from deshake.pair.pair_rows import PairRows
 from deshake.pair.simplex import least_on_simplex
 from deshake.signal.noise import mean_light
+from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.deblurring import deblur
 from deshake.stages.estimate_options import EstimateOptions
 from deshake.stages.methods import RestorationOptions
@@ -98,7 +99,7 @@ def stages(case: Case, file: Path, quality: Quality, threads: int) -> list[Stage
     """Take a pair through the stages of ``fix --noisy``."""
     kernel = case.kernel()
     blurred, noisy = photo(np.load(file), file), photo(short_exposure(kernel), file)
-    options = EstimateOptions(camera=CameraFile(kernel.camera, "the truth"))
+    options = EstimateOptions(camera=CameraChoice(file=CameraFile(kernel.camera, "the truth")))
     took = []
 
     def timed(name: str, work: Callable[[], Any]) -> Any:  # noqa: ANN401 - what the work gives

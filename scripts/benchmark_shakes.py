@@ -51,6 +51,7 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import displacements, grid_steps, homographies
 from deshake.stages.blind_estimate import estimate_blind
+from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.deblurring import deblur
 from deshake.stages.estimate_options import EstimateOptions
 
@@ -341,7 +342,9 @@ def measure(case: Case, folder: Path) -> Row:
     """Estimate a case's kernel, deblur with it, and compare with the truth."""
     cv2.setNumThreads(1)
     photo = read_photo(folder / case.photo)
-    options = EstimateOptions(focal_35mm=None if case.quality else float(case.film))
+    options = EstimateOptions(
+        camera=CameraChoice(focal_35mm=None if case.quality else float(case.film))
+    )
     kernel, confidence, notes, verdict = None, 0.0, [], "left"
     start = time.process_time()
     try:

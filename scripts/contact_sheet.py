@@ -33,7 +33,7 @@ from deshake.pictures.sheets import CHARACTER, GAP, Line, sheet
 from deshake.stages.blind_estimate import estimate_blind
 from deshake.stages.deblurring import deblur
 from deshake.stages.estimate_options import EstimateOptions
-from deshake.stages.fixing import kernel_name
+from deshake.stages.estimating import kernel_name
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

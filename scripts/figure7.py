@@ -41,6 +41,7 @@ from deshake.pair.registration import registered
 from deshake.pictures.render import render_filters, render_kernel
 from deshake.pictures.sheets import CHARACTER, GAP, Line, detailed_part, resized, sheet, shown
 from deshake.signal.luminance import luminance
+from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.deblurring import deblur
 from deshake.stages.estimate_options import EstimateOptions
 from deshake.stages.methods import RestorationOptions
@@ -92,7 +93,7 @@ def simulated(name: str, data: Path, *, camera_files: bool) -> PairToShow:
     def truth(theta: Frame) -> Photo:
         return blurred.with_pixels(pair.sharp(compose(pair.theta, -theta)))
 
-    options = EstimateOptions(camera=CameraFile(pair.kernel.camera, "the truth"))
+    options = EstimateOptions(camera=CameraChoice(file=CameraFile(pair.kernel.camera, "the truth")))
     return PairToShow(name, blurred, noisy, options, truth)
 
 
@@ -211,7 +212,9 @@ def chosen(parser: argparse.ArgumentParser, args: argparse.Namespace) -> PairToS
     g, f_N = (read_photo(path) for path in args.photos)
     if args.boxes:
         g, f_N = without_boxes(g), without_boxes(f_N)
-    options = EstimateOptions(focal_35mm=args.focal_35mm, blur_size=args.blur_size)
+    options = EstimateOptions(
+        camera=CameraChoice(focal_35mm=args.focal_35mm), blur_size=args.blur_size
+    )
     return PairToShow(" + ".join(path.name for path in args.photos), g, f_N, options)
 
 

@@ -65,10 +65,11 @@ def photo_memory(size: PictureSize) -> int:
     return int(_PROCESS + _PHOTO[size.channels] * size.pixels)
 
 
-def estimate_memory(size: PictureSize, threads: int) -> int:
-    """Predict the memory for estimating a kernel."""
-    more = _LUMINANCE[size.channels] * size.pixels + _ESTIMATE + _THREAD * (threads - 1)
-    return int(photo_memory(size) + more)
+def estimate_memory(size: PictureSize, threads: int, photos: int = 1) -> int:
+    """Predict the memory for estimating a kernel from one photo, or from a pair of one size."""
+    reading = _PROCESS + photos * _PHOTO[size.channels] * size.pixels
+    grey = photos * _LUMINANCE[size.channels] * size.pixels
+    return int(reading + grey + _ESTIMATE + _THREAD * (threads - 1))
 
 
 def restoration_memory(

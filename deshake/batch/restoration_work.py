@@ -83,7 +83,7 @@ class Fix:
             blur,
             finish=self.finish,
             masked=job.needs.get("mask") is not None,
-            bends=self.options.undoes_lens,
+            bends=self.options.camera.undoes_lens,
         )
         return max(estimate_memory(seen, threads), needed)
 
@@ -114,12 +114,15 @@ class Deblur:
         The file's transfer curve.
     finish : Finish
         What is wanted of the result beside it; the ``mask`` is the job's.
+    search_angle : float, optional
+        Range of the search for a registration that is not given, in degrees.
 
     """
 
     restoration: RestorationOptions = field(default_factory=RestorationOptions)
     transfer: TransferName | None = None
     finish: Finish = AS_IT_IS
+    search_angle: float | None = None
 
     def __call__(
         self, job: Job, *, threads: int | None, progress: Progress | None
@@ -131,6 +134,7 @@ class Deblur:
             job.output,
             noisy=job.needs.get("noisy"),
             registration=job.needs.get("registration"),
+            search_angle=self.search_angle,
             transfer=self.transfer,
             restoration=self.restoration,
             finish=_with_mask(self.finish, job),

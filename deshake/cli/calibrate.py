@@ -87,12 +87,13 @@ def command(
         _from_chessboards(context, photos, output, board or (9, 6), batch)
         return 0
     from deshake.batch.estimate_work import Calibrate
+    from deshake.stages.camera_choice import CameraChoice
     from deshake.stages.estimating import camera_name
 
     to_stdout = one_to_stdout(as_json=batch.as_json, output=output)
     jobs = planned(photos, output, batch, name=camera_name, beside=not batch.as_json)
     silent = to_stdout or context.verbosity < 0
-    work = Calibrate(focal_px, focal_35mm, bool(lens), lens_model)
+    work = Calibrate(CameraChoice(focal_px, focal_35mm, lens=lens, lens_model=lens_model))
     return run_batch(context, jobs, work, batch, None if silent else _line)
 
 

@@ -18,6 +18,7 @@ from deshake.cli.options import (
     FILE,
     general_options,
     output_option,
+    search_angle_option,
     transfer_option,
 )
 from deshake.cli.restoration_options import (
@@ -61,6 +62,7 @@ __all__ = ["command"]
     metavar="FILE.npz",
     help="Registration file written by register, for --noisy.  [default: register the photos]",
 )
+@search_angle_option
 @restoration_options
 @finish_options
 @transfer_option
@@ -76,6 +78,7 @@ def command(
     kernel: Path | None,
     noisy: Path | None,
     registration: Path | None,
+    search_angle: float | None,
     transfer: TransferName | None,
     mask: Path | None,
     finish: Finish,
@@ -99,6 +102,12 @@ def command(
 
     if noisy is None and registration is not None:
         raise click.UsageError("--registration needs --noisy.")
+    if search_angle is not None and (noisy is None or registration is not None):
+        raise click.UsageError(
+            "--search-angle needs --noisy."
+            if noisy is None
+            else "--registration and --search-angle cannot both be given."
+        )
     if kernel is None:
         if len(photos) != 2 or photos[0].is_dir():
             raise click.UsageError("name one photo and its kernel, or the kernels with --kernel")
@@ -114,7 +123,7 @@ def command(
         needs["mask"] = for_masks(mask, photos)
     extras = {"sheet": Extra(None, comparison_name)} if finish.compare else {}
     jobs = planned(photos, output, batch, extras=extras, needs=needs)
-    return run_batch(context, jobs, Deblur(chosen, transfer, finish), batch)
+    return run_batch(context, jobs, Deblur(chosen, transfer, finish, search_angle), batch)
 
 
 def _kernels(path: Path) -> Callable[[Found], Path]:

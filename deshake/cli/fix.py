@@ -17,9 +17,11 @@ from deshake.cli.batch import (
 from deshake.cli.finishing_options import finish_options
 from deshake.cli.options import (
     FILE,
+    chosen_estimate,
     estimate_options,
     general_options,
     output_option,
+    search_angle_option,
 )
 from deshake.cli.restoration_options import (
     check_pair,
@@ -52,6 +54,7 @@ __all__ = ["command"]
     help="Write each photo's kernel file into this folder.",
 )
 @noisy_option
+@search_angle_option
 @estimate_options
 @restoration_options
 @finish_options
@@ -73,7 +76,7 @@ def command(
     mask: Path | None,
     finish: Finish,
     batch: Batch,
-    **choices: Any,  # noqa: ANN401 - the fields of EstimateOptions
+    **choices: Any,  # noqa: ANN401 - what `chosen_estimate` takes
 ) -> int:
     """Remove camera shake from photos, in one go.
 
@@ -87,15 +90,15 @@ def command(
     """
     from deshake.batch.plan import Extra
     from deshake.batch.restoration_work import Fix
-    from deshake.files.kernel_file import read_camera
     from deshake.pictures.comparison import comparison_name
-    from deshake.stages.estimate_options import EstimateOptions
     from deshake.stages.estimating import kernel_name
 
     chosen = restoration(noisy, method=method, quality=quality, iterations=iterations)
     if noisy is not None:
         _check_estimate(**choices)
         check_pair(photos, noisy)
+    elif choices["search_angle"] is not None:
+        raise click.UsageError("--search-angle needs --noisy.")
     refuse_stdout(output)
     extras = {} if keep_kernels is None else {"kernel": Extra(keep_kernels, kernel_name)}
     needs: dict[str, Any] = {} if noisy is None else {"noisy": lambda _: noisy}
@@ -104,8 +107,7 @@ def command(
     if finish.compare:
         extras["sheet"] = Extra(None, comparison_name)
     jobs = planned(photos, output, batch, extras=extras, needs=needs)
-    known = None if camera is None else read_camera(camera)
-    work = Fix(EstimateOptions(camera=known, **choices), chosen, finish)
+    work = Fix(chosen_estimate(camera, **choices), chosen, finish)
     return run_batch(context, jobs, work, batch)
 
 

@@ -151,7 +151,8 @@ def register(
             return best
     raise EstimationError(
         "the two photos do not show the same scene",
-        hint="a larger --max-angle looks further; both photos must be whole, of one focal length",
+        hint="a larger --search-angle looks further; "
+        "both photos must be whole, of one focal length",
     )
 
 

@@ -26,7 +26,7 @@ from deshake.operators.warps import Warps
 from deshake.simulate.exposure import expose
 from deshake.simulate.shake_path import random_path, read_path
 from deshake.stages.calibration import camera_for
-from deshake.stages.estimate_options import EstimateOptions
+from deshake.stages.camera_choice import CameraChoice
 from deshake.version import __version__
 
 if TYPE_CHECKING:
@@ -219,14 +219,14 @@ def simulate_file(
     for item in outputs:
         if item != kernel:
             output_format(item, photo.source, photo.encoding)
-    options = EstimateOptions(
+    choice = CameraChoice(
         focal_px=focal_px,
         focal_35mm=focal_35mm,
         lens=lens,
         lens_model=lens_model,
-        camera=None if camera is None else read_camera(camera),
+        file=None if camera is None else read_camera(camera),
     )
-    found, notes = camera_for(photo, options)
+    found, notes = camera_for(photo, choice)
     for note in notes:
         _log.warning("%s: %s", photo.source, note)
     try:

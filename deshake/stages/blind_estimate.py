@@ -74,7 +74,7 @@ def estimate_blind(
         If the photo is too small, too flat or too much clipped.
 
     """
-    if options.focal == "auto" and not options.uniform:
+    if options.camera.focal == "auto" and not options.uniform:
         found = _at_best_focal_length(photo, options, threads, progress)
     else:
         found = _estimate(photo, options, threads, progress)
@@ -91,7 +91,7 @@ def _at_best_focal_length(
     count = len(FOCAL_LENGTHS)
     for number, film in enumerate(FOCAL_LENGTHS):
         told = part(progress, number / count, (number + 1) / count)
-        at = replace(options, focal=None, focal_35mm=film)
+        at = replace(options, camera=replace(options.camera, focal=None, focal_35mm=film))
         found = _estimate(photo, at, threads, told)
         _log.info("%s: %g mm: confidence %.6f", photo.source, film, found.content.confidence)
         if best is None or found.content.confidence > best.content.confidence:
@@ -112,7 +112,7 @@ def _estimate(
     photo: Photo, options: EstimateOptions, threads: int | None, progress: Progress | None
 ) -> Estimate:
     """Estimate at one focal length."""
-    camera, notes = camera_for(photo, options)
+    camera, notes = camera_for(photo, options.camera)
     check_region(photo, options.region)
     straight, seen = straightened(photo, camera.camera)
     grey = luminance(straight.pixels)

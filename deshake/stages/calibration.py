@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from deshake.formats.photo import Photo
-    from deshake.stages.estimate_options import EstimateOptions
+    from deshake.stages.camera_choice import CameraChoice
 
 __all__ = ["Calibration", "calibrate", "calibrate_file", "camera_for"]
 
@@ -165,22 +165,20 @@ def calibrate_file(
     return found
 
 
-def camera_for(photo: Photo, options: EstimateOptions) -> tuple[CameraFile, list[str]]:
-    """Return the camera to go by, and notes on what is only assumed."""
-    if options.camera is not None:
-        return fitting_camera(options.camera, photo), []
-    given = options.focal_px is not None or options.focal_35mm is not None
-    lens = bool(options.lens) or options.lens_model is not None
+def camera_for(photo: Photo, choice: CameraChoice) -> tuple[CameraFile, list[str]]:
+    """Return the camera of a photo, and notes on what is only assumed."""
+    if choice.file is not None:
+        return fitting_camera(choice.file, photo), []
     try:
         found = calibrate(
             photo,
-            focal_px=options.focal_px,
-            focal_35mm=options.focal_35mm,
-            lens=lens,
-            lens_model=options.lens_model,
+            focal_px=choice.focal_px,
+            focal_35mm=choice.focal_35mm,
+            lens=choice.looks_up_lens,
+            lens_model=choice.lens_model,
         )
     except CalibrationError as error:
-        if given or lens:
+        if choice.has_focal_length or choice.looks_up_lens:
             raise
         assumed = assumed_focal_length(*photo.shape)
         note = f"{error.message}; a 50 mm-equivalent is assumed (--focal-35mm MM says otherwise)"

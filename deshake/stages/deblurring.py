@@ -29,7 +29,7 @@ from deshake.pair.registration import register, registered
 from deshake.restore.dark_halos import without_dark_halos
 from deshake.signal.luminance import luminance
 from deshake.stages.calibration import camera_for
-from deshake.stages.estimate_options import EstimateOptions
+from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.finishing import AS_IT_IS, Finish
 from deshake.stages.fitting import check_registration, fitting_kernel
 from deshake.stages.methods import METHODS, RestorationOptions, default_method, restore
@@ -37,7 +37,7 @@ from deshake.stages.outputs import prepared, write_result
 from deshake.stages.photo_provenance import photo_provenance
 from deshake.stages.preview import preview_photo
 from deshake.stages.progress import part
-from deshake.stages.registering import known_registration
+from deshake.stages.registering import known_registration, search_range
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -65,6 +65,7 @@ def deblur(
     *,
     noisy: Photo | None = None,
     registration: Registration | None = None,
+    search_angle: float | None = None,
     keep_geometry: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
@@ -88,6 +89,8 @@ def deblur(
     registration : Registration, optional
         How the noisy photo lies to the blurred one; by default the two are registered, with the
         kernel's camera or, if that is the uniform model's, the photo's.
+    search_angle : float, optional
+        Range of the search for the registration, in degrees about any axis; by default 10.
     keep_geometry : bool
         Whether the result is bent again as the photo was.
     threads : int, optional
@@ -139,6 +142,7 @@ def deblur(
                     straight.pixels,
                     unclipped_mean(other.pixels),
                     seen,
+                    max_angle=search_range(search_angle),
                     threads=threads,
                     progress=part(progress, 0, start),
                 )
@@ -169,6 +173,7 @@ def deblur_file(
     *,
     noisy: Path | None = None,
     registration: Path | None = None,
+    search_angle: float | None = None,
     transfer: TransferName | None = None,
     restoration: RestorationOptions | None = None,
     finish: Finish = AS_IT_IS,
@@ -222,6 +227,7 @@ def deblur_file(
         restoration,
         noisy=other,
         registration=known,
+        search_angle=search_angle,
         keep_geometry=finish.keep_geometry,
         threads=threads,
         progress=progress,
@@ -251,7 +257,7 @@ def deblur_file(
 
 def _assumed_camera(photo: Photo, seen: Camera, zoom: float) -> Camera:
     """Return the camera of a straight picture, by the focal length that the photo's tags give."""
-    camera = camera_for(photo, EstimateOptions())[0].camera
+    camera = camera_for(photo, CameraChoice())[0].camera
     return Camera.from_focal(zoom * camera.focal_px, *seen.shape)
 
 

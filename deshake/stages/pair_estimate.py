@@ -155,12 +155,10 @@ def _provenance(
     found: PairEstimate,
 ) -> dict[str, Any]:
     """Tell what shaped the kernel, the camera aside."""
-    told = options.provenance()
-    goes_by = {name: value for name, value in told.items() if name not in {"region", "estimator"}}
     return {
         "deshake": __version__,
         "command": "estimate-pair",
-        "options": goes_by,
+        "options": options.provenance(pair=True),
         "input_sha256": sha256(pair[0].source),
         "noisy_sha256": sha256(pair[1].source),
         "registration": registration.report(),

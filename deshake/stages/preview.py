@@ -106,9 +106,10 @@ def preview_options(options: EstimateOptions, photo: Photo, small: Photo) -> Est
         right = math.ceil((x + across) * wide / width)
         bottom = math.ceil((y + down) * high / height)
         region = left, top, right - left, bottom - top
+    focal_px = options.camera.focal_px
     return replace(
         options,
-        focal_px=None if options.focal_px is None else options.focal_px * scale,
+        camera=replace(options.camera, focal_px=None if focal_px is None else focal_px * scale),
         blur_size=None if options.blur_size is None else max(options.blur_size * scale, 1.0),
         region=region,
         preview=True,

@@ -41,8 +41,10 @@ __all__ = [
     "find_registration",
     "known_registration",
     "register_file",
+    "register_options",
     "registration_name",
     "relative_zoom",
+    "search_range",
 ]
 
 _log = logging.getLogger(__name__)
@@ -96,12 +98,21 @@ def known_registration(file: Path) -> Registration:
     return Registration(content.theta, content.scale, content.confidence, content.camera)
 
 
+def search_range(degrees: float | None) -> float:
+    """Return the range of the search for a registration in radians; None: the default."""
+    return MAX_ANGLE if degrees is None else math.radians(degrees)
+
+
+def register_options(options: EstimateOptions) -> dict[str, Any]:
+    """Return what shapes a registration, for its file; the camera stands beside it."""
+    return {"transfer": options.transfer, "search_angle": options.search_angle}
+
+
 def find_registration(
     blurred: Photo,
     noisy: Photo,
     options: EstimateOptions,
     *,
-    max_angle: float = MAX_ANGLE,
     threads: int | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Found:
@@ -112,9 +123,7 @@ def find_registration(
     blurred, noisy : Photo
         The photos.
     options : EstimateOptions
-        Of which the camera counts.
-    max_angle : float
-        Largest rotation about any axis to look for, in radians.
+        Of which the camera and `search_angle` count.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
@@ -130,8 +139,8 @@ def find_registration(
         If the photos do not show the same scene, or have different proportions.
 
     """
-    camera, notes = camera_for(blurred, options)
-    if options.camera is None and options.focal_px is None and options.focal_35mm is None:
+    camera, notes = camera_for(blurred, options.camera)
+    if not options.camera.has_focal_length:
         zoom = relative_zoom(blurred, noisy)
         if zoom is not None:
             raise PhotoError(
@@ -146,7 +155,7 @@ def find_registration(
             straight.pixels,
             unclipped_mean(other.pixels),
             seen,
-            max_angle=max_angle,
+            max_angle=search_range(options.search_angle),
             progress=progress,
             threads=threads,
         )
@@ -176,7 +185,7 @@ def register_file(
     output : Path
         The registration file, or "-" for standard output.
     options : EstimateOptions
-        Of which the camera, `transfer` and `max_angle` count.
+        Of which the camera, `transfer` and `search_angle` count.
     preview : Path, optional
         Where a checkerboard of both photos goes, which is kept only together with the file.
     overwrite : bool
@@ -201,8 +210,7 @@ def register_file(
         check_output(preview, blurred, noisy, output, overwrite=overwrite)
     g, f_N = read_pair(blurred, noisy, transfer=options.transfer)
     form = None if preview is None else _preview_format(preview, g)
-    angle = MAX_ANGLE if options.max_angle is None else math.radians(options.max_angle)
-    found = find_registration(g, f_N, options, max_angle=angle, threads=threads, progress=progress)
+    found = find_registration(g, f_N, options, threads=threads, progress=progress)
     registration = found.registration
     for note in found.notes:
         _log.warning("%s: %s", blurred, note)
@@ -287,7 +295,7 @@ def _provenance(
     return {
         "deshake": __version__,
         "command": "register",
-        "options": {"transfer": options.transfer, "max_angle": options.max_angle},
+        "options": register_options(options),
         "input_sha256": sha256(blurred.source),
         "noisy_sha256": sha256(noisy.source),
         "camera": found.camera.source,

@@ -20,6 +20,7 @@ from deshake.files.kernel_file import CameraFile, KernelFile, write_kernel
 from deshake.formats.picture_size import PictureSize
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
+from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.estimate_options import EstimateOptions
 from deshake.stages.finishing import Finish
 from deshake.stages.methods import RestorationOptions
@@ -55,7 +56,10 @@ def test_previews_masks_and_lenses_count(photo, tmp_path):
     assert memory_needed(job, Fix(options, finish=Finish(preview=True)), 1) < plain
     camera = Camera.from_focal(1500, 1000, 1500)
     lens = CameraFile(camera.with_lens(np.array([-0.1, 0, 0, 0])), "made up")
-    by_name, by_file = replace(options, lens=True), replace(options, camera=lens)
+    by_name, by_file = (
+        replace(options, camera=choice)
+        for choice in (CameraChoice(lens=True), CameraChoice(file=lens))
+    )
     straight, same = (memory_needed(job, Fix(each), 1) for each in (by_name, by_file))
     kept = memory_needed(job, Fix(by_file, finish=Finish(keep_geometry=True)), 1)
     assert plain < straight == same < kept

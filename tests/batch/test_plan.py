@@ -8,7 +8,7 @@ import pytest
 from deshake.batch.plan import Extra, PlanError, plan
 from deshake.errors import OutputError
 from deshake.files.part_files import create_part
-from deshake.stages.fixing import kernel_name
+from deshake.stages.estimating import kernel_name
 
 
 @pytest.fixture(autouse=True)

@@ -6,17 +6,21 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deshake.batch.estimate_work import EstimateBlind
+from deshake.batch.estimate_work import EstimateKernel
 from deshake.batch.plan import Job
 from deshake.batch.restoration_work import Deblur, Fix
 from deshake.files.kernel_file import CameraFile, KernelFile, read_kernel, write_kernel
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
+from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.estimate_options import EstimateOptions
 
 CAMERA = Camera.from_focal(120, 80, 100)
 OPTIONS = EstimateOptions(
-    camera=CameraFile(CAMERA, "given"), blur_size=3, uniform=True, estimator="edges"
+    camera=CameraChoice(file=CameraFile(CAMERA, "given")),
+    blur_size=3,
+    uniform=True,
+    estimator="edges",
 )
 
 
@@ -38,7 +42,7 @@ def test_fix_is_estimate_and_deblur(photo, tmp_path):
     sharp, kernel, again, other = (tmp_path / name for name in ("s.png", "k.npz", "t.png", "l.npz"))
     figures = did(Fix(OPTIONS), Job(photo, sharp, {"kernel": kernel}))
     assert figures["camera_source"] == "given"
-    assert did(EstimateBlind(OPTIONS), Job(photo, other)) == figures
+    assert did(EstimateKernel(OPTIONS), Job(photo, other)) == figures
     assert other.read_bytes() == kernel.read_bytes()
     figures = did(Deblur(), Job(photo, again, needs={"kernel": kernel}))
     assert figures["extent_px"] == round(read_kernel(kernel).kernel.extent_px(), 2)

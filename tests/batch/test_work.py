@@ -5,12 +5,13 @@ import pickle
 
 import pytest
 
-from deshake.batch.estimate_work import Calibrate, EstimateBlind
+from deshake.batch.estimate_work import Calibrate, EstimateKernel, Register
 from deshake.batch.restoration_work import Deblur, Fix
 from deshake.batch.work import Work
 from deshake.stages.estimate_options import EstimateOptions
 
-WORKS = [Calibrate(), EstimateBlind(EstimateOptions()), Fix(EstimateOptions()), Deblur()]
+OPTIONS = EstimateOptions()
+WORKS = [Calibrate(), EstimateKernel(OPTIONS), Register(OPTIONS), Fix(OPTIONS), Deblur()]
 
 
 @pytest.mark.parametrize("work", WORKS, ids=lambda work: type(work).__name__)

@@ -14,6 +14,7 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.operators.shake_blur import ShakeBlur
 from deshake.stages import blind_estimate
 from deshake.stages.blind_estimate import FOCAL_LENGTHS, estimate_blind
+from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.deblurring import deblur
 from deshake.stages.estimate_options import EstimateOptions
 from deshake.stages.methods import RestorationOptions, restore
@@ -47,7 +48,7 @@ def shaken(tmp_path):
 def test_the_estimate_finds_the_pan(tmp_path):
     photo, truth, _ = pan(tmp_path, 2)
     camera = CameraFile(truth.camera, "made up")
-    found = estimate_blind(photo, EstimateOptions(camera=camera, blur_size=12))
+    found = estimate_blind(photo, EstimateOptions(camera=CameraChoice(file=camera), blur_size=12))
     kernel = found.content.kernel
     spread = np.sqrt(kernel.weights @ (kernel.theta - kernel.centroid) ** 2)
     assert spread[1] > 1.3 * spread[0]
@@ -64,7 +65,10 @@ def test_an_angle_means_its_pixels(shaken):
     wide = np.radians(angle) * (focal**2 + half**2) / focal  # tilts, at the frame's edge
     same = [
         estimate_blind(
-            photo, EstimateOptions(camera=camera, uniform=True, estimator="edges", **bound)
+            photo,
+            EstimateOptions(
+                camera=CameraChoice(file=camera), uniform=True, estimator="edges", **bound
+            ),
         ).content.kernel
         for bound in ({"max_angle": angle}, {"blur_size": wide})
     ]
@@ -108,7 +112,9 @@ def test_what_cannot_be_estimated_names_the_photo(shaken):
 def test_clipped_pixels_are_left_out_of_the_estimate(shaken):
     photo, truth, _ = shaken
     camera = CameraFile(truth.camera, "made up")
-    options = EstimateOptions(camera=camera, blur_size=3, estimator="variational")
+    options = EstimateOptions(
+        camera=CameraChoice(file=camera), blur_size=3, estimator="variational"
+    )
     mask = np.zeros(photo.shape, bool)
     mask[30:34, 40:44] = True
     burnt = photo.pixels.copy()
@@ -150,7 +156,7 @@ def test_the_focal_length_that_explains_the_photo_best_is_kept(shaken, monkeypat
         progress=lambda share, _: told.append(share),
     )
     each = [
-        estimate_blind(photo, replace(options, focal_35mm=film), threads=1)
+        estimate_blind(photo, replace(options, camera=CameraChoice(focal_35mm=film)), threads=1)
         for film in blind_estimate.FOCAL_LENGTHS
     ]
     best = max(each, key=lambda found: found.content.confidence)

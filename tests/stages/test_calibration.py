@@ -9,7 +9,7 @@ from deshake.files.kernel_file import CameraFile, read_camera
 from deshake.formats.photo import read_photo
 from deshake.geometry.camera import Camera
 from deshake.stages.calibration import calibrate, calibrate_file, camera_for
-from deshake.stages.estimate_options import EstimateOptions
+from deshake.stages.camera_choice import CameraChoice
 
 
 @pytest.fixture
@@ -59,22 +59,22 @@ def test_the_camera_is_written_where_it_is_wanted(photo, tmp_path):
 
 
 def test_the_camera_of_an_estimate(photo, bare):
-    camera, [note] = camera_for(read_photo(photo), EstimateOptions())
+    camera, [note] = camera_for(read_photo(photo), CameraChoice())
     assert "crop out of the whole frame" in note
     assert camera.source == "EXIF FocalLengthIn35mmFilm = 28 mm"
-    camera, [note] = camera_for(bare, EstimateOptions())
+    camera, [note] = camera_for(bare, CameraChoice())
     assert "50 mm-equivalent is assumed" in note
     assert camera.camera.focal_px == pytest.approx(50 * 100 / np.hypot(36, 24))
     with pytest.raises(CalibrationError, match="--focal-px 1 makes"):
-        camera_for(bare, EstimateOptions(focal_px=1))
+        camera_for(bare, CameraChoice(focal_px=1))
 
 
 def test_a_given_camera_is_resized_with_its_lens(bare):
     lens = Camera.from_focal(300, 120, 160).with_lens(np.array([0.1, 0, 0, 0]))
-    found, notes = camera_for(bare, EstimateOptions(camera=CameraFile(lens, "given")))
+    found, notes = camera_for(bare, CameraChoice(file=CameraFile(lens, "given")))
     assert notes == []
     assert found.camera.focal_px == pytest.approx(150)
     assert found.camera.distortion.tolist() == [0.1, 0, 0, 0]
     other = CameraFile(Camera.from_focal(300, 120, 180), "given")
     with pytest.raises(KernelFileError, match="the camera is for pictures of"):
-        camera_for(bare, EstimateOptions(camera=other))
+        camera_for(bare, CameraChoice(file=other))

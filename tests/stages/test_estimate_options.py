@@ -5,6 +5,7 @@ import pytest
 from deshake.blind.bounds import blur_bound
 from deshake.files.kernel_file import CameraFile
 from deshake.geometry.camera import Camera
+from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.estimate_options import EstimateOptions, largest_blur
 
 CAMERA = Camera.from_focal(100, 60, 80)
@@ -28,9 +29,13 @@ def test_provenance_tells_what_is_not_by_default():
         "uniform": False,
         "estimator": "edges",
     }
-    known = EstimateOptions(focal_px=9, camera=CameraFile(CAMERA, "given"))
+    known = EstimateOptions(camera=CameraChoice(focal_px=9, file=CameraFile(CAMERA, "given")))
     assert known.provenance() == plain  # the camera is told apart
-    assert EstimateOptions(focal="auto").provenance() == plain | {"focal": "auto"}
-    assert EstimateOptions(lens=True).provenance() == plain | {"lens": True}
-    assert EstimateOptions(lens_model="X").provenance() == plain | {"lens": "X"}
+    assert EstimateOptions(camera=CameraChoice(focal="auto")).provenance() == plain | {
+        "focal": "auto"
+    }
+    assert EstimateOptions(camera=CameraChoice(lens=True)).provenance() == plain | {"lens": True}
+    assert EstimateOptions(camera=CameraChoice(lens_model="X")).provenance() == plain | {
+        "lens": "X"
+    }
     assert EstimateOptions(preview=True).provenance() == plain | {"preview": True}

@@ -7,10 +7,13 @@ from PIL import Image
 
 from deshake.errors import OutputError
 from deshake.stages import estimating
+from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.estimate_options import EstimateOptions
 from deshake.stages.estimating import camera_name, estimate_file, kernel_name
 
-OPTIONS = EstimateOptions(focal_35mm=40, blur_size=3, uniform=True, region=(0, 0, 60, 50))
+OPTIONS = EstimateOptions(
+    camera=CameraChoice(focal_35mm=40), blur_size=3, uniform=True, region=(0, 0, 60, 50)
+)
 
 
 def test_kernels_are_named_after_their_photos(tmp_path):

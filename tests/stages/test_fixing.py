@@ -6,13 +6,16 @@ from PIL import Image
 
 from deshake.errors import OutputError, PhotoError
 from deshake.files.kernel_file import read_kernel
+from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.deblurring import deblur_file
 from deshake.stages.estimate_options import EstimateOptions
 from deshake.stages.estimating import estimate_file
 from deshake.stages.fixing import fix_file
 from deshake.stages.methods import RestorationOptions
 
-OPTIONS = EstimateOptions(focal_35mm=40, blur_size=3, uniform=True, region=(0, 0, 60, 50))
+OPTIONS = EstimateOptions(
+    camera=CameraChoice(focal_35mm=40), blur_size=3, uniform=True, region=(0, 0, 60, 50)
+)
 
 
 def test_fixing_is_estimating_and_deblurring(photo, tmp_path):

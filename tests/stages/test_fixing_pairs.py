@@ -11,12 +11,15 @@ from deshake.errors import OutputError, PhotoError
 from deshake.files.kernel_file import read_kernel
 from deshake.formats.photo import read_photo
 from deshake.stages import fixing, outputs
+from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.estimate_options import EstimateOptions
 from deshake.stages.fixing import fix_file
 from deshake.stages.methods import RestorationOptions
 
 HEIGHT, WIDTH = 110, 150
-OPTIONS = EstimateOptions(focal_px=160, transfer="linear", blur_size=9, uniform=True)
+OPTIONS = EstimateOptions(
+    camera=CameraChoice(focal_px=160), transfer="linear", blur_size=9, uniform=True
+)
 QUICK = RestorationOptions("fusion", iterations=2)
 
 
@@ -129,7 +132,7 @@ def test_a_missing_photo_is_named(pair, tmp_path):
 
 
 def test_an_assumed_lens_is_told_once(pair, tmp_path, caplog):
-    options = replace(OPTIONS, focal_px=None)
+    options = replace(OPTIONS, camera=CameraChoice())
     found = fix_file(
         pair[0], tmp_path / "out.png", None, options, noisy=pair[1], restoration=QUICK, threads=1
     )

@@ -16,6 +16,7 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.operators.warps import Warps
 from deshake.pair.registration import Registration
+from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.estimate_options import EstimateOptions
 from deshake.stages.estimating import estimate_file
 from deshake.stages.pair_estimate import estimate_pair
@@ -25,7 +26,7 @@ MARGIN = 25
 CAMERA = Camera.from_focal(220.0, *SHAPE)
 STEPS = grid_steps(CAMERA)
 TURN = np.array([3, -4, 2]) * STEPS  # from the blurred photo to the noisy one
-LENS = EstimateOptions(focal_px=220.0, blur_size=14)
+LENS = EstimateOptions(camera=CameraChoice(focal_px=220.0), blur_size=14)
 RATIO = 5.0
 SIGMA = 0.02
 FILES = ("blurred", "noisy")

@@ -8,6 +8,7 @@ from PIL import Image
 
 from deshake.errors import PhotoError
 from deshake.formats.photo import encode_photo, read_photo
+from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.estimate_options import EstimateOptions
 from deshake.stages.preview import preview_estimate, preview_options, preview_photo
 
@@ -40,16 +41,20 @@ def test_small_photos_are_reduced_less_or_not_at_all(photo):
 
 def test_what_is_in_pixels_is_scaled(photo):
     small = preview_photo(photo)
-    given = EstimateOptions(focal_px=2000, blur_size=40, region=(101, 200, 398, 401))
+    given = EstimateOptions(
+        camera=CameraChoice(focal_px=2000), blur_size=40, region=(101, 200, 398, 401)
+    )
     found = preview_options(given, photo, small)
-    assert (found.focal_px, found.blur_size) == (500, 10)
+    assert (found.camera.focal_px, found.blur_size) == (500, 10)
     assert found.region == (25, 50, 100, 101)
     assert found.estimator == "edges"
     assert found.preview
     assert found.provenance()["preview"]
-    given = EstimateOptions(focal_35mm=30, max_angle=2, estimator="variational", blur_size=2)
+    given = EstimateOptions(
+        camera=CameraChoice(focal_35mm=30), max_angle=2, estimator="variational", blur_size=2
+    )
     found = preview_options(given, photo, small)
-    assert (found.focal_35mm, found.max_angle, found.region) == (30, 2, None)
+    assert (found.camera.focal_35mm, found.max_angle, found.region) == (30, 2, None)
     assert (found.blur_size, found.estimator) == (1, "variational")
 
 
@@ -65,7 +70,7 @@ def test_the_kernel_is_that_of_the_reduced_photo(photo, tmp_path):
     Image.fromarray(blurred.astype(np.uint8)).resize((680, 510)).save(tmp_path / "b.png")
     photo = read_photo(tmp_path / "b.png")
     small = preview_photo(photo)
-    options = EstimateOptions(focal_35mm=40, blur_size=30, uniform=True)
+    options = EstimateOptions(camera=CameraChoice(focal_35mm=40), blur_size=30, uniform=True)
     found = preview_estimate(photo, small, options, threads=1)
     assert found.content.kernel.camera.shape == small.shape == (480, 640)
     assert found.camera.camera.shape == small.shape

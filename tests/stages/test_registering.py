@@ -14,10 +14,11 @@ from deshake.formats.photo import read_photo
 from deshake.geometry.camera import Camera
 from deshake.pair.registration import Registration
 from deshake.stages import registering as pipeline
+from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.estimate_options import EstimateOptions
 from deshake.stages.registering import checkerboard, register_file, registration_name
 
-OPTIONS = EstimateOptions(focal_35mm=40)
+OPTIONS = EstimateOptions(camera=CameraChoice(focal_35mm=40))
 
 
 @pytest.fixture
@@ -45,7 +46,7 @@ def test_a_shift_is_found_and_written(pair, tmp_path):
     assert read.scale == found.registration.scale == pytest.approx(4, rel=0.1)
     shift = found.registration.theta[1] * found.registration.camera.focal_px
     assert abs(shift) == pytest.approx(4, abs=0.7)
-    assert read.provenance["options"] == {"transfer": "linear", "max_angle": None}
+    assert read.provenance["options"] == {"transfer": "linear", "search_angle": None}
     assert len(read.provenance["noisy_sha256"]) == 64
     assert read.provenance["noisy_sha256"] != read.provenance["input_sha256"]
 
@@ -104,4 +105,10 @@ def test_a_zoom_between_the_two_is_told(pair, tmp_path):
     assert "35 mm" in found.camera.source
     with pytest.raises(PhotoError, match=r"taken at 1\.43 times the focal length of"):
         register_file(g, zoomed, tmp_path / "z.npz", EstimateOptions(), threads=1)
-    register_file(g, zoomed, tmp_path / "z.npz", EstimateOptions(focal_35mm=35), threads=1)
+    register_file(
+        g,
+        zoomed,
+        tmp_path / "z.npz",
+        EstimateOptions(camera=CameraChoice(focal_35mm=35)),
+        threads=1,
+    )
