@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from deshake.batch.estimate_work import kernel_origin
 from deshake.batch.footprint import estimate_memory, restoration_memory, worked_size
 from deshake.errors import DeshakeError
-from deshake.files.disk import STREAM
+from deshake.files.disk import STREAM, sha256
 from deshake.files.kernel_file import read_kernel
 from deshake.stages.deblurring import deblur_file
 from deshake.stages.finishing import AS_IT_IS, Finish
@@ -89,15 +89,15 @@ class Fix:
 
     def origin(self, job: Job) -> dict[str, Any]:
         """Return the inputs and the options of both stages."""
-        noisy, finish = job.needs.get("noisy"), _with_mask(self.finish, job)
         known = photo_origin(
-            job.source,
             self.restoration,
             transfer=self.options.transfer,
-            noisy=noisy,
-            finish=finish,
+            finish=self.finish,
+            **_digests(job),
         )
-        if noisy is None and not finish.preview:  # else the estimate's options are not quite these
+        if (
+            "noisy" not in job.needs and not self.finish.preview
+        ):  # else the estimate's options are not quite these
             known["kernel"] = kernel_origin(self.options)
         return known
 
@@ -170,11 +170,7 @@ class Deblur:
     def origin(self, job: Job) -> dict[str, Any]:
         """Return the inputs and the options, and those of the kernel."""
         known = photo_origin(
-            job.source,
-            self.restoration,
-            transfer=self.transfer,
-            noisy=job.needs.get("noisy"),
-            finish=_with_mask(self.finish, job),
+            self.restoration, transfer=self.transfer, finish=self.finish, **_digests(job)
         )
         kernel = job.needs["kernel"]
         told = {} if str(kernel) == STREAM else read_kernel(kernel).provenance
@@ -189,3 +185,9 @@ class Deblur:
 def _with_mask(finish: Finish, job: Job) -> Finish:
     """Return what is wanted of a job's result, the mask being the job's own."""
     return replace(finish, mask=job.needs.get("mask"))
+
+
+def _digests(job: Job) -> dict[str, str]:
+    """Return the digests of a job's photos, as `photo_origin` takes them."""
+    photos = {"input": job.source, "noisy": job.needs.get("noisy"), "mask": job.needs.get("mask")}
+    return {f"{name}_sha256": sha256(path) for name, path in photos.items() if path is not None}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import os
 from dataclasses import dataclass, replace
@@ -87,6 +88,9 @@ class Photo:
         What the file holds that a result will lack, in plain words.
     frame : Frame, optional
         The compressed picture of a JPEG that was stored upright.
+    sha256 : str, optional
+        The SHA-256 of the file's bytes as they were read, in hexadecimal; a photo that was made in
+        memory has none.
 
     """
 
@@ -98,6 +102,7 @@ class Photo:
     source: Path
     notes: tuple[str, ...] = ()
     frame: Frame | None = None
+    sha256: str | None = None
 
     @property
     def is_sensors(self) -> bool:
@@ -190,6 +195,7 @@ def read_photo(path: str | os.PathLike[str], *, transfer: TransferName | None = 
         source=Path(path),
         notes=decoded.notes,
         frame=Frame(decoded.frame, pixels) if decoded.frame and turn == 1 else None,
+        sha256=hashlib.sha256(data).hexdigest(),
     )
 
 

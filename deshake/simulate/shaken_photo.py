@@ -250,7 +250,7 @@ def simulate_file(
         "deshake": __version__,
         "command": "simulate",
         "options": drawn | exposed | {"seed": seed, "crop": crop, "transfer": transfer},
-        "input_sha256": sha256(source),
+        "input_sha256": photo.sha256,
         "camera": found.source,
     }
     top, left = result.offset

@@ -6,6 +6,7 @@ result is taken, the photo's values come out as they went in.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import cv2
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
     from deshake.formats.photo import Photo
 
-__all__ = ["blended", "find_mask", "fit_mask", "read_mask"]
+__all__ = ["Mask", "blended", "find_mask", "fit_mask", "read_mask"]
 
 Image = NDArray[np.float32]
 
@@ -30,7 +31,24 @@ _GREY = 0.05  # of full scale, that the channels of a grey picture may differ by
 _ROWS = 256  # that are mixed at once
 
 
-def read_mask(file: Path, photo: Photo) -> Image:
+@dataclass(frozen=True, eq=False)
+class Mask:
+    """How much of a photo is kept.
+
+    Parameters
+    ----------
+    share : (H, W) array of float32
+        The share of the photo that is kept, 0..1, for each of its pixels.
+    sha256 : str, optional
+        The SHA-256 of the mask's file as it was read.
+
+    """
+
+    share: Image
+    sha256: str | None = None
+
+
+def read_mask(file: Path, photo: Photo) -> Mask:
     """Read a mask: a grey picture of a photo's size, or of that size scaled.
 
     Parameters
@@ -43,8 +61,8 @@ def read_mask(file: Path, photo: Photo) -> Image:
 
     Returns
     -------
-    (H, W) array of float32
-        The share of the photo that is kept, 0..1, for each of its pixels.
+    Mask
+        Of the photo's size.
 
     Raises
     ------
@@ -78,7 +96,7 @@ def read_mask(file: Path, photo: Photo) -> Image:
             else "a mask has the size of its photo, or that size scaled",
             file=file,
         )
-    return fit_mask(pixels, photo.shape)
+    return Mask(fit_mask(pixels, photo.shape), mask.sha256)
 
 
 def fit_mask(mask: Image, shape: tuple[int, int]) -> Image:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 from deshake.blind.estimate import estimate_kernel
 from deshake.errors import DeshakeError
-from deshake.files.disk import sha256
 from deshake.files.kernel_file import KernelFile
 from deshake.lens.straightening import (
     bent_kernel,
@@ -152,7 +151,7 @@ def _provenance(
         "deshake": __version__,
         "command": "estimate-blind",
         "options": options.provenance(),
-        "input_sha256": sha256(photo.source),
+        "input_sha256": photo.sha256,
         "camera": camera.source,
         "estimated_by": found.name,
         "scales": scales,

@@ -240,6 +240,7 @@ def deblur_file(
         noisy=other,
         registration=known,
         finish=finish,
+        mask=mask,
     )
     write_result(
         path,

@@ -6,14 +6,14 @@ Every way from a photo to its result goes through `Finish.prepare`, `Finish.befo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
-from deshake.files.disk import check_output, sha256
+from deshake.files.disk import check_output
 from deshake.lens.lens_warp import LensWarp
 from deshake.lens.straightening import straightened
 from deshake.pictures.comparison import comparison_name
-from deshake.stages.blending import blended, fit_mask, read_mask
+from deshake.stages.blending import Mask, blended, fit_mask, read_mask
 from deshake.stages.preview import preview_photo
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from deshake.formats.photo import Photo
     from deshake.geometry.camera import Camera
-    from deshake.stages.blending import Image
 
 __all__ = ["AS_IT_IS", "Finish"]
 
@@ -96,7 +95,7 @@ class Finish:
         if sheet is not None:
             check_output(sheet, output, *inputs, overwrite=overwrite)
 
-    def prepare(self, photo: Photo) -> tuple[Photo, Image | None]:
+    def prepare(self, photo: Photo) -> tuple[Photo, Mask | None]:
         """Return a photo, reduced for a preview, and the mask that fits it, if there is one.
 
         Raises
@@ -109,29 +108,37 @@ class Finish:
         if not self.preview:
             return photo, mask
         small = preview_photo(photo)
-        return small, None if mask is None else fit_mask(mask, small.shape)
+        return small, mask and replace(mask, share=fit_mask(mask.share, small.shape))
 
-    def before(
-        self, photo: Photo, mask: Image | None, camera: Camera
-    ) -> tuple[Photo, Image | None]:
+    def before(self, photo: Photo, mask: Mask | None, camera: Camera) -> tuple[Photo, Mask | None]:
         """Return a photo and its mask as the result is compared with them: straight, if it is."""
         compared = self.strength != 1 or mask is not None or self.compare
         if self.keep_geometry or camera.is_pinhole or not compared:
             return photo, mask
         straight, seen = straightened(photo, camera)
-        return straight, None if mask is None else LensWarp(camera, seen).straighten(mask)
+        if mask is None:
+            return straight, None
+        return straight, replace(mask, share=LensWarp(camera, seen).straighten(mask.share))
 
-    def blend(self, photo: Photo, result: Photo, mask: Image | None) -> Photo:
+    def blend(self, photo: Photo, result: Photo, mask: Mask | None) -> Photo:
         """Return what is taken of a result, the photo and its mask being those of `before`."""
-        return blended(photo, result, strength=self.strength, mask=mask)
+        share = None if mask is None else mask.share
+        return blended(photo, result, strength=self.strength, mask=share)
 
-    def provenance(self) -> dict[str, Any]:
-        """Return what shapes the result, for its provenance: what is not by default."""
+    def provenance(self, mask_sha256: str | None = None) -> dict[str, Any]:
+        """Return what shapes the result, for its provenance: what is not by default.
+
+        Parameters
+        ----------
+        mask_sha256 : str, optional
+            The SHA-256 of the mask's file, if there is one.
+
+        """
         told: dict[str, Any] = {}
         if self.strength != 1:
             told["strength"] = self.strength
-        if self.mask is not None:
-            told["mask_sha256"] = sha256(self.mask)
+        if mask_sha256 is not None:
+            told["mask_sha256"] = mask_sha256
         if self.preview:
             told["preview"] = True
         if self.keep_geometry:

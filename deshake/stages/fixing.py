@@ -134,6 +134,7 @@ def fix_file(
         noisy=other,
         registration=found.registration,
         finish=finish,
+        mask=mask,
     )
     write_result(
         output,

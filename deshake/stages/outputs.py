@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from deshake.formats.photo import Photo
     from deshake.geometry.kernel import RotationKernel
-    from deshake.stages.blending import Image
+    from deshake.stages.blending import Mask
     from deshake.stages.finishing import Finish
 
 __all__ = ["gone_on_failure", "prepared", "write_result"]
@@ -61,7 +61,7 @@ def write_result(
     output: Path,
     result: Photo,
     photo: Photo,
-    mask: Image | None,
+    mask: Mask | None,
     kernel: RotationKernel,
     *,
     finish: Finish,

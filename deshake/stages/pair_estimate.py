@@ -14,7 +14,6 @@ from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any, Final
 
 from deshake.errors import DeshakeError, EstimationError
-from deshake.files.disk import sha256
 from deshake.files.kernel_file import CameraFile, KernelFile
 from deshake.geometry.kernel import RotationKernel
 from deshake.lens.straightening import bent_kernel, straight_pair
@@ -159,8 +158,8 @@ def _provenance(
         "deshake": __version__,
         "command": "estimate-pair",
         "options": options.provenance(pair=True),
-        "input_sha256": sha256(pair[0].source),
-        "noisy_sha256": sha256(pair[1].source),
+        "input_sha256": pair[0].sha256,
+        "noisy_sha256": pair[1].sha256,
         "registration": registration.report(),
         "scale": found.scale,
         "explained": found.explained,

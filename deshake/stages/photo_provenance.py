@@ -11,7 +11,6 @@ import logging
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any, Final
 
-from deshake.files.disk import sha256
 from deshake.lens.straightening import is_straightened
 from deshake.metadata.provenance import NAMESPACE, with_provenance
 from deshake.stages.finishing import AS_IT_IS, Finish
@@ -19,12 +18,12 @@ from deshake.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
 
     from deshake.files.kernel_file import KernelFile
     from deshake.formats.photo import Photo
     from deshake.formats.transfer import TransferName
     from deshake.pair.registration import Registration
+    from deshake.stages.blending import Mask
     from deshake.stages.methods import RestorationOptions
 
 __all__ = ["photo_origin", "photo_provenance", "registration_origin", "with_photo_provenance"]
@@ -43,6 +42,7 @@ def photo_provenance(
     noisy: Photo | None = None,
     registration: Registration | None = None,
     finish: Finish = AS_IT_IS,
+    mask: Mask | None = None,
 ) -> dict[str, Any] | None:
     """Tell how a photo was deblurred, as JSON data; None: that is not wanted.
 
@@ -62,12 +62,20 @@ def photo_provenance(
         How it lies, if that was given; told if it is another one than the kernel's.
     finish : Finish
         What was wanted beside the deblurring.
+    mask : Mask, optional
+        How much of the photo was kept.
 
     """
     if not finish.with_provenance:
         return None
-    other = None if noisy is None else noisy.source
-    known = photo_origin(photo.source, restoration, transfer=transfer, noisy=other, finish=finish)
+    known = photo_origin(
+        restoration,
+        transfer=transfer,
+        finish=finish,
+        input_sha256=photo.sha256,
+        noisy_sha256=None if noisy is None else noisy.sha256,
+        mask_sha256=None if mask is None else mask.sha256,
+    )
     if is_straightened(photo) or not (content.kernel.camera.is_pinhole or finish.keep_geometry):
         known["straightened"] = True
     other_one = registration_origin(registration, content.provenance)
@@ -81,19 +89,22 @@ def photo_provenance(
 
 
 def photo_origin(
-    source: Path,
     restoration: RestorationOptions,
     *,
     transfer: TransferName | None = None,
-    noisy: Path | None = None,
     finish: Finish = AS_IT_IS,
+    input_sha256: str | None = None,
+    noisy_sha256: str | None = None,
+    mask_sha256: str | None = None,
 ) -> dict[str, Any]:
-    """Tell what a result comes from, as far as it is known before any work: inputs and options."""
-    found: dict[str, Any] = {
-        "options": {"transfer": transfer} | asdict(restoration) | finish.provenance(),
-        "input_sha256": sha256(source),
-    }
-    return found if noisy is None else found | {"noisy_sha256": sha256(noisy)}
+    """Return what a result comes from: the digests of its inputs, and the options that shape it.
+
+    It is the same before the work, by the files, and after it, by what was read. Inputs that were
+    made in memory have no digest.
+    """
+    options = {"transfer": transfer} | asdict(restoration) | finish.provenance(mask_sha256)
+    digests = {"input_sha256": input_sha256, "noisy_sha256": noisy_sha256}
+    return {"options": options} | {name: value for name, value in digests.items() if value}
 
 
 def registration_origin(

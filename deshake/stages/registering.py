@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake.errors import CalibrationError, DeshakeError, PhotoError
-from deshake.files.disk import STREAM, check_output, sha256, write_bytes
+from deshake.files.disk import STREAM, check_output, write_bytes
 from deshake.files.registration_file import RegistrationFile, read_registration, write_registration
 from deshake.formats.conversion import output_format
 from deshake.formats.encoding import Encoding
@@ -296,8 +296,8 @@ def _provenance(
         "deshake": __version__,
         "command": "register",
         "options": register_options(options),
-        "input_sha256": sha256(blurred.source),
-        "noisy_sha256": sha256(noisy.source),
+        "input_sha256": blurred.sha256,
+        "noisy_sha256": noisy.sha256,
         "camera": found.camera.source,
         "notes": found.notes,
     }

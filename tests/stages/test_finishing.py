@@ -37,7 +37,8 @@ def test_by_default_a_result_is_taken_as_it_is(photo):
 def test_a_preview_reduces_photo_and_mask(photo, mask):
     finish = Finish(mask=mask, preview=True)
     small, kept = finish.prepare(photo)
-    assert small.shape == kept.shape == (400, 640)
+    assert small.shape == kept.share.shape == (400, 640)
+    assert kept.sha256 == hashlib.sha256(mask.read_bytes()).hexdigest()
     result = small.with_pixels(np.zeros_like(small.pixels))
     found = finish.blend(small, result, kept).pixels
     assert np.array_equal(found[:, 320:], small.pixels[:, 320:])
@@ -45,9 +46,8 @@ def test_a_preview_reduces_photo_and_mask(photo, mask):
 
 
 def test_provenance_tells_what_is_not_by_default(mask):
-    told = Finish(0.5, mask, preview=True, compare=True).provenance()
-    digest = hashlib.sha256(mask.read_bytes()).hexdigest()
-    assert told == {"strength": 0.5, "mask_sha256": digest, "preview": True}
+    told = Finish(0.5, mask, preview=True, compare=True).provenance("ab12")
+    assert told == {"strength": 0.5, "mask_sha256": "ab12", "preview": True}
     assert Finish(linear=True, with_provenance=False).provenance() == {"linear": True}
 
 

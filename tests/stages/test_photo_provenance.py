@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -110,3 +111,17 @@ def test_damaged_xmp_is_said_to_be(photo, caplog):
     object.__setattr__(damaged.metadata, "xmp", b"<rubbish/>")
     assert with_photo_provenance(damaged, {"deshake": "2"}).metadata.xmp == b"<rubbish/>"
     assert "takes no provenance" in caplog.text
+
+
+def test_the_digest_is_that_of_the_bytes_that_were_read(photo):
+    before = hashlib.sha256(photo.source.read_bytes()).hexdigest()
+    photo.source.write_bytes(b"another photo")
+    told = photo_provenance(photo, content({}), RestorationOptions())
+    assert told["input_sha256"] == before
+    photo.source.unlink()
+    assert photo_provenance(photo, content({}), RestorationOptions()) == told
+
+
+def test_a_photo_in_memory_has_no_digest(photo):
+    told = photo_provenance(replace(photo, sha256=None), content({}), RestorationOptions())
+    assert "input_sha256" not in told
