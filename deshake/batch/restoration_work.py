@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from deshake.batch.estimate_work import kernel_origin
@@ -21,6 +22,7 @@ from deshake.stages.registering import known_registration
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from deshake.batch.plan import Job
     from deshake.formats.picture_size import PictureSize
@@ -151,12 +153,12 @@ class Deblur:
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:
         """Predict the memory that it takes."""
         blur, bends = None, False
-        with contextlib.suppress(DeshakeError):
-            if str(job.needs["kernel"]) != STREAM:
-                kernel = read_kernel(job.needs["kernel"]).kernel
-                seen = worked_size(size, self.finish)
-                zoom = math.sqrt(seen.pixels / math.prod(kernel.camera.shape))
-                blur, bends = zoom * kernel.extent_px(), not kernel.camera.is_pinhole
+        with contextlib.suppress(DeshakeError, OSError):
+            file = job.needs["kernel"]
+            if str(file) != STREAM:
+                status = file.stat()
+                extent, pixels, bends = _blur_of(file, (status.st_ino, status.st_mtime_ns))
+                blur = extent * math.sqrt(worked_size(size, self.finish).pixels / pixels)
         return restoration_memory(
             size,
             self.restoration,
@@ -185,6 +187,16 @@ class Deblur:
 def _with_mask(finish: Finish, job: Job) -> Finish:
     """Return what is wanted of a job's result, the mask being the job's own."""
     return replace(finish, mask=job.needs.get("mask"))
+
+
+@lru_cache
+def _blur_of(kernel_file: Path, _stamp: tuple[int, int]) -> tuple[float, int, bool]:
+    """Return a kernel's extent and frame, in pixels, and whether its lens bends.
+
+    One kernel file for a folder of photos is read once, unless it changes.
+    """
+    kernel = read_kernel(kernel_file).kernel
+    return kernel.extent_px(), math.prod(kernel.camera.shape), not kernel.camera.is_pinhole
 
 
 def _digests(job: Job) -> dict[str, str]:

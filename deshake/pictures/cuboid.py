@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deshake.geometry.rotations import grid_steps
+from deshake.operators.bilinear import splat_on_raster
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -181,15 +182,8 @@ def _draw_sums(canvas: Canvas, view: _View, kernel: RotationKernel, axes: Axes) 
         across, down = (a for a in range(3) if a != axis)
         low = np.floor(index.min(0)).astype(int) - 1
         count = np.ceil(index.max(0)).astype(int) + 2 - low
-        cover = np.zeros((count[down], count[across]))
-        floor = np.floor(index + 1e-9)
-        part = index - floor
-        start = floor.astype(int) - low
-        for step_d in (0, 1):
-            for step_a in (0, 1):
-                share = np.abs(1 - step_d - part[:, down]) * np.abs(1 - step_a - part[:, across])
-                rows, columns = start[:, down] + step_d, start[:, across] + step_a
-                np.add.at(cover, (rows, columns), share * kernel.weights)
+        inside = (index - low)[:, [across, down]]
+        cover = splat_on_raster(inside, kernel.weights, (count[down], count[across]))
         corners = []
         for u, v in ((0, 0), (count[across], 0), (0, count[down])):
             place = np.full(3, -1.0 if axis == 2 else 1.0)

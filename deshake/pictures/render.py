@@ -14,6 +14,7 @@ from deshake.errors import OutputError
 from deshake.files.disk import STREAM, check_output, write_bytes
 from deshake.files.kernel_file import read_kernel
 from deshake.geometry.rotations import displacements, homographies
+from deshake.operators.bilinear import splat_on_raster
 from deshake.pictures.canvas import Canvas, Colour, Picture
 from deshake.pictures.cuboid import Axes, draw_cuboid, round_above
 
@@ -244,18 +245,10 @@ def point_light(
     """
     count = min(12 * int(np.ceil(reach + 1)), 2 * side, _MOST_CELLS)
     places = (offsets / (reach + 1) + 1) * count / 2 - 0.5
-    low = np.floor(places).astype(np.int64)
-    part = places - low
-    raster = np.zeros(count * count)
-    for right in (0, 1):
-        for below in (0, 1):
-            share = np.abs(1 - right - part[:, 0]) * np.abs(1 - below - part[:, 1])
-            x = np.clip(low[:, 0] + right, 0, count - 1)
-            y = np.clip(low[:, 1] + below, 0, count - 1)
-            raster += np.bincount(y * count + x, share * weights, count * count)
+    raster = splat_on_raster(places, weights, (count, count))
     pixel = count / (2 * reach + 2)  # of the photo, in raster cells
     sigma = 0.35 * max(pixel, 1)  # no light is a sharp point
-    blurred = cv2.GaussianBlur(raster.reshape(count, count), (0, 0), sigma)
+    blurred = cv2.GaussianBlur(raster, (0, 0), sigma)
     way = cv2.INTER_AREA if count > side else cv2.INTER_LINEAR
     light = np.asarray(cv2.resize(blurred, (side, side), interpolation=way), np.float64)
     shown: NDArray[np.float64] = (light / light.max()) ** (1 / _GAMMA)

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake.errors import DeshakeError
+from deshake.operators.bilinear import splat_on_raster
 from deshake.operators.filter_flow import reach
 from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import ShakeBlur
@@ -177,15 +178,7 @@ def point_spread(kernel: RotationKernel) -> Image:
     r = reach(camera, kernel.theta)
     middle = np.array([[(camera.width - 1) / 2, (camera.height - 1) / 2]])
     places = r - kernel.displacements(middle)[0]
-    low = np.floor(places).astype(np.int64)
-    part = places - low
-    h = np.zeros((2 * r + 1, 2 * r + 1))
-    for right in (0, 1):
-        for below in (0, 1):
-            share = np.abs(1 - right - part[:, 0]) * np.abs(1 - below - part[:, 1])
-            x, y = np.minimum(low[:, 0] + right, 2 * r), np.minimum(low[:, 1] + below, 2 * r)
-            np.add.at(h, (y, x), share * kernel.weights)
-    return h.astype(np.float32)
+    return splat_on_raster(places, kernel.weights, (2 * r + 1, 2 * r + 1)).astype(np.float32)
 
 
 def _library() -> Any:  # noqa: ANN401 - a module without types
