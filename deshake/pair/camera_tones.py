@@ -23,9 +23,9 @@ from deshake.formats.transfer import Srgb
 from deshake.operators.planes import channels_first
 from deshake.pair.denoising import NoisyPhoto, denoised_tones
 from deshake.pair.local_tones import local_tones, local_trust, wrong_colours
-from deshake.pair.pair_noise import fitted_noise
 from deshake.pair.photometric import ToneCurve, tone_curves
 from deshake.pair.registration import registered
+from deshake.signal.pair_noise import fitted_noise
 
 if TYPE_CHECKING:
     from deshake.operators.shake_blur import ShakeBlur

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from deshake.operators.planes import channels_first, fitted, image_like
-from deshake.pair.pair_noise import noise_of_pair
 from deshake.signal.non_local_means import non_local_means
+from deshake.signal.pair_noise import noise_of_pair
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -7,7 +7,6 @@ compared by their zero-normalised cross-correlation (ZNCC) where both are seen.
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 
 from deshake.blind.variational.coarse_to_fine import turn
 from deshake.geometry.rotations import compose, displacements, grid_steps, homographies
-from deshake.operators.strips import available_threads
+from deshake.operators.strips import available_threads, in_order
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -84,11 +83,10 @@ def exhaustive_search(
         return Candidate(compose(shift, theta), score)
 
     found = []
-    with ThreadPoolExecutor(threads or available_threads()) as pool:
-        for candidate in pool.map(best_shift, steps):
-            found.append(candidate)
-            if progress is not None:
-                progress(len(found) / len(steps))
+    for _, candidate in in_order(best_shift, steps, threads or available_threads()):
+        found.append(candidate)
+        if progress is not None:
+            progress(len(found) / len(steps))
     return sorted(found, key=lambda candidate: -candidate.score)
 
 

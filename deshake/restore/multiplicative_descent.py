@@ -6,7 +6,6 @@ are is said where they are called, in `richardson_lucy`.
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from deshake.operators.planes import channels_first
-from deshake.operators.strips import available_threads
+from deshake.operators.strips import available_threads, in_order, row_bands
 from deshake.restore.total_variation import less_varied, variation_weight
 from deshake.signal.noise import pair_means
 
@@ -72,7 +71,6 @@ class MultiplicativeDescent:
         threads: int | None,
     ) -> None:
         self.threads = threads or available_threads()
-        self._pool = ThreadPoolExecutor(self.threads)
         self.like = g
         self.g = np.maximum(channels_first(g), 0, order="C", dtype=np.float32)
         self.clipped = clipped if clipped is not None and clipped.any() else None
@@ -184,7 +182,4 @@ class MultiplicativeDescent:
 
     def _each_band(self, height: int, work: Callable[[slice], T]) -> list[T]:
         """Do some work on all rows, band by band; the results are in the order of the bands."""
-        bands = [slice(top, min(top + _BAND, height)) for top in range(0, height, _BAND)]
-        if self.threads == 1 or len(bands) == 1:
-            return [work(rows) for rows in bands]
-        return list(self._pool.map(work, bands))
+        return [done for _, done in in_order(work, row_bands(height, _BAND), self.threads)]

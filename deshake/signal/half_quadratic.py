@@ -22,14 +22,13 @@ References
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.operators.strips import available_threads
+from deshake.operators.strips import available_threads, in_order, row_bands
 from deshake.signal.opponent import plane_weights, reflect, squared_lengths, weigh_colour
 from deshake.signal.shrinkage import shrunk
 
@@ -100,7 +99,6 @@ class HalfQuadratic:
         self.f_N, self.q = f_N, q
         self._near = np.float32(0) if q is None else inverse.means(self._framed(q))
         self.threads = threads or available_threads()
-        self._pool = ThreadPoolExecutor(self.threads)
 
     def step(self, rho: float, alpha: float = 0.0, v: Image | None = None) -> None:
         """Find the gradients w for f, then move f by one preconditioned step.
@@ -239,7 +237,4 @@ class HalfQuadratic:
     def _each_band(self, height: int, work: Callable[[slice], T]) -> list[T]:
         """Do some work on all rows, band by band; the results are in the order of the bands."""
         step = max(8, _BAND_PIXELS // (self.f.shape[2] * len(self.f)))
-        bands = [slice(top, min(top + step, height)) for top in range(0, height, step)]
-        if self.threads == 1 or len(bands) == 1:
-            return [work(rows) for rows in bands]
-        return list(self._pool.map(work, bands))
+        return [done for _, done in in_order(work, row_bands(height, step), self.threads)]

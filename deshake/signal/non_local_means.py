@@ -16,13 +16,11 @@ References
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.operators.strips import available_threads
+from deshake.operators.strips import available_threads, in_order
 
 __all__ = ["non_local_means"]
 
@@ -64,8 +62,8 @@ def non_local_means(u: Image, sigma: float, *, threads: int | None = None) -> Im
         out[:, *inner] = tile[:, *within]
 
     corners = [(y, x) for y in range(0, height, _TILE) for x in range(0, width, _TILE)]
-    with ThreadPoolExecutor(threads or available_threads()) as pool:
-        list(pool.map(work, corners))
+    for _ in in_order(work, corners, threads or available_threads()):
+        pass
     return out
 
 

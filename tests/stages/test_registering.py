@@ -13,7 +13,7 @@ from deshake.files.registration_file import read_registration
 from deshake.formats.photo import read_photo
 from deshake.geometry.camera import Camera
 from deshake.pair.registration import Registration
-from deshake.stages import registering as pipeline
+from deshake.stages import registering
 from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.estimate_options import EstimateOptions
 from deshake.stages.registering import checkerboard, register_file, registration_name
@@ -83,7 +83,7 @@ def test_file_and_preview_stay_together(pair, tmp_path, monkeypatch, step):
     def fail(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(pipeline, step, fail)
+    monkeypatch.setattr(registering, step, fail)
     with pytest.raises(KeyboardInterrupt):
         register_file(*pair, tmp_path / "r.npz", OPTIONS, preview=tmp_path / "p.png", threads=1)
     assert {path.name for path in tmp_path.iterdir()} == {"long.png", "short.png"}

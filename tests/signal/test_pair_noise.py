@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deshake.pair.pair_noise import fitted_noise, noise_of_pair
+from deshake.signal.pair_noise import fitted_noise, noise_of_pair
 
 SLOPE, FLOOR = 0.004, 0.0006
 
