@@ -168,6 +168,14 @@ def test_other_imports_are_no_rooms(source: str) -> None:
     assert imported_rooms(source, ("deshake", "geometry")) <= {""}
 
 
+def test_no_name_stands_in_two_rooms() -> None:
+    rooms: dict[str, set[str]] = {}
+    for module in MODULES:
+        if not module.stem.startswith("__"):
+            rooms.setdefault(module.stem, set()).add(module.parts[0])
+    assert {stem: found for stem, found in rooms.items() if len(found) > 1} == {}
+
+
 def test_tests_mirror_the_package() -> None:
     missing = [
         str(module)
