@@ -97,9 +97,12 @@ class Fix:
             finish=self.finish,
             **_digests(job),
         )
-        if (
-            "noisy" not in job.needs and not self.finish.preview
-        ):  # else the estimate's options are not quite these
+        if self.finish.preview:  # the estimate's options are not quite these
+            return known
+        if "noisy" in job.needs:  # the registration stands in the kernel's provenance, whole
+            options = replace(self.options, search_angle=None)
+            known["kernel"] = {"options": options.provenance(pair=True)}
+        else:
             known["kernel"] = kernel_origin(self.options)
         return known
 

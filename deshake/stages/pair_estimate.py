@@ -90,6 +90,7 @@ def estimate_pair(
         start = _REGISTERED
     else:
         camera = CameraFile(registration.camera, "the registration")
+        options = replace(options, search_angle=None)  # nothing is searched for
         check_registration(registration.camera, blurred)
         zoom = relative_zoom(blurred, noisy)
         if zoom is not None:

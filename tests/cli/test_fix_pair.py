@@ -165,6 +165,21 @@ def test_all_stages_search_as_far(deshake, pair, tmp_path, monkeypatch):
     args = (*far, *LENS, *BLUR, "--uniform", "-o", out, "--keep-kernels", kernels)
     assert deshake("fix", blurred, *args).code == 0
     kernel = kernels / "blurred.kernel.npz"
-    assert read_kernel(kernel).provenance["options"]["search_angle"] == 18
+    known, one = tmp_path / "r.npz", tmp_path / "one.npz"
+    assert deshake("register", *pair, *LENS, *far[:2], "-o", known, *QUIET).code == 0
+    args = (*BLUR, "--uniform", "--registration", known, "-o", one, *QUIET)
+    assert deshake("estimate-pair", *pair, *args).code == 0
+    assert one.read_bytes() == kernel.read_bytes()
     assert deshake("deblur", blurred, kernel, *far, "-o", tmp_path / "sharp.png").code == 0
-    assert ranges == [pytest.approx(np.radians(18))] * 2
+    assert ranges == [pytest.approx(np.radians(18))] * 3
+
+
+def test_a_result_of_other_options_is_doubted(deshake, pair):
+    blurred, noisy = pair
+    args = ("fix", blurred, "--noisy", noisy, *LENS, *BLUR, "--iterations", 2, "--threads", 1)
+    assert deshake(*args, "--uniform", "--skip-existing").code == 0
+    again = deshake(*args, "--uniform", "--skip-existing", "--json")
+    assert json.loads(again.out)["warnings"] == []
+    other = deshake(*args, "--skip-existing", "--json")
+    [warning] = json.loads(other.out)["warnings"]
+    assert "made with other options (uniform True, now False)" in warning
