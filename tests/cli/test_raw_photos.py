@@ -169,7 +169,7 @@ def test_a_pair_of_raw_files_is_known_to_be_linear(deshake, make_dng, scene, tmp
     words = ("--registration", known, "--blur-size", 8, "-o", kernel)
     outcome = deshake("estimate-pair", long, short, *words, "--json", *QUIET)
     assert outcome.code == 0
-    assert not any("tone curves" in note for note in json.loads(outcome.out)["notes"])
+    assert not any("tone curves" in note for note in json.loads(outcome.out)["warnings"])
     assert read_kernel(kernel).provenance["tone_curves"] is False
     assert (
         deshake("deblur", long, kernel, "--noisy", short, "--registration", known, "-v").code == 0
