@@ -9,13 +9,15 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Final
 
+from deshake.version import __version__
+
 if TYPE_CHECKING:
     from deshake.errors import DeshakeError
+    from deshake.files.kernel_file import read_kernel, write_kernel
+    from deshake.formats.photo import Photo, read_photo, write_photo
     from deshake.geometry.camera import Camera
     from deshake.geometry.kernel import RotationKernel
-    from deshake.io.kernel_file import read_kernel, write_kernel
-    from deshake.io.photo import Photo, read_photo, write_photo
-    from deshake.pipelines.render import render_comparison, render_filters, render_kernel
+    from deshake.pictures.render import render_comparison, render_filters, render_kernel
 
 __all__ = [
     "Camera",
@@ -32,20 +34,18 @@ __all__ = [
     "write_photo",
 ]
 
-__version__ = "0.1.0"
-
 _HOMES: Final = {
     "Camera": "deshake.geometry.camera",
     "DeshakeError": "deshake.errors",
-    "Photo": "deshake.io.photo",
+    "Photo": "deshake.formats.photo",
     "RotationKernel": "deshake.geometry.kernel",
-    "read_kernel": "deshake.io.kernel_file",
-    "read_photo": "deshake.io.photo",
-    "render_comparison": "deshake.pipelines.render",
-    "render_filters": "deshake.pipelines.render",
-    "render_kernel": "deshake.pipelines.render",
-    "write_kernel": "deshake.io.kernel_file",
-    "write_photo": "deshake.io.photo",
+    "read_kernel": "deshake.files.kernel_file",
+    "read_photo": "deshake.formats.photo",
+    "render_comparison": "deshake.pictures.render",
+    "render_filters": "deshake.pictures.render",
+    "render_kernel": "deshake.pictures.render",
+    "write_kernel": "deshake.files.kernel_file",
+    "write_photo": "deshake.formats.photo",
 }
 
 

@@ -41,16 +41,16 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from skimage import data
 
-from deshake.deconvolution.sparse_gradients import sparse_gradients
+from deshake.formats.transfer import Srgb, decode
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
-from deshake.io.transfer import Srgb, decode
 from deshake.operators.filter_flow import FilterFlow
 from deshake.operators.local_filters import LocalFilters
 from deshake.operators.patch_inverse import PatchInverse
 from deshake.operators.strips import available_threads
-from deshake.pipelines.camera_path import random_path
+from deshake.restore.sparse_gradients import sparse_gradients
+from deshake.simulate.shake_path import random_path
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

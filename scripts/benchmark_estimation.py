@@ -24,8 +24,8 @@ import numpy as np
 from benchmark_cost import BYTES, Case, alone
 
 from deshake.blind.estimate import estimate_kernel
-from deshake.deconvolution.noise import mean_light
 from deshake.operators.strips import available_threads
+from deshake.signal.noise import mean_light
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -28,11 +28,11 @@ from shaken_photos import PHOTOS, aligned, display, psnr, shaken
 from shaken_photos import Case as Shake
 
 from deshake.blind.estimate import estimate_kernel
-from deshake.deconvolution.dark_halos import without_dark_halos
-from deshake.deconvolution.methods import BY_DEFAULT, restore
 from deshake.errors import DeshakeError, EstimationError
 from deshake.geometry.camera import Camera
-from deshake.pipelines.stages import luminance
+from deshake.restore.dark_halos import without_dark_halos
+from deshake.signal.luminance import luminance
+from deshake.stages.methods import restore
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -105,7 +105,7 @@ def score(case: Case, folder: Path, factors: Sequence[float], seed: int) -> Scor
     def gain(kernel: RotationKernel) -> float:
         if not kernel.theta[kernel.weights > 0].any():
             return 0.0
-        done = restore(pixels, kernel, BY_DEFAULT, clipped=clipped, threads=1)
+        done = restore(pixels, kernel, clipped=clipped, threads=1)
         seen = display(without_dark_halos(done.pixels, pixels, kernel))
         return max(psnr(one[inner], sharp[inner]) for one in (seen, aligned(seen, sharp))) - blurred
 

@@ -23,21 +23,21 @@ from numpy.typing import NDArray
 from skimage import data
 from sklearn.datasets import load_sample_image
 
-from deshake.deconvolution.methods import BY_DEFAULT, restore
 from deshake.errors import DeshakeError
+from deshake.formats.transfer import Srgb, decode
 from deshake.geometry.camera import Camera
 from deshake.geometry.distortion import distorted, pinhole
-from deshake.io.lens_profiles import find_profile
-from deshake.io.metadata import CameraTags
-from deshake.io.transfer import Srgb, decode
-from deshake.operators.lens_warp import LensWarp
-from deshake.pipelines.camera_path import random_path
-from deshake.pipelines.simulate import shake
+from deshake.lens.lens_profiles import find_profile
+from deshake.lens.lens_warp import LensWarp
+from deshake.metadata.metadata import CameraTags
+from deshake.simulate.shake_path import random_path
+from deshake.simulate.shaken_photo import shake
+from deshake.stages.methods import restore
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from deshake.pipelines.simulate import Shaken
+    from deshake.simulate.shaken_photo import Shaken
 
 Image = NDArray[np.float32]
 
@@ -96,11 +96,11 @@ def deblurred(shaken: Shaken, *, undone: bool) -> Image:
     kernel, camera = shaken.kernel, shaken.kernel.camera
     if not undone:
         plain = Camera(camera.matrix, camera.height, camera.width)
-        return restore(shaken.pixels, kernel.for_camera(plain), BY_DEFAULT, threads=1).pixels
+        return restore(shaken.pixels, kernel.for_camera(plain), threads=1).pixels
     seen = pinhole(camera, whole=True)
     warp = LensWarp(camera, seen)
     straight = warp.straighten(shaken.pixels)
-    return warp.bend(restore(straight, kernel.for_camera(seen), BY_DEFAULT, threads=1).pixels)
+    return warp.bend(restore(straight, kernel.for_camera(seen), threads=1).pixels)
 
 
 def bends(camera: Camera) -> tuple[float, float]:

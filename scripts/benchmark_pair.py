@@ -47,38 +47,43 @@ from pair_scores import Row, Score, header, line, summary
 from shaken_pairs import NOISES, PAIRS, Pair, PairCase, shaken_pair
 from shaken_photos import aligned, display, psnr, ssim
 
-from deshake.deconvolution.denoising import noisy_photo
 from deshake.errors import DeshakeError
-from deshake.estimation.registration import Registration, registered
+from deshake.files.kernel_file import CameraFile
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import compose
-from deshake.io.kernel_file import CameraFile
-from deshake.pipelines.pair_deblurring import PairRestorationOptions, deblur_pair
-from deshake.pipelines.pair_stages import estimate_pair
-from deshake.pipelines.register import find_registration
-from deshake.pipelines.registered_pair import RegisteredPair
-from deshake.pipelines.sheets import detailed_part
-from deshake.pipelines.stages import EstimateOptions, deblur, estimate
+from deshake.pair.denoising import noisy_photo
+from deshake.pair.registered_pair import RegisteredPair
+from deshake.pair.registration import Registration, registered
+from deshake.pictures.sheets import detailed_part
+from deshake.stages.blind_estimate import estimate_blind
+from deshake.stages.camera_choice import CameraChoice
+from deshake.stages.deblurring import deblur
+from deshake.stages.estimate_options import EstimateOptions
+from deshake.stages.methods import RestorationOptions
+from deshake.stages.pair_estimate import estimate_pair
+from deshake.stages.registering import find_registration
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from shaken_photos import Case
 
-    from deshake.io.photo import Photo
+    from deshake.formats.photo import Photo
 
 Image = NDArray[np.float32]
 
 DETAIL = 160  # px, side of the parts that --crops shows
 WAYS = ("single", "uniform", "residual", "stopped", "fusion", "true")
 NEEDED = {"fusion", "true"}  # by the summary
-RESIDUAL = PairRestorationOptions("residual")
+RESIDUAL = RestorationOptions("residual")
 COUNTS = (1, 2, 3, 5, 8, 12)  # of its iterations
 
 
 def options_of(pair: Pair, *, uniform: bool = False) -> EstimateOptions:
     """Return what the estimate is told: the camera."""
-    return EstimateOptions(camera=CameraFile(pair.kernel.camera, "the truth"), uniform=uniform)
+    return EstimateOptions(
+        camera=CameraChoice(file=CameraFile(pair.kernel.camera, "the truth")), uniform=uniform
+    )
 
 
 def own_frame(
@@ -100,7 +105,7 @@ def blind(case: PairCase, logs: Sequence[Path]) -> Score:
     """Score the blurred photo alone, deblurred blindly."""
     pair = shaken_pair(case, logs)
     photo, _ = pair.photos()
-    kernel = estimate(photo, options_of(pair), threads=1).content.kernel
+    kernel = estimate_blind(photo, options_of(pair), threads=1).content.kernel
     shown = display(deblur(photo, kernel, threads=1).pixels)
     truth = display(pair.sharp(pair.kernel.centroid))
     return max(Score(psnr(one, truth), ssim(one, truth)) for one in (shown, aligned(shown, truth)))
@@ -110,7 +115,7 @@ def best_residual(known: Callable[..., Photo], truth: Image, default: Image) -> 
     """Return the residual method's result at the best of some numbers of iterations."""
     best = default
     for count in COUNTS:
-        light = known(options=PairRestorationOptions("residual", iterations=count)).pixels
+        light = known(options=RestorationOptions("residual", iterations=count)).pixels
         if psnr(display(light), truth) <= psnr(display(best), truth):
             break
         best = light
@@ -167,19 +172,19 @@ def compare(
     if "single" in wanted:
         results["single"] = (deblur(blurred, true, threads=1).pixels, centred)
     ways = {
-        "uniform": (kernels.get("uniform kernel", kernel).kernel, PairRestorationOptions()),
+        "uniform": (kernels.get("uniform kernel", kernel).kernel, RestorationOptions("fusion")),
         "residual": (kernel.kernel, RESIDUAL),
-        "fusion": (kernel.kernel, PairRestorationOptions()),
-        "true": (moved, PairRestorationOptions()),
+        "fusion": (kernel.kernel, RestorationOptions("fusion")),
+        "true": (moved, RestorationOptions("fusion")),
     }
     for what in (way for way in ways if way in wanted):
         chosen, how = ways[what]
         work = partial(
-            deblur_pair, blurred, noisy, chosen, how, registration=registration, threads=1
+            deblur, blurred, chosen, how, noisy=noisy, registration=registration, threads=1
         )
         results[what] = (timed(what, work).pixels, there)
     known = partial(
-        deblur_pair, blurred, noisy, kernel.kernel, registration=registration, threads=1
+        deblur, blurred, kernel.kernel, noisy=noisy, registration=registration, threads=1
     )
     if "stopped" in wanted:
         light = known(options=RESIDUAL).pixels

@@ -26,22 +26,24 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from benchmark_cost import BYTES, Case, alone, mosaic
 
-from deshake.deconvolution.noise import mean_light
-from deshake.estimation.pair_pixels import PairPictures, derivatives, drawn_pixels, usable_pixels
-from deshake.estimation.pair_rows import PairRows
-from deshake.estimation.simplex import least_on_simplex
+from deshake.files.kernel_file import CameraFile
+from deshake.formats.encoding import Encoding
+from deshake.formats.photo import Photo
+from deshake.formats.transfer import LINEAR
 from deshake.geometry.rotations import grid_steps
-from deshake.io.encoding import Encoding
-from deshake.io.kernel_file import CameraFile
-from deshake.io.metadata import Metadata
-from deshake.io.photo import Photo
-from deshake.io.transfer import LINEAR
+from deshake.metadata.metadata import Metadata
 from deshake.operators.filter_flow import FilterFlow
 from deshake.operators.strips import available_threads
-from deshake.pipelines.pair_deblurring import PairRestorationOptions, deblur_pair
-from deshake.pipelines.pair_stages import estimate_pair
-from deshake.pipelines.register import find_registration
-from deshake.pipelines.stages import EstimateOptions
+from deshake.pair.pair_pixels import PairPictures, derivatives, drawn_pixels, usable_pixels
+from deshake.pair.pair_rows import PairRows
+from deshake.pair.simplex import least_on_simplex
+from deshake.signal.noise import mean_light
+from deshake.stages.camera_choice import CameraChoice
+from deshake.stages.deblurring import deblur
+from deshake.stages.estimate_options import EstimateOptions
+from deshake.stages.methods import RestorationOptions
+from deshake.stages.pair_estimate import estimate_pair
+from deshake.stages.registering import find_registration
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -49,8 +51,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from deshake.deconvolution.sparse_gradients import Quality
     from deshake.geometry.kernel import RotationKernel
+    from deshake.restore.sparse_gradients import Quality
 
     Image = NDArray[np.float32]
 
@@ -97,7 +99,7 @@ def stages(case: Case, file: Path, quality: Quality, threads: int) -> list[Stage
     """Take a pair through the stages of ``fix --noisy``."""
     kernel = case.kernel()
     blurred, noisy = photo(np.load(file), file), photo(short_exposure(kernel), file)
-    options = EstimateOptions(camera=CameraFile(kernel.camera, "the truth"))
+    options = EstimateOptions(camera=CameraChoice(file=CameraFile(kernel.camera, "the truth")))
     took = []
 
     def timed(name: str, work: Callable[[], Any]) -> Any:  # noqa: ANN401 - what the work gives
@@ -111,10 +113,10 @@ def stages(case: Case, file: Path, quality: Quality, threads: int) -> list[Stage
     found = timed("register", lambda: find_registration(blurred, noisy, options, threads=threads))
     known = {"registration": found.registration, "threads": threads}
     pair = timed("estimate-pair", lambda: estimate_pair(blurred, noisy, options, **known))
-    how = PairRestorationOptions(quality=quality)
+    how = RestorationOptions("fusion", quality=quality)
     timed(
         f"deblur --noisy, {pair.content.kernel.extent_px():.0f} px",
-        lambda: deblur_pair(blurred, noisy, pair.content.kernel, how, **known),
+        lambda: deblur(blurred, pair.content.kernel, how, noisy=noisy, **known),
     )
     return took
 

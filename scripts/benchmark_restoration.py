@@ -33,14 +33,14 @@ from hand_shakes import find_logs
 from numpy.typing import NDArray
 from shaken_photos import CASES, Case, display, psnr, shaken, ssim, wrong
 
-from deshake.deconvolution.richardson_lucy import richardson_lucy, richardson_lucy_tv
-from deshake.deconvolution.sparse_gradients import sparse_gradients
 from deshake.errors import DeshakeError
+from deshake.restore.richardson_lucy import richardson_lucy, richardson_lucy_tv
+from deshake.restore.sparse_gradients import sparse_gradients
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from deshake.deconvolution.restoration import Restoration
+    from deshake.restore.restoration import Restoration
 
 Image = NDArray[np.float32]
 

@@ -45,12 +45,15 @@ from numpy.typing import NDArray
 from shake_cases import CASES, KINDS, MissingError, Places, case_file, is_rendered, render
 
 from deshake.errors import DeshakeError
+from deshake.formats.photo import read_photo
+from deshake.formats.transfer import Srgb, encode
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import displacements, grid_steps, homographies
-from deshake.io.photo import read_photo
-from deshake.io.transfer import Srgb, encode
-from deshake.pipelines.stages import EstimateOptions, deblur, estimate
+from deshake.stages.blind_estimate import estimate_blind
+from deshake.stages.camera_choice import CameraChoice
+from deshake.stages.deblurring import deblur
+from deshake.stages.estimate_options import EstimateOptions
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -58,7 +61,7 @@ if TYPE_CHECKING:
 
     from shake_cases import Case
 
-    from deshake.io.photo import Photo
+    from deshake.formats.photo import Photo
 
 Codes = NDArray[np.uint8]
 
@@ -339,11 +342,13 @@ def measure(case: Case, folder: Path) -> Row:
     """Estimate a case's kernel, deblur with it, and compare with the truth."""
     cv2.setNumThreads(1)
     photo = read_photo(folder / case.photo)
-    options = EstimateOptions(focal_35mm=None if case.quality else float(case.film))
+    options = EstimateOptions(
+        camera=CameraChoice(focal_35mm=None if case.quality else float(case.film))
+    )
     kernel, confidence, notes, verdict = None, 0.0, [], "left"
     start = time.process_time()
     try:
-        found = estimate(photo, options, threads=1)
+        found = estimate_blind(photo, options, threads=1)
         kernel, confidence, notes = found.content.kernel, found.content.confidence, found.notes
     except DeshakeError as error:
         verdict = f"error: {error}"

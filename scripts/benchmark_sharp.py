@@ -34,9 +34,11 @@ from skimage import data
 from sklearn.datasets import load_sample_image
 
 from deshake.errors import DeshakeError
-from deshake.io.photo import Photo, read_photo
-from deshake.io.transfer import Srgb, decode, encode
-from deshake.pipelines.stages import EstimateOptions, deblur, estimate
+from deshake.formats.photo import Photo, read_photo
+from deshake.formats.transfer import Srgb, decode, encode
+from deshake.stages.blind_estimate import estimate_blind
+from deshake.stages.deblurring import deblur
+from deshake.stages.estimate_options import EstimateOptions
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -196,7 +198,7 @@ def measure(case: Case, folder: Path | None) -> Result:
         path, truth = prepare(case, folder, Path(scratch) / "photo")
         photo = read_photo(path)
         start = time.process_time()
-        found = estimate(photo, EstimateOptions(), threads=1)
+        found = estimate_blind(photo, EstimateOptions(), threads=1)
         result = deblur(photo, found.content.kernel, threads=1)
     seconds = time.process_time() - start
     one, other = (encode(item.pixels, Srgb(), 8).astype(np.float32) for item in (photo, result))

@@ -29,15 +29,15 @@ from numpy.typing import NDArray
 from shaken_photos import Photo, psnr, reduced, seen
 from skimage import data, restoration
 
-from deshake.deconvolution.richardson_lucy import richardson_lucy
-from deshake.deconvolution.sparse_gradients import sparse_gradients
-from deshake.deconvolution.wiener import point_spread
+from deshake.formats.transfer import Srgb, decode
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps, homographies
-from deshake.io.transfer import Srgb, decode
 from deshake.operators.planes import channels_first, image_like
-from deshake.pipelines.camera_path import CameraPath, random_path
+from deshake.restore.richardson_lucy import richardson_lucy
+from deshake.restore.sparse_gradients import sparse_gradients
+from deshake.restore.wiener import point_spread
+from deshake.simulate.shake_path import CameraPath, random_path
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

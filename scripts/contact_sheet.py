@@ -25,19 +25,21 @@ from arguments import at_least
 
 from deshake.batch.folders import find_photos
 from deshake.errors import DeshakeError, OutputError
-from deshake.io.files import check_output
-from deshake.io.kernel_file import write_kernel
-from deshake.io.photo import read_photo, write_photo
-from deshake.pipelines.comparison import before_and_after
-from deshake.pipelines.file_stages import kernel_name
-from deshake.pipelines.sheets import CHARACTER, GAP, Line, sheet
-from deshake.pipelines.stages import EstimateOptions, deblur, estimate
+from deshake.files.disk import check_output
+from deshake.files.kernel_file import write_kernel
+from deshake.formats.photo import read_photo, write_photo
+from deshake.pictures.comparison import before_and_after
+from deshake.pictures.sheets import CHARACTER, GAP, Line, sheet
+from deshake.stages.blind_estimate import estimate_blind
+from deshake.stages.deblurring import deblur
+from deshake.stages.estimate_options import EstimateOptions
+from deshake.stages.estimating import kernel_name
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from deshake.io.photo import Photo
-    from deshake.pipelines.stages import Estimate
+    from deshake.formats.photo import Photo
+    from deshake.stages.estimate_result import Estimate
 
 WIDTH = 480
 LEAST_WIDTH = 120
@@ -67,7 +69,7 @@ def fixed(source: Path, width: int, folder: Path | None) -> Line:
     start = time.perf_counter()
     try:
         photo = read_photo(source)
-        found = estimate(photo, EstimateOptions(), threads=1)
+        found = estimate_blind(photo, EstimateOptions(), threads=1)
         result = deblur(photo, found.content.kernel, threads=1)
         seconds = time.perf_counter() - start
         if folder is not None:

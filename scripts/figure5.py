@@ -32,11 +32,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake.blind.variational.estimate import estimate_variational
-from deshake.deconvolution.richardson_lucy import richardson_lucy
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps, homographies
 from deshake.operators.warps import Warps
+from deshake.restore.richardson_lucy import richardson_lucy
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -34,10 +34,10 @@ from numpy.typing import NDArray
 from scipy.io import loadmat
 
 from deshake.blind.estimate import Estimator, estimate_kernel
-from deshake.deconvolution.sparse_gradients import sparse_gradients
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
+from deshake.restore.sparse_gradients import sparse_gradients
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

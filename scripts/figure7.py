@@ -32,34 +32,29 @@ from shaken_pairs import PAIRS, shaken_pair
 from shaken_photos import display, psnr, ssim
 
 from deshake.errors import DeshakeError, OutputError
-from deshake.estimation.registration import registered
+from deshake.files.disk import check_output
+from deshake.files.kernel_file import CameraFile
+from deshake.formats.photo import Photo, read_photo
+from deshake.formats.transfer import decode
 from deshake.geometry.rotations import compose
-from deshake.io.files import check_output
-from deshake.io.kernel_file import CameraFile
-from deshake.io.photo import Photo, read_photo
-from deshake.io.transfer import decode
-from deshake.pipelines.pair_deblurring import PairRestorationOptions, deblur_pair
-from deshake.pipelines.pair_stages import estimate_pair
-from deshake.pipelines.register import find_registration
-from deshake.pipelines.render import render_filters, render_kernel
-from deshake.pipelines.sheets import (
-    CHARACTER,
-    GAP,
-    Line,
-    detailed_part,
-    resized,
-    sheet,
-    shown,
-)
-from deshake.pipelines.stages import EstimateOptions, luminance
+from deshake.pair.registration import registered
+from deshake.pictures.render import render_filters, render_kernel
+from deshake.pictures.sheets import CHARACTER, GAP, Line, detailed_part, resized, sheet, shown
+from deshake.signal.luminance import luminance
+from deshake.stages.camera_choice import CameraChoice
+from deshake.stages.deblurring import deblur
+from deshake.stages.estimate_options import EstimateOptions
+from deshake.stages.methods import RestorationOptions
+from deshake.stages.pair_estimate import estimate_pair
+from deshake.stages.registering import find_registration
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from deshake.geometry.kernel import RotationKernel
-    from deshake.pipelines.canvas import Picture
-    from deshake.pipelines.pair_stages import PairKernel
-    from deshake.pipelines.register import Found
+    from deshake.pictures.canvas import Picture
+    from deshake.stages.estimate_result import Estimate
+    from deshake.stages.registering import Found
 
 WIDTH = 400
 LEAST_WIDTH = 120
@@ -85,7 +80,7 @@ class Shown(NamedTuple):
     """What was found: the registration, both kernels, both results, and the seconds it took."""
 
     found: Found
-    kernels: dict[str, PairKernel]
+    kernels: dict[str, Estimate]
     results: dict[str, Photo]
     seconds: float
 
@@ -98,7 +93,7 @@ def simulated(name: str, data: Path, *, camera_files: bool) -> PairToShow:
     def truth(theta: Frame) -> Photo:
         return blurred.with_pixels(pair.sharp(compose(pair.theta, -theta)))
 
-    options = EstimateOptions(camera=CameraFile(pair.kernel.camera, "the truth"))
+    options = EstimateOptions(camera=CameraChoice(file=CameraFile(pair.kernel.camera, "the truth")))
     return PairToShow(name, blurred, noisy, options, truth)
 
 
@@ -114,7 +109,7 @@ def deblurred(pair: PairToShow, threads: int) -> Shown:
         known = {"registration": registration, "threads": threads}
         kernels[model] = estimate_pair(g, f_N, options, **known)
         kernel = kernels[model].content.kernel
-        results[model] = deblur_pair(g, f_N, kernel, PairRestorationOptions(), **known)
+        results[model] = deblur(g, kernel, RestorationOptions("fusion"), noisy=f_N, **known)
     return Shown(found, kernels, results, time.perf_counter() - start)
 
 
@@ -217,7 +212,9 @@ def chosen(parser: argparse.ArgumentParser, args: argparse.Namespace) -> PairToS
     g, f_N = (read_photo(path) for path in args.photos)
     if args.boxes:
         g, f_N = without_boxes(g), without_boxes(f_N)
-    options = EstimateOptions(focal_35mm=args.focal_35mm, blur_size=args.blur_size)
+    options = EstimateOptions(
+        camera=CameraChoice(focal_35mm=args.focal_35mm), blur_size=args.blur_size
+    )
     return PairToShow(" + ".join(path.name for path in args.photos), g, f_N, options)
 
 

@@ -13,8 +13,8 @@ from pathlib import Path
 import click
 from click_man.core import generate_man_page
 
-from deshake import __version__
 from deshake.cli.main import COMMANDS, cli
+from deshake.version import __version__
 
 MAN = Path(__file__).resolve().parent.parent / "man"
 # Pages bear no day: the same commands give the same bytes.

@@ -16,10 +16,10 @@ from heic_writer import heic
 from PIL import Image
 from skimage import data
 
+from deshake.files.kernel_file import CameraFile, KernelFile, write_camera, write_kernel
+from deshake.files.registration_file import RegistrationFile, write_registration
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
-from deshake.io.kernel_file import CameraFile, KernelFile, write_camera, write_kernel
-from deshake.io.registration_file import RegistrationFile, write_registration
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -19,13 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 from shaken_photos import PHOTOS, Case, path_of, reduced, seen
 
+from deshake.formats.encoding import Encoding
+from deshake.formats.photo import Photo
+from deshake.formats.transfer import Srgb, decode, encode, is_clipped
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import compose, displacements, grid_steps, homographies
-from deshake.io.encoding import Encoding
-from deshake.io.metadata import Metadata
-from deshake.io.photo import Photo
-from deshake.io.transfer import Srgb, decode, encode, is_clipped
+from deshake.metadata.metadata import Metadata
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -23,11 +23,11 @@ from skimage import data
 from skimage.metrics import structural_similarity
 from sklearn.datasets import load_sample_image
 
+from deshake.formats.transfer import Srgb, decode, encode, is_clipped
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps, homographies
-from deshake.io.transfer import Srgb, decode, encode, is_clipped
-from deshake.pipelines.camera_path import CameraPath, random_path
+from deshake.simulate.shake_path import CameraPath, random_path
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+# Fixtures that the tests of several rooms share.
+pytest_plugins = ["support.laboratory", "support.metadata_blocks"]
+
 
 XYZ_FROM_SRGB = np.array(
     [

@@ -13,10 +13,10 @@ from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, cast
 
-from deshake import __version__
 from deshake.batch.task import Result, failure, run_job
 from deshake.batch.worker import bind_opencv
 from deshake.errors import DeshakeError, PhotoError
+from deshake.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterator, Mapping, Sequence

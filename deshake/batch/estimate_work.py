@@ -3,38 +3,41 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from deshake.batch.footprint import estimate_memory, photo_memory
-from deshake.io.files import sha256
-from deshake.pipelines.calibration import calibrate_file
-from deshake.pipelines.file_stages import estimate_file
+from deshake.files.disk import STREAM, sha256
+from deshake.stages.calibration import calibrate_file
+from deshake.stages.camera_choice import CameraChoice
+from deshake.stages.estimating import estimate_file
+from deshake.stages.registering import known_registration, register_file, register_options
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from deshake.batch.plan import Job
-    from deshake.io.picture_size import PictureSize
-    from deshake.pipelines.stages import EstimateOptions
+    from deshake.formats.picture_size import PictureSize
+    from deshake.stages.estimate_options import EstimateOptions
 
     Progress = Callable[[float, str], None]
 
-__all__ = ["Calibrate", "EstimateBlind", "kernel_origin"]
+__all__ = ["Calibrate", "EstimateKernel", "Register", "kernel_origin"]
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class EstimateBlind:
-    """``estimate-blind``: estimate the kernel of a photo.
+class EstimateKernel:
+    """``estimate-blind`` and ``estimate-pair``: estimate the kernel of a photo.
 
-    Its ``latent`` picture, and that of its ``tiles``, are kept if they are named.
+    The ``noisy`` photo of a job and its ``registration`` help, if they are named. The ``latent``
+    picture of a blind estimate, and that of its ``tiles``, are kept if they are named.
 
     Parameters
     ----------
     options : EstimateOptions
-        What the estimate goes by.
+        What the estimate uses.
 
     """
 
@@ -48,6 +51,8 @@ class EstimateBlind:
             job.source,
             job.place,
             self.options,
+            noisy=job.needs.get("noisy"),
+            registration=job.needs.get("registration"),
             latent=job.others.get("latent"),
             tiles=job.others.get("tiles"),
             overwrite=job.overwrite,
@@ -55,13 +60,65 @@ class EstimateBlind:
             progress=progress,
         ).report()
 
-    def memory(self, job: Job, size: PictureSize, threads: int) -> int:  # noqa: ARG002
+    def memory(self, job: Job, size: PictureSize, threads: int) -> int:
         """Predict the memory that it takes."""
-        return estimate_memory(size, threads)
+        return estimate_memory(size, threads, photos=2 if "noisy" in job.needs else 1)
 
     def origin(self, job: Job) -> dict[str, Any]:
-        """Return the input and the options."""
-        return kernel_origin(self.options) | {"input_sha256": sha256(job.source)}
+        """Return the inputs and the options."""
+        noisy, registration = job.needs.get("noisy"), job.needs.get("registration")
+        known = kernel_origin(self.options, pair=noisy is not None)
+        known["input_sha256"] = sha256(job.source)
+        if noisy is not None:
+            known["noisy_sha256"] = sha256(noisy)
+        if registration is not None and str(registration) != STREAM:
+            known["registration"] = known_registration(registration).report()
+        return known
+
+
+@dataclass(frozen=True)
+class Register:
+    """``register``: find how the ``noisy`` photo of a job lies to its blurred one.
+
+    A checkerboard of both, the ``preview``, is kept if it is named.
+
+    Parameters
+    ----------
+    options : EstimateOptions
+        Of which the camera, `transfer` and `search_angle` count.
+
+    """
+
+    options: EstimateOptions
+
+    def __call__(
+        self, job: Job, *, threads: int | None, progress: Progress | None
+    ) -> dict[str, Any]:
+        """Register the photos of a job."""
+        return register_file(
+            job.source,
+            job.needs["noisy"],
+            job.place,
+            self.options,
+            preview=job.others.get("preview"),
+            overwrite=job.overwrite,
+            threads=threads,
+            progress=progress,
+        ).report()
+
+    def memory(self, job: Job, size: PictureSize, threads: int) -> int:  # noqa: ARG002
+        """Predict the memory that it takes."""
+        return estimate_memory(size, threads, photos=2)
+
+    def origin(self, job: Job) -> dict[str, Any]:
+        """Return the inputs and the options."""
+        known = {
+            "options": register_options(self.options),
+            "input_sha256": sha256(job.source),
+            "noisy_sha256": sha256(job.needs["noisy"]),
+        }
+        source = self.options.camera.source
+        return known if source is None else known | {"camera": source}
 
 
 @dataclass(frozen=True)
@@ -70,17 +127,12 @@ class Calibrate:
 
     Parameters
     ----------
-    focal_px, focal_35mm : float, optional
-        Focal length in pixels of the photo, or in millimetres on 35 mm film; by default from EXIF.
-    lens, lens_model
-        As in `calibrate`.
+    camera : CameraChoice
+        The focal length and the lens that are named; by default EXIF decides.
 
     """
 
-    focal_px: float | None = None
-    focal_35mm: float | None = None
-    lens: bool = False
-    lens_model: str | None = None
+    camera: CameraChoice = field(default_factory=CameraChoice)
 
     def __call__(
         self,
@@ -93,10 +145,10 @@ class Calibrate:
         found = calibrate_file(
             job.source,
             job.output,
-            focal_px=self.focal_px,
-            focal_35mm=self.focal_35mm,
-            lens=self.lens,
-            lens_model=self.lens_model,
+            focal_px=self.camera.focal_px,
+            focal_35mm=self.camera.focal_35mm,
+            lens=self.camera.looks_up_lens,
+            lens_model=self.camera.lens_model,
             overwrite=job.overwrite,
         )
         for line in found.considered:
@@ -114,15 +166,8 @@ class Calibrate:
         return {}
 
 
-def kernel_origin(options: EstimateOptions) -> dict[str, Any]:
-    """Return what a blind kernel will tell of its options; its camera, if one was named."""
-    known: dict[str, Any] = {"options": options.provenance()}
-    if options.camera is not None:
-        known["camera"] = options.camera.source
-    elif options.lens or options.lens_model is not None:
-        pass  # the lens's name is told, too, which the photo decides
-    elif options.focal_px is not None:
-        known["camera"] = f"--focal-px {options.focal_px:g}"
-    elif options.focal_35mm is not None:
-        known["camera"] = f"--focal-35mm {options.focal_35mm:g}"
-    return known
+def kernel_origin(options: EstimateOptions, *, pair: bool = False) -> dict[str, Any]:
+    """Return what a kernel will have of its options; its camera, if one was named."""
+    known: dict[str, Any] = {"options": options.provenance(pair=pair)}
+    source = options.camera.source
+    return known if source is None else known | {"camera": source}

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from deshake.errors import PhotoError
-from deshake.io.encoding import READ_ONLY, SUFFIXES
-from deshake.pipelines.comparison import SUFFIX as SHEET
+from deshake.formats.encoding import READ_ONLY, SUFFIXES
+from deshake.pictures.comparison import SUFFIX as SHEET
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

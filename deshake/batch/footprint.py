@@ -9,15 +9,14 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
-from deshake.io.picture_size import PictureSize, picture_size
-from deshake.pipelines.finishing import AS_IT_IS, Finish
-from deshake.pipelines.pair_deblurring import PairRestorationOptions
-from deshake.pipelines.preview import preview_side
+from deshake.formats.picture_size import PictureSize, picture_size
+from deshake.stages.finishing import AS_IT_IS, Finish
+from deshake.stages.preview import preview_side
 
 if TYPE_CHECKING:
     from deshake.batch.plan import Job
     from deshake.batch.work import Work
-    from deshake.deconvolution.methods import RestorationOptions
+    from deshake.stages.methods import RestorationOptions
 
 __all__ = [
     "default_blur",
@@ -66,15 +65,16 @@ def photo_memory(size: PictureSize) -> int:
     return int(_PROCESS + _PHOTO[size.channels] * size.pixels)
 
 
-def estimate_memory(size: PictureSize, threads: int) -> int:
-    """Predict the memory for estimating a kernel."""
-    more = _LUMINANCE[size.channels] * size.pixels + _ESTIMATE + _THREAD * (threads - 1)
-    return int(photo_memory(size) + more)
+def estimate_memory(size: PictureSize, threads: int, photos: int = 1) -> int:
+    """Predict the memory for estimating a kernel from one photo, or from a pair of one size."""
+    reading = _PROCESS + photos * _PHOTO[size.channels] * size.pixels
+    grey = photos * _LUMINANCE[size.channels] * size.pixels
+    return int(reading + grey + _ESTIMATE + _THREAD * (threads - 1))
 
 
 def restoration_memory(
     size: PictureSize,
-    options: RestorationOptions | PairRestorationOptions,
+    options: RestorationOptions,
     threads: int,
     blur: float | None = None,
     *,
@@ -88,7 +88,7 @@ def restoration_memory(
     ----------
     size : PictureSize
         The photo as it is read.
-    options : RestorationOptions or PairRestorationOptions
+    options : RestorationOptions
         How it is deblurred.
     threads : int
         By so many threads.
@@ -103,7 +103,7 @@ def restoration_memory(
 
     """
     seen = worked_size(size, finish)
-    paired = isinstance(options, PairRestorationOptions)
+    paired = options.needs_noisy
     each = (_PAIR if paired else _RESTORATION)[seen.channels]
     if bends:
         each += (_KEPT if finish.keep_geometry else _LENS) * (2 if paired else 1)

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Literal
 
 from deshake.batch.folders import Found, find_photos, identity
 from deshake.errors import DeshakeError, OutputError
-from deshake.io.files import STREAM, check_output, output_name
-from deshake.io.part_files import remove_stale_parts
+from deshake.files.disk import STREAM, check_output
+from deshake.files.part_files import remove_stale_parts
+from deshake.formats.output_names import output_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

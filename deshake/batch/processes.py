@@ -19,7 +19,7 @@ from deshake.batch.memory import gigabytes
 from deshake.batch.task import Result, failure
 from deshake.batch.worker import LogLevels, Said, Shown, serve
 from deshake.errors import DeshakeError, PhotoError
-from deshake.io.part_files import remove_stale_parts
+from deshake.files.part_files import remove_stale_parts
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator, Sequence
@@ -139,7 +139,9 @@ class _Pool:
         self._context: BaseContext
         if sys.platform == "linux":
             self._context = get_context("forkserver")
-            self._context.set_forkserver_preload(["deshake.batch.worker", "deshake.batch.work"])
+            self._context.set_forkserver_preload(
+                ["deshake.batch.worker", "deshake.batch.restoration_work"]
+            )
             _start_server()
         else:
             self._context = get_context("spawn")

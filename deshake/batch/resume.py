@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from typing import TYPE_CHECKING, Any
 
 from deshake.errors import DeshakeError
-from deshake.io.kernel_file import read_kernel
-from deshake.io.provenance import read_provenance
+from deshake.files.kernel_file import read_kernel
+from deshake.files.registration_file import read_registration
+from deshake.metadata.provenance import read_provenance
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -86,7 +88,7 @@ def _told(path: Path) -> Mapping[str, Any] | None:
     """Return the provenance of a result, if it has one."""
     if path.suffix != ".npz":
         return read_provenance(path)
-    try:
-        return read_kernel(path).provenance
-    except DeshakeError:
-        return None
+    for read in (read_kernel, read_registration):
+        with contextlib.suppress(DeshakeError):
+            return read(path).provenance
+    return None

@@ -1,1 +1,1 @@
-"""The door: one module a command, which parses, calls one pipeline function and reports."""
+"""The door: one module a command, which parses, calls one function and reports."""

@@ -1,4 +1,4 @@
-"""Commands that take many photos: their options, and how a run of them goes and is told."""
+"""The batch frame: its options, and how a run of photos goes and is reported."""
 
 from __future__ import annotations
 
@@ -31,6 +31,7 @@ __all__ = [
     "Batch",
     "batch_options",
     "for_masks",
+    "frame_options",
     "photos_argument",
     "planned",
     "refuse_stdout",
@@ -49,19 +50,59 @@ photos_argument = click.argument(
 )
 
 
+_DRY_RUN = click.option(
+    "--dry-run", is_flag=True, help="Say what would be done for each photo; do nothing."
+)
+_FAIL_FAST = click.option("--fail-fast", is_flag=True, help="Stop at the first photo that fails.")
+_SKIP_EXISTING = click.option(
+    "--skip-existing",
+    is_flag=True,
+    help="Leave out the photos whose output exists already.",
+)
+_FRAME_OPTIONS = (_DRY_RUN, _SKIP_EXISTING, overwrite_option, json_option)
+_BATCH_OPTIONS = (
+    _DRY_RUN,
+    _FAIL_FAST,
+    _SKIP_EXISTING,
+    overwrite_option,
+    json_option,
+    click.option(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="Hand the photos to the dask.distributed cluster of this scheduler, as in "
+        "tcp://host:8786, whose machines share the folders. --threads is then 1 by default.",
+    ),
+    click.option(
+        "--memory",
+        type=Size(),
+        help="Memory for all photos at once, as in 4G.  [default: 70 % of what is available]",
+    ),
+    click.option(
+        "-j",
+        "--jobs",
+        type=click.IntRange(1, 1024),
+        metavar="N",
+        help="Photos at once, memory permitting.  [default: processors / threads]",
+    ),
+    click.option(
+        "-r", "--recursive", is_flag=True, help="Also take the photos of folders in folders."
+    ),
+)
+
+
 @dataclass(frozen=True)
 class Batch:
-    """The options that all commands for many photos have."""
+    """The options of the batch frame; those for one photo or pair have the first four."""
 
-    recursive: bool
-    jobs: int | None
-    memory: int | None
-    scheduler: str | None
     as_json: bool
     overwrite: bool
     skip_existing: bool
-    fail_fast: bool
     dry_run: bool
+    recursive: bool = False
+    jobs: int | None = None
+    memory: int | None = None
+    scheduler: str | None = None
+    fail_fast: bool = False
 
     def __post_init__(self) -> None:
         if self.overwrite and self.skip_existing:
@@ -77,48 +118,26 @@ class Batch:
         return "replace" if self.overwrite else "skip" if self.skip_existing else "refuse"
 
 
+def frame_options(command: F) -> F:
+    """Add the options of `Batch` that one photo has, and hand them over as ``batch``."""
+    return _collected(command, _FRAME_OPTIONS)
+
+
 def batch_options(command: F) -> F:
     """Add the options of `Batch`, and hand them over as one argument named ``batch``."""
+    return _collected(command, _BATCH_OPTIONS)
+
+
+def _collected(command: F, options: Sequence[Callable[[Any], Any]]) -> F:
+    """Add options, of which each is a field of `Batch`."""
 
     @wraps(command)
     def collected(*args: Any, **values: Any) -> Any:  # noqa: ANN401
-        given = {each.name: values.pop(each.name) for each in fields(Batch)}
+        names = [each.name for each in fields(Batch) if each.name in values]
+        given = {name: values.pop(name) for name in names}
         return command(*args, batch=Batch(**given), **values)
 
-    for option in (
-        click.option(
-            "--dry-run", is_flag=True, help="Say what would be done for each photo; do nothing."
-        ),
-        click.option("--fail-fast", is_flag=True, help="Stop at the first photo that fails."),
-        click.option(
-            "--skip-existing",
-            is_flag=True,
-            help="Leave out the photos whose output exists already.",
-        ),
-        overwrite_option,
-        json_option,
-        click.option(
-            "--scheduler",
-            metavar="ADDRESS",
-            help="Hand the photos to the dask.distributed cluster of this scheduler, as in "
-            "tcp://host:8786, whose machines share the folders. --threads is then 1 by default.",
-        ),
-        click.option(
-            "--memory",
-            type=Size(),
-            help="Memory for all photos at once, as in 4G.  [default: 70 % of what is available]",
-        ),
-        click.option(
-            "-j",
-            "--jobs",
-            type=click.IntRange(1, 1024),
-            metavar="N",
-            help="Photos at once, memory permitting.  [default: processors / threads]",
-        ),
-        click.option(
-            "-r", "--recursive", is_flag=True, help="Also take the photos of folders in folders."
-        ),
-    ):
+    for option in options:
         collected = option(collected)
     return cast("F", collected)
 
@@ -131,7 +150,7 @@ def for_masks(mask: Path, photos: Sequence[Path]) -> Callable[[Found], Path | No
                 "one mask goes with one photo; for several, --mask names a folder"
             )
         return lambda _: mask
-    from deshake.pipelines.blending import find_mask
+    from deshake.stages.blending import find_mask
 
     return lambda found: find_mask(mask / found.below, found.path)
 

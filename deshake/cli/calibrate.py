@@ -87,12 +87,13 @@ def command(
         _from_chessboards(context, photos, output, board or (9, 6), batch)
         return 0
     from deshake.batch.estimate_work import Calibrate
-    from deshake.pipelines.file_stages import camera_name
+    from deshake.stages.camera_choice import CameraChoice
+    from deshake.stages.estimating import camera_name
 
     to_stdout = one_to_stdout(as_json=batch.as_json, output=output)
     jobs = planned(photos, output, batch, name=camera_name, beside=not batch.as_json)
     silent = to_stdout or context.verbosity < 0
-    work = Calibrate(focal_px, focal_35mm, bool(lens), lens_model)
+    work = Calibrate(CameraChoice(focal_px, focal_35mm, lens=lens, lens_model=lens_model))
     return run_batch(context, jobs, work, batch, None if silent else _line)
 
 
@@ -105,7 +106,7 @@ def _from_chessboards(
 ) -> None:
     """Find one camera from all photos."""
     from deshake.batch.folders import find_photos
-    from deshake.pipelines.chessboard import calibrate_from_chessboards
+    from deshake.lens.chessboard_photos import calibrate_from_chessboards
 
     if output is None and not batch.as_json:
         raise click.UsageError("name the camera file with -o.")

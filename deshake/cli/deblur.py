@@ -13,14 +13,20 @@ from deshake.cli.batch import (
     refuse_stdout,
     run_batch,
 )
-from deshake.cli.finishing import finish_options
+from deshake.cli.finishing_options import finish_options
 from deshake.cli.options import (
     FILE,
     general_options,
     output_option,
+    search_angle_option,
     transfer_option,
 )
-from deshake.cli.restoration import check_pair, noisy_option, restoration, restoration_options
+from deshake.cli.restoration_options import (
+    check_pair,
+    noisy_option,
+    restoration,
+    restoration_options,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,8 +35,8 @@ if TYPE_CHECKING:
     from deshake.batch.folders import Found
     from deshake.cli.batch import Batch
     from deshake.cli.context import Context
-    from deshake.io.transfer import TransferName
-    from deshake.pipelines.finishing import Finish
+    from deshake.formats.transfer import TransferName
+    from deshake.stages.finishing import Finish
 
 __all__ = ["command"]
 
@@ -56,6 +62,7 @@ __all__ = ["command"]
     metavar="FILE.npz",
     help="Registration file written by register, for --noisy.  [default: register the photos]",
 )
+@search_angle_option
 @restoration_options
 @finish_options
 @transfer_option
@@ -71,6 +78,7 @@ def command(
     kernel: Path | None,
     noisy: Path | None,
     registration: Path | None,
+    search_angle: float | None,
     transfer: TransferName | None,
     mask: Path | None,
     finish: Finish,
@@ -89,11 +97,17 @@ def command(
     natural order, with -r also those of the folders in it. If one fails, the others go on.
     """
     from deshake.batch.plan import Extra
-    from deshake.batch.work import Deblur
-    from deshake.pipelines.comparison import comparison_name
+    from deshake.batch.restoration_work import Deblur
+    from deshake.pictures.comparison import comparison_name
 
     if noisy is None and registration is not None:
         raise click.UsageError("--registration needs --noisy.")
+    if search_angle is not None and (noisy is None or registration is not None):
+        raise click.UsageError(
+            "--search-angle needs --noisy."
+            if noisy is None
+            else "--registration and --search-angle cannot both be given."
+        )
     if kernel is None:
         if len(photos) != 2 or photos[0].is_dir():
             raise click.UsageError("name one photo and its kernel, or the kernels with --kernel")
@@ -109,12 +123,12 @@ def command(
         needs["mask"] = for_masks(mask, photos)
     extras = {"sheet": Extra(None, comparison_name)} if finish.compare else {}
     jobs = planned(photos, output, batch, extras=extras, needs=needs)
-    return run_batch(context, jobs, Deblur(chosen, transfer, finish), batch)
+    return run_batch(context, jobs, Deblur(chosen, transfer, finish, search_angle), batch)
 
 
 def _kernels(path: Path) -> Callable[[Found], Path]:
     """Return what finds the kernel of a photo: the one, or that of its stem in the folder."""
-    from deshake.pipelines.file_stages import kernel_name
+    from deshake.stages.estimating import kernel_name
 
     if not path.is_dir():
         return lambda _: path

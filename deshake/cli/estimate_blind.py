@@ -9,6 +9,7 @@ import click
 from deshake.cli.batch import batch_options, photos_argument, planned, run_batch
 from deshake.cli.options import (
     FILE,
+    chosen_estimate,
     estimate_options,
     general_options,
     one_to_stdout,
@@ -59,7 +60,7 @@ def command(
     tiles: Path | None,
     camera: Path | None,
     batch: Batch,
-    **choices: Any,  # noqa: ANN401 - the fields of EstimateOptions
+    **choices: Any,  # noqa: ANN401 - what `chosen_estimate` takes
 ) -> int:
     """Estimate the blur kernels of shaken photos.
 
@@ -70,16 +71,13 @@ def command(
     equivalent is assumed. The photos of a folder are taken in natural order, with -r also those of
     the folders in it; if one fails, the others go on.
     """
-    from deshake.batch.estimate_work import EstimateBlind
+    from deshake.batch.estimate_work import EstimateKernel
     from deshake.batch.plan import Extra
-    from deshake.io.kernel_file import read_camera
-    from deshake.pipelines.file_stages import kernel_name
-    from deshake.pipelines.stages import EstimateOptions
+    from deshake.stages.estimating import kernel_name
 
     one_to_stdout(as_json=batch.as_json, output=output, latent=latent, tiles=tiles)
     pictures = {"latent": latent, "tiles": tiles}
     extras = {name: Extra(path) for name, path in pictures.items() if path is not None}
     jobs = planned(photos, output, batch, name=kernel_name, extras=extras)
-    known = None if camera is None else read_camera(camera)
-    work = EstimateBlind(EstimateOptions(camera=known, **choices))
+    work = EstimateKernel(chosen_estimate(camera, **choices))
     return run_batch(context, jobs, work, batch)

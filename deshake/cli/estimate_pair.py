@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from deshake.cli.batch import frame_options, planned, run_batch
 from deshake.cli.options import (
     FILE,
     blur_options,
     camera_option,
+    chosen_estimate,
     focal_options,
     general_options,
-    json_option,
     lens_options,
+    one_pair,
     one_to_stdout,
     output_option,
-    overwrite_option,
+    search_angle_option,
     transfer_option,
     uniform_option,
 )
@@ -25,11 +26,12 @@ from deshake.cli.options import (
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from deshake.cli.batch import Batch
     from deshake.cli.context import Context
 
 __all__ = ["command"]
 
-_NOT_WITH_REGISTRATION = ("camera", "focal_px", "focal_35mm", "lens", "lens_model")
+_NOT_WITH_REGISTRATION = ("camera", "focal_px", "focal_35mm", "lens", "lens_model", "search_angle")
 
 
 @click.command("estimate-pair")
@@ -43,14 +45,14 @@ _NOT_WITH_REGISTRATION = ("camera", "focal_px", "focal_35mm", "lens", "lens_mode
     help="Registration file written by register, with the camera to go by.  [default: register "
     "the photos]",
 )
+@search_angle_option
 @camera_option
 @focal_options
 @lens_options
 @blur_options
 @uniform_option
 @transfer_option
-@json_option
-@overwrite_option
+@frame_options
 @general_options
 @click.pass_obj
 def command(
@@ -62,10 +64,9 @@ def command(
     output: Path | None,
     registration: Path | None,
     camera: Path | None,
-    as_json: bool,
-    overwrite: bool,
-    **choices: Any,  # noqa: ANN401 - fields of EstimateOptions
-) -> None:
+    batch: Batch,
+    **choices: Any,  # noqa: ANN401 - what `chosen_estimate` takes
+) -> int:
     """Estimate a blur kernel from a blurred and a noisy photo.
 
     BLURRED was exposed long, NOISY briefly and sharply, from the same place and with the same
@@ -73,30 +74,20 @@ def command(
     frame of the registered NOISY. Where nothing tells the focal length, a 50 mm equivalent is
     assumed.
     """
-    from deshake.io.kernel_file import read_camera
-    from deshake.pipelines.file_stages import kernel_name
-    from deshake.pipelines.pair_stages import estimate_pair_file
-    from deshake.pipelines.stages import EstimateOptions
+    from deshake.batch.estimate_work import EstimateKernel
+    from deshake.stages.estimating import kernel_name
 
-    one_to_stdout(as_json=as_json, output=output)
+    one_to_stdout(as_json=batch.as_json, output=output)
+    one_pair(blurred, noisy)
     for name, value in {"camera": camera, **choices}.items():
         if registration is not None and name in _NOT_WITH_REGISTRATION and value is not None:
             option = "--" + name.replace("_", "-")
             raise click.UsageError(f"--registration and {option} cannot both be given.")
-    path = blurred.with_name(kernel_name(blurred)) if output is None else output
-    known = None if camera is None else read_camera(camera)
-    options = EstimateOptions(camera=known, **choices)
-    with context.bar(blurred.name) as bar:
-        found = estimate_pair_file(
-            blurred,
-            noisy,
-            path,
-            options,
-            registration=registration,
-            overwrite=overwrite,
-            threads=context.threads,
-            progress=bar,
-        )
-    if as_json:
-        files = {"input": str(blurred), "noisy": str(noisy), "output": str(path)}
-        click.echo(json.dumps(files | found.report()))
+    jobs = planned(
+        [blurred],
+        output,
+        batch,
+        name=kernel_name,
+        needs={"noisy": lambda _: noisy, "registration": lambda _: registration},
+    )
+    return run_batch(context, jobs, EstimateKernel(chosen_estimate(camera, **choices)), batch)

@@ -14,21 +14,28 @@ from deshake.cli.batch import (
     refuse_stdout,
     run_batch,
 )
-from deshake.cli.finishing import finish_options
+from deshake.cli.finishing_options import finish_options
 from deshake.cli.options import (
     FILE,
+    chosen_estimate,
     estimate_options,
     general_options,
     output_option,
+    search_angle_option,
 )
-from deshake.cli.restoration import check_pair, noisy_option, restoration, restoration_options
+from deshake.cli.restoration_options import (
+    check_pair,
+    noisy_option,
+    restoration,
+    restoration_options,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from deshake.cli.batch import Batch
     from deshake.cli.context import Context
-    from deshake.pipelines.finishing import Finish
+    from deshake.stages.finishing import Finish
 
 __all__ = ["command"]
 
@@ -47,6 +54,7 @@ __all__ = ["command"]
     help="Write each photo's kernel file into this folder.",
 )
 @noisy_option
+@search_angle_option
 @estimate_options
 @restoration_options
 @finish_options
@@ -68,7 +76,7 @@ def command(
     mask: Path | None,
     finish: Finish,
     batch: Batch,
-    **choices: Any,  # noqa: ANN401 - the fields of EstimateOptions
+    **choices: Any,  # noqa: ANN401 - what `chosen_estimate` takes
 ) -> int:
     """Remove camera shake from photos, in one go.
 
@@ -81,16 +89,16 @@ def command(
     noisy photo: the same bytes as register, estimate-pair and deblur --noisy give one by one.
     """
     from deshake.batch.plan import Extra
-    from deshake.batch.work import Fix
-    from deshake.io.kernel_file import read_camera
-    from deshake.pipelines.comparison import comparison_name
-    from deshake.pipelines.file_stages import kernel_name
-    from deshake.pipelines.stages import EstimateOptions
+    from deshake.batch.restoration_work import Fix
+    from deshake.pictures.comparison import comparison_name
+    from deshake.stages.estimating import kernel_name
 
     chosen = restoration(noisy, method=method, quality=quality, iterations=iterations)
     if noisy is not None:
         _check_estimate(**choices)
         check_pair(photos, noisy)
+    elif choices["search_angle"] is not None:
+        raise click.UsageError("--search-angle needs --noisy.")
     refuse_stdout(output)
     extras = {} if keep_kernels is None else {"kernel": Extra(keep_kernels, kernel_name)}
     needs: dict[str, Any] = {} if noisy is None else {"noisy": lambda _: noisy}
@@ -99,8 +107,7 @@ def command(
     if finish.compare:
         extras["sheet"] = Extra(None, comparison_name)
     jobs = planned(photos, output, batch, extras=extras, needs=needs)
-    known = None if camera is None else read_camera(camera)
-    work = Fix(EstimateOptions(camera=known, **choices), chosen, finish)
+    work = Fix(chosen_estimate(camera, **choices), chosen, finish)
     return run_batch(context, jobs, work, batch)
 
 

@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, NoReturn
 import click
 from click.exceptions import NoSuchCommand
 
-from deshake import __version__
 from deshake.cli.config import read_config
 from deshake.cli.context import Context
 from deshake.cli.messages import log_to_stderr, print_exception
 from deshake.cli.options import FILE, general_options
+from deshake.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

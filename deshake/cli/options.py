@@ -21,10 +21,13 @@ from deshake.cli.values import Number, Region
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from deshake.stages.estimate_options import EstimateOptions
+
 __all__ = [
     "FILE",
     "blur_options",
     "camera_option",
+    "chosen_estimate",
     "estimate_options",
     "estimator_option",
     "focal_options",
@@ -32,11 +35,13 @@ __all__ = [
     "json_option",
     "kernel_argument",
     "lens_options",
+    "one_pair",
     "one_to_stdout",
     "output_option",
     "overwrite_option",
     "photo_argument",
     "region_option",
+    "search_angle_option",
     "transfer_option",
     "uniform_option",
 ]
@@ -46,6 +51,7 @@ F = TypeVar("F", bound="Callable[..., Any]")
 FILE = click.Path(path_type=Path)
 """A path as it was typed; "-" is stdin or stdout where a command says so."""
 
+_CAMERA_CHOICES = ("focal", "focal_px", "focal_35mm", "lens", "lens_model")
 _FOCAL_SOURCES = ("focal", "focal_px", "focal_35mm", "camera")
 _OPENCV_THREADS = "OPENCV_FOR_THREADS_NUM"
 """What OpenCV reads when it is imported, which is after the options are."""
@@ -158,6 +164,20 @@ def one_to_stdout(*, as_json: bool, output: Path | None, **others: Path | None) 
     return bool(names)
 
 
+def one_pair(blurred: Path, noisy: Path) -> None:
+    """Refuse a folder in the place of one of two photos.
+
+    Raises
+    ------
+    click.UsageError
+        If one of them is a folder.
+
+    """
+    for path in (blurred, noisy):
+        if path.is_dir():
+            raise click.UsageError(f"{path} is a folder: name one blurred and one noisy photo")
+
+
 def focal_options(command: F) -> F:
     """Add --focal-px and --focal-35mm, of which one may be given."""
     px = click.option(
@@ -233,6 +253,12 @@ camera_option = click.option(
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print the result to stdout, one JSON object a line."
 )
+search_angle_option = click.option(
+    "--search-angle",
+    type=Number("DEGREES", most=45),
+    help="Largest rotation about any axis between the two photos that the registration looks for.  "
+    "[default: 10]",
+)
 region_option = click.option(
     "--region",
     type=Region(),
@@ -263,8 +289,30 @@ focal_option = click.option(
 )
 
 
+def chosen_estimate(
+    camera: Path | None,
+    **choices: Any,  # noqa: ANN401 - fields of EstimateOptions and of CameraChoice
+) -> EstimateOptions:
+    """Return what an estimate uses, by the options of a command.
+
+    Raises
+    ------
+    KernelFileError
+        If the camera file cannot be read.
+
+    """
+    from deshake.files.kernel_file import read_camera
+    from deshake.stages.camera_choice import CameraChoice
+    from deshake.stages.estimate_options import EstimateOptions
+
+    names = [name for name in _CAMERA_CHOICES if name in choices]
+    known = {name: choices.pop(name) for name in names}
+    file = None if camera is None else read_camera(camera)
+    return EstimateOptions(camera=CameraChoice(file=file, **known), **choices)
+
+
 def estimate_options(command: F) -> F:
-    """Add all that a blind estimate goes by; the names are those of `EstimateOptions`."""
+    """Add all that a blind estimate uses; `chosen_estimate` takes what they give."""
     for option in (
         transfer_option,
         estimator_option,

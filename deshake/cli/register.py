@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from deshake.cli.batch import frame_options, planned, run_batch
 from deshake.cli.options import (
     FILE,
     camera_option,
+    chosen_estimate,
     focal_options,
     general_options,
-    json_option,
     lens_options,
+    one_pair,
     one_to_stdout,
     output_option,
-    overwrite_option,
+    search_angle_option,
     transfer_option,
 )
-from deshake.cli.values import Number
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from deshake.batch.task import Result
+    from deshake.cli.batch import Batch
     from deshake.cli.context import Context
 
 __all__ = ["command"]
@@ -40,17 +42,12 @@ __all__ = ["command"]
     help="Also write both photos as the squares of a checkerboard, where edges run on from square "
     "to square if the registration is right.  [default: nowhere]",
 )
-@click.option(
-    "--max-angle",
-    type=Number("DEGREES", most=45),
-    help="Largest rotation about any axis to look for.  [default: 10]",
-)
+@search_angle_option
 @camera_option
 @focal_options
 @lens_options
 @transfer_option
-@json_option
-@overwrite_option
+@frame_options
 @general_options
 @click.pass_obj
 def command(
@@ -62,10 +59,9 @@ def command(
     output: Path | None,
     preview: Path | None,
     camera: Path | None,
-    as_json: bool,
-    overwrite: bool,
-    **choices: Any,  # noqa: ANN401 - fields of EstimateOptions
-) -> None:
+    batch: Batch,
+    **choices: Any,  # noqa: ANN401 - what `chosen_estimate` takes
+) -> int:
     """Find how a noisy photo lies to a blurred one.
 
     BLURRED was exposed long, NOISY briefly and at a high sensitivity, from the same place and at
@@ -73,35 +69,32 @@ def command(
     between the two, how many times brighter BLURRED is, and how sure that is. Photos of different
     scenes are refused. Where nothing tells the focal length, a 50 mm equivalent is assumed.
     """
-    from deshake.io.kernel_file import read_camera
-    from deshake.pipelines.register import register_file, registration_name
-    from deshake.pipelines.stages import EstimateOptions
+    from deshake.batch.estimate_work import Register
+    from deshake.batch.plan import Extra
+    from deshake.stages.registering import registration_name
 
-    to_stdout = one_to_stdout(as_json=as_json, output=output, preview=preview)
-    path = blurred.with_name(registration_name(blurred)) if output is None else output
-    known = None if camera is None else read_camera(camera)
-    options = EstimateOptions(camera=known, **choices)
-    with context.bar(blurred.name) as bar:
-        found = register_file(
-            blurred,
-            noisy,
-            path,
-            options,
-            preview=preview,
-            overwrite=overwrite,
-            threads=context.threads,
-            progress=bar,
-        )
-    if as_json:
-        files = {"input": str(blurred), "noisy": str(noisy), "output": str(path)}
-        if preview is not None:
-            files["preview"] = str(preview)
-        click.echo(json.dumps(files | found.report()))
-    elif not to_stdout and context.verbosity >= 0:
-        x, y, z = found.report()["theta_degrees"]
-        scale, confidence = found.registration.scale, found.registration.confidence
-        light = f"{scale:.3g} times darker" if scale >= 1 else f"{1 / scale:.3g} times brighter"
-        click.echo(
-            f"{noisy}: turned by {x:.2f}, {y:.2f}, {z:.2f} degrees about X, Y, Z; {light}; "
-            f"confidence {confidence:.2f}"
-        )
+    to_stdout = one_to_stdout(as_json=batch.as_json, output=output, preview=preview)
+    one_pair(blurred, noisy)
+    jobs = planned(
+        [blurred],
+        output,
+        batch,
+        name=registration_name,
+        extras={} if preview is None else {"preview": Extra(preview)},
+        needs={"noisy": lambda _: noisy},
+    )
+    silent = to_stdout or context.verbosity < 0
+    work = Register(chosen_estimate(camera, **choices))
+    return run_batch(context, jobs, work, batch, None if silent else _line)
+
+
+def _line(result: Result) -> str:
+    """Say in one line how the noisy photo lies."""
+    figures = result.figures
+    x, y, z = figures["theta_degrees"]
+    scale = figures["scale"]
+    light = f"{scale:.3g} times darker" if scale >= 1 else f"{1 / scale:.3g} times brighter"
+    return (
+        f"{result.job.needs['noisy']}: turned by {x:.2f}, {y:.2f}, {z:.2f} degrees about X, Y, Z; "
+        f"{light}; confidence {figures['confidence']:.2f}"
+    )

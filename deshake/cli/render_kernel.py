@@ -51,6 +51,6 @@ def command(
     weights on the faces behind; or, with --filters, what becomes of point lights in each part
     of the frame.
     """
-    from deshake.pipelines.render import render_file
+    from deshake.pictures.render import render_file
 
     render_file(kernel, output, filters=filters, size=size, overwrite=overwrite)

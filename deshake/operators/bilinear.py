@@ -2,6 +2,7 @@
 
 A filter of weights at displacements that are no whole pixels is splatted onto a block of pixels; a
 block is read between its pixels by the same shares. Blocks are periodic, lag 0 is at the origin.
+Rasters are not periodic: what lies beyond their border goes to the border.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["bilinear_taps", "splat"]
+__all__ = ["bilinear_taps", "splat", "splat_on_raster"]
 
 Image = NDArray[np.float32]
 
@@ -24,6 +25,23 @@ def splat(
     spread = share * weights[:, None]
     summed = np.bincount(place.ravel(), spread.ravel(), count * block[0] * block[1])
     return summed.reshape(count, *block).astype(np.float32)
+
+
+def splat_on_raster(
+    places: NDArray[np.float64], weights: NDArray[np.float64], shape: tuple[int, int]
+) -> NDArray[np.float64]:
+    """Splat weights (K,) at places (K, 2), x and y in pixels, onto a raster (H, W)."""
+    height, width = shape
+    low = np.floor(places).astype(np.int64)
+    part = places - low
+    raster = np.zeros(height * width)
+    for right in (0, 1):
+        for below in (0, 1):
+            share = np.abs(1 - right - part[:, 0]) * np.abs(1 - below - part[:, 1])
+            x = np.clip(low[:, 0] + right, 0, width - 1)
+            y = np.clip(low[:, 1] + below, 0, height - 1)
+            raster += np.bincount(y * width + x, share * weights, height * width)
+    return raster.reshape(shape)
 
 
 def bilinear_taps(

@@ -25,7 +25,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.operators.local_filters import LocalFilters
 from deshake.operators.planes import add_at, channels_first, check_size, image_like, window_of
 from deshake.operators.strips import Strip, available_threads, in_order
 from deshake.operators.transforms import transforms
@@ -34,7 +33,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
 __all__ = [
-    "LocalFilters",
     "PatchGrid",
     "Strip",
     "available_threads",

@@ -1,7 +1,7 @@
-"""Strips of patches: the pieces of work that threads share.
+"""Strips of patches and bands of rows: the pieces of work that threads share.
 
-What is worked out strip by strip comes back in the strips' order, so that sums over strips do not
-depend on the number of threads.
+There is one pool of threads of each size. What is worked out strip by strip comes back in the
+strips' order, so that sums over strips do not depend on the number of threads.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from concurrent.futures import Future
 
-__all__ = ["Strip", "available_threads", "in_order"]
+__all__ = ["Strip", "available_threads", "in_order", "row_bands"]
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -68,6 +68,11 @@ def in_order(work: Callable[[S], T], strips: Sequence[S], threads: int) -> Itera
     finally:
         for _, future in waiting:
             future.cancel()
+
+
+def row_bands(height: int, step: int) -> list[slice]:
+    """Cut rows into bands of `step` rows; the last one may be narrower."""
+    return [slice(top, min(top + step, height)) for top in range(0, height, step)]
 
 
 @cache

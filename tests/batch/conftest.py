@@ -19,7 +19,7 @@ WORK = """
 import logging, os, signal, time
 from pathlib import Path
 from deshake.errors import PhotoError
-from deshake.io.files import atomic_write
+from deshake.files.disk import atomic_write
 
 class Trial:
     def __init__(self, need=1):

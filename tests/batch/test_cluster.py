@@ -13,10 +13,10 @@ from PIL import Image
 from deshake.batch import cluster
 from deshake.batch.cluster import ClusterError, run_on_cluster
 from deshake.batch.plan import Job
-from deshake.batch.work import Deblur
+from deshake.batch.restoration_work import Deblur
+from deshake.files.kernel_file import KernelFile, write_kernel
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
-from deshake.io.kernel_file import KernelFile, write_kernel
 
 pytest.importorskip("distributed")
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="needs POSIX signals")

@@ -3,11 +3,12 @@ from __future__ import annotations
 import pytest
 from PIL import Image
 
-from deshake.batch.estimate_work import Calibrate, EstimateBlind, kernel_origin
+from deshake.batch.estimate_work import Calibrate, EstimateKernel, kernel_origin
 from deshake.batch.plan import Job
 from deshake.errors import EstimationError
-from deshake.io.kernel_file import read_camera
-from deshake.pipelines.stages import EstimateOptions
+from deshake.files.kernel_file import read_camera
+from deshake.stages.camera_choice import CameraChoice
+from deshake.stages.estimate_options import EstimateOptions
 
 
 @pytest.fixture
@@ -23,14 +24,14 @@ def did(work, job):
 
 def test_calibrate_with_and_without_a_file(photo, tmp_path):
     camera = tmp_path / "c.npz"
-    figures = did(Calibrate(focal_px=150), Job(photo, camera))
+    figures = did(Calibrate(camera=CameraChoice(focal_px=150)), Job(photo, camera))
     assert (figures["focal_px"], figures["width"], figures["height"]) == (150, 100, 80)
     assert read_camera(camera).camera.focal_px == 150
-    assert did(Calibrate(focal_px=150), Job(photo, None)) == figures
+    assert did(Calibrate(camera=CameraChoice(focal_px=150)), Job(photo, None)) == figures
 
 
 def test_a_flat_photo_has_no_kernel(photo, tmp_path):
-    work = EstimateBlind(EstimateOptions(focal_35mm=40, blur_size=3))
+    work = EstimateKernel(EstimateOptions(camera=CameraChoice(focal_35mm=40), blur_size=3))
     with pytest.raises(EstimationError):
         did(work, Job(photo, tmp_path / "k.npz"))
     assert not (tmp_path / "k.npz").exists()
@@ -45,6 +46,6 @@ def test_a_flat_photo_has_no_kernel(photo, tmp_path):
     ],
 )
 def test_the_camera_counts_where_it_is_named(given, camera):
-    origin = kernel_origin(EstimateOptions(blur_size=3, **given))
+    origin = kernel_origin(EstimateOptions(camera=CameraChoice(**given), blur_size=3))
     assert origin.get("camera") == camera
     assert origin["options"]["blur_size"] == 3

@@ -15,15 +15,15 @@ from deshake.batch.footprint import (
     worked_size,
 )
 from deshake.batch.plan import Job
-from deshake.batch.work import Deblur, Fix
-from deshake.deconvolution.methods import RestorationOptions
+from deshake.batch.restoration_work import Deblur, Fix
+from deshake.files.kernel_file import CameraFile, KernelFile, write_kernel
+from deshake.formats.picture_size import PictureSize
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
-from deshake.io.kernel_file import CameraFile, KernelFile, write_kernel
-from deshake.io.picture_size import PictureSize
-from deshake.pipelines.finishing import Finish
-from deshake.pipelines.pair_deblurring import PairRestorationOptions
-from deshake.pipelines.stages import EstimateOptions
+from deshake.stages.camera_choice import CameraChoice
+from deshake.stages.estimate_options import EstimateOptions
+from deshake.stages.finishing import Finish
+from deshake.stages.methods import RestorationOptions
 
 
 @pytest.fixture
@@ -56,7 +56,10 @@ def test_previews_masks_and_lenses_count(photo, tmp_path):
     assert memory_needed(job, Fix(options, finish=Finish(preview=True)), 1) < plain
     camera = Camera.from_focal(1500, 1000, 1500)
     lens = CameraFile(camera.with_lens(np.array([-0.1, 0, 0, 0])), "made up")
-    by_name, by_file = replace(options, lens=True), replace(options, camera=lens)
+    by_name, by_file = (
+        replace(options, camera=choice)
+        for choice in (CameraChoice(lens=True), CameraChoice(file=lens))
+    )
     straight, same = (memory_needed(job, Fix(each), 1) for each in (by_name, by_file))
     kept = memory_needed(job, Fix(by_file, finish=Finish(keep_geometry=True)), 1)
     assert plain < straight == same < kept
@@ -88,7 +91,7 @@ def test_a_preview_has_its_least_size():
         (555e6, RestorationOptions(), {"bends": True}),
         (572e6, RestorationOptions(), {"bends": True, "finish": Finish(keep_geometry=True)}),
         (184e6, RestorationOptions(), {"finish": Finish(preview=True)}),
-        (1054e6, PairRestorationOptions(), {}),
+        (1054e6, RestorationOptions("fusion"), {}),
     ],
 )
 def test_predictions_are_near_what_was_measured(measured, options, more):
@@ -124,7 +127,7 @@ def test_stages_differ():
     size = PictureSize(24_000_000, 3)
     alone = restoration_memory(size, RestorationOptions(), 1)
     assert photo_memory(size) < estimate_memory(size, 1) < alone
-    assert alone < restoration_memory(size, PairRestorationOptions(), 1)
+    assert alone < restoration_memory(size, RestorationOptions("fusion"), 1)
     kept = Finish(keep_geometry=True)
     for finish, low, high in ((Finish(), 3.07e9, 3.5e9), (kept, 3.43e9, 3.8e9)):  # 3.07 and 3.43
         found = restoration_memory(size, RestorationOptions(), 1, 30, finish=finish, bends=True)

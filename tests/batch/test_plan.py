@@ -7,8 +7,8 @@ import pytest
 
 from deshake.batch.plan import Extra, PlanError, plan
 from deshake.errors import OutputError
-from deshake.io.part_files import create_part
-from deshake.pipelines.file_stages import kernel_name
+from deshake.files.part_files import create_part
+from deshake.stages.estimating import kernel_name
 
 
 @pytest.fixture(autouse=True)

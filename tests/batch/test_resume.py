@@ -6,16 +6,19 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deshake.batch.estimate_work import EstimateBlind
+from deshake.batch.estimate_work import EstimateKernel
 from deshake.batch.plan import Job
+from deshake.batch.restoration_work import Deblur, Fix
 from deshake.batch.resume import differences, doubt
 from deshake.batch.task import run_job
-from deshake.batch.work import Deblur, Fix
-from deshake.deconvolution.methods import RestorationOptions
-from deshake.pipelines.finishing import Finish
-from deshake.pipelines.stages import EstimateOptions
+from deshake.stages.camera_choice import CameraChoice
+from deshake.stages.estimate_options import EstimateOptions
+from deshake.stages.finishing import Finish
+from deshake.stages.methods import RestorationOptions
 
-OPTIONS = EstimateOptions(focal_35mm=40, blur_size=3, uniform=True, estimator="edges")
+OPTIONS = EstimateOptions(
+    camera=CameraChoice(focal_35mm=40), blur_size=3, uniform=True, estimator="edges"
+)
 FIX = Fix(OPTIONS)
 
 
@@ -34,7 +37,7 @@ def test_what_this_work_made_is_not_doubted(job):
     kernel = job.others["kernel"]
     assert doubt(job, FIX) is None
     assert doubt(replace(job, needs={"kernel": kernel}), Deblur()) is None
-    assert doubt(replace(job, output=kernel), EstimateBlind(OPTIONS)) is None
+    assert doubt(replace(job, output=kernel), EstimateKernel(OPTIONS)) is None
 
 
 @pytest.mark.parametrize(
@@ -42,7 +45,10 @@ def test_what_this_work_made_is_not_doubted(job):
     [
         (replace(FIX, options=replace(OPTIONS, blur_size=5)), "blur_size 3, now 5"),
         (replace(FIX, options=replace(OPTIONS, blur_size=None)), "blur_size 3, now by default"),
-        (replace(FIX, options=replace(OPTIONS, focal_35mm=50)), "--focal-35mm 40, now --focal"),
+        (
+            replace(FIX, options=replace(OPTIONS, camera=CameraChoice(focal_35mm=50))),
+            "--focal-35mm 40, now --focal",
+        ),
         (replace(FIX, restoration=RestorationOptions("rl")), "method sparse, now rl"),
         (replace(FIX, finish=Finish(0.5)), "strength by default, now 0.5"),
         (replace(FIX, finish=Finish(linear=True)), "linear by default, now True"),
@@ -66,19 +72,19 @@ def test_another_input_and_another_kernel_are_said(job, tmp_path):
     assert "options" not in doubt(job, FIX)
     other = tmp_path / "other.npz"
     again = replace(job, output=other, others={})
-    EstimateBlind(replace(OPTIONS, blur_size=4))(
+    EstimateKernel(replace(OPTIONS, blur_size=4))(
         replace(again, source=job.output), threads=1, progress=None
     )
     found = doubt(replace(job, needs={"kernel": other}), Deblur())
     assert "from another input and with other options (blur_size 3, now 4)" in found
-    assert doubt(replace(job, output=kernel), EstimateBlind(OPTIONS)).endswith("another input")
+    assert doubt(replace(job, output=kernel), EstimateKernel(OPTIONS)).endswith("another input")
 
 
 def test_what_tells_nothing_is_not_doubted(job):
     Image.new("L", (100, 80), 99).save(job.output)
     assert doubt(job, FIX) is None
     job.others["kernel"].write_bytes(b"damaged")
-    assert doubt(replace(job, output=job.others["kernel"]), EstimateBlind(OPTIONS)) is None
+    assert doubt(replace(job, output=job.others["kernel"]), EstimateKernel(OPTIONS)) is None
 
 
 def test_options_left_out_are_by_default():

@@ -1,58 +1,26 @@
 from __future__ import annotations
 
+import inspect
 import pickle
 
-import numpy as np
 import pytest
-from PIL import Image
 
-from deshake.batch.estimate_work import EstimateBlind
-from deshake.batch.plan import Job
-from deshake.batch.work import Deblur, Fix
-from deshake.geometry.camera import Camera
-from deshake.geometry.kernel import RotationKernel
-from deshake.io.kernel_file import CameraFile, KernelFile, read_kernel, write_kernel
-from deshake.pipelines.stages import EstimateOptions
+from deshake.batch.estimate_work import Calibrate, EstimateKernel, Register
+from deshake.batch.restoration_work import Deblur, Fix
+from deshake.batch.work import Work
+from deshake.stages.estimate_options import EstimateOptions
 
-CAMERA = Camera.from_focal(120, 80, 100)
-OPTIONS = EstimateOptions(
-    camera=CameraFile(CAMERA, "given"), blur_size=3, uniform=True, estimator="edges"
-)
+OPTIONS = EstimateOptions()
+WORKS = [Calibrate(), EstimateKernel(OPTIONS), Register(OPTIONS), Fix(OPTIONS), Deblur()]
 
 
-@pytest.fixture
-def photo(tmp_path):
-    path = tmp_path / "a.png"
-    codes = np.random.default_rng(5).integers(0, 256, (8, 10, 3), np.uint8)
-    Image.fromarray(codes).resize((100, 80), Image.Resampling.BICUBIC).save(path)
-    return path
+@pytest.mark.parametrize("work", WORKS, ids=lambda work: type(work).__name__)
+@pytest.mark.parametrize("name", ["__call__", "memory", "origin"])
+def test_every_work_takes_what_the_frame_gives(work, name):
+    given = list(inspect.signature(getattr(Work, name)).parameters)
+    assert list(inspect.signature(getattr(type(work), name)).parameters) == given
 
 
-def did(work, job):
-    """Do the work as another process would: on copies."""
-    work, job = pickle.loads(pickle.dumps((work, job)))  # noqa: S301 - our own bytes
-    return work(job, threads=1, progress=None)
-
-
-def test_fix_is_estimate_and_deblur(photo, tmp_path):
-    sharp, kernel, again, other = (tmp_path / name for name in ("s.png", "k.npz", "t.png", "l.npz"))
-    figures = did(Fix(OPTIONS), Job(photo, sharp, {"kernel": kernel}))
-    assert figures["camera_source"] == "given"
-    assert did(EstimateBlind(OPTIONS), Job(photo, other)) == figures
-    assert other.read_bytes() == kernel.read_bytes()
-    figures = did(Deblur(), Job(photo, again, needs={"kernel": kernel}))
-    assert figures["extent_px"] == round(read_kernel(kernel).kernel.extent_px(), 2)
-    assert again.read_bytes() == sharp.read_bytes()
-
-
-def test_existing_outputs_follow_the_job(photo, tmp_path):
-    kernel, out = tmp_path / "k.npz", tmp_path / "o.png"
-    write_kernel(kernel, KernelFile(RotationKernel.delta(CAMERA)))
-    out.touch()
-    did(Deblur(), Job(photo, out, needs={"kernel": kernel}, existing="replace"))
-    assert out.stat().st_size > 0
-
-
-def test_a_result_needs_its_place(photo):
-    with pytest.raises(ValueError, match="has a result"):
-        did(Fix(OPTIONS), Job(photo, None))
+@pytest.mark.parametrize("work", WORKS, ids=lambda work: type(work).__name__)
+def test_works_can_be_sent_to_another_process(work):
+    assert pickle.loads(pickle.dumps(work)) == work  # noqa: S301

@@ -14,10 +14,10 @@ from PIL import Image
 from skimage import data
 
 from deshake.cli import main, options
+from deshake.files.kernel_file import KernelFile, write_kernel
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
-from deshake.io.kernel_file import KernelFile, write_kernel
 from deshake.operators.warps import Warps
 
 if TYPE_CHECKING:

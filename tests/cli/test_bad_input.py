@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from deshake.files.kernel_file import KernelFile, write_kernel
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
-from deshake.io.kernel_file import KernelFile, write_kernel
 
 FAST = ("--blur-size", 3, "--estimator", "edges", "--uniform", "--iterations", 2)
 

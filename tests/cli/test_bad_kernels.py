@@ -111,7 +111,7 @@ def test_a_huge_kernel_eats_no_memory(shaken, tmp_path):
     path.write_bytes(huge())
     code = (
         "import resource, sys, time\n"
-        "import deshake.pipelines.file_stages\n"
+        "import deshake.stages.fixing\n"
         "from deshake.cli.main import main\n"
         "before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
         "start = time.process_time()\n"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deshake.io.kernel_file import read_camera
+from deshake.files.kernel_file import read_camera
 
 
 @pytest.fixture

@@ -10,14 +10,14 @@ import pytest
 import tifffile
 from PIL import Image
 
-from deshake import __version__
+from deshake.files.kernel_file import KernelFile, read_kernel, write_kernel
+from deshake.files.registration_file import RegistrationFile, write_registration
+from deshake.formats.transfer import Srgb, decode, encode
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
-from deshake.io.kernel_file import KernelFile, read_kernel, write_kernel
-from deshake.io.provenance import read_provenance
-from deshake.io.registration_file import RegistrationFile, write_registration
-from deshake.io.transfer import Srgb, decode, encode
+from deshake.metadata.provenance import read_provenance
 from deshake.operators.warps import Warps
+from deshake.version import __version__
 
 
 @pytest.fixture

@@ -13,10 +13,10 @@ import pytest
 from PIL import Image
 from skimage import data
 
+from deshake.files.kernel_file import CameraFile, read_kernel, write_camera
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
-from deshake.io.kernel_file import CameraFile, read_kernel, write_camera
 from deshake.operators.shake_blur import ShakeBlur
 
 if TYPE_CHECKING:

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from skimage import data
 
+from deshake.files.kernel_file import CameraFile, read_kernel, write_camera
+from deshake.files.registration_file import RegistrationFile, write_registration
 from deshake.geometry.camera import Camera
 from deshake.geometry.rotations import grid_steps
-from deshake.io.kernel_file import CameraFile, read_kernel, write_camera
-from deshake.io.registration_file import RegistrationFile, write_registration
 
 SHAPE = (100, 140)
 CAMERA = Camera.from_focal(150.0, *SHAPE)
@@ -65,7 +65,9 @@ def test_a_registration_brings_its_camera(deshake, pair, tmp_path):
     assert report["registration_confidence"] == 0.9
 
 
-@pytest.mark.parametrize("option", [("--focal-px", 150), ("--focal-35mm", 40), ("--camera", "c")])
+@pytest.mark.parametrize(
+    "option", [("--focal-px", 150), ("--focal-35mm", 40), ("--camera", "c"), ("--search-angle", 5)]
+)
 def test_a_registration_and_a_camera_exclude_each_other(deshake, pair, tmp_path, option):
     outcome = deshake("estimate-pair", *pair, "--registration", tmp_path / "r.npz", *option)
     assert outcome.code == 2
@@ -135,3 +137,27 @@ def test_two_photos_are_needed(deshake, pair):
     outcome = deshake("estimate-pair", pair[0])
     assert outcome.code == 2
     assert "NOISY" in outcome.err
+
+
+def test_the_frame_is_that_of_all_commands(deshake, pair, tmp_path):
+    args = ("estimate-pair", *pair, *FAST, "--json")
+    out = tmp_path / "blurred.kernel.npz"
+    dry = deshake(*args, "--dry-run")
+    assert (dry.code, json.loads(dry.out)["status"]) == (0, "do")
+    assert not out.exists()
+    done = json.loads(deshake(*args).out)
+    assert done["status"] == "done"
+    assert "notes" not in done
+    skipped = json.loads(deshake(*args, "--skip-existing").out)
+    assert (skipped["status"], skipped["warnings"]) == ("skipped", [])
+    other = json.loads(deshake(*args, "--skip-existing", "--uniform").out)
+    assert "made with other options (uniform False, now True)" in other["warnings"][0]
+    failed = deshake(*args)
+    assert (failed.code, json.loads(failed.out)["status"]) == (1, "failed")
+    assert "exists already" in json.loads(failed.out)["error"]
+
+
+def test_a_search_angle_is_remembered(deshake, pair, tmp_path):
+    assert deshake("estimate-pair", *pair, *FAST, "--search-angle", 12).code == 0
+    told = read_kernel(tmp_path / "blurred.kernel.npz").provenance
+    assert told["options"]["search_angle"] == 12

@@ -11,8 +11,8 @@ import time
 import pytest
 from PIL import Image
 
-from deshake.io.kernel_file import read_kernel
-from deshake.io.provenance import read_provenance
+from deshake.files.kernel_file import read_kernel
+from deshake.metadata.provenance import read_provenance
 
 LENS = ("--focal-35mm", 40)
 EDGES = ("--estimator", "edges")

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from skimage import data
 
-from deshake.io.kernel_file import read_kernel
-from deshake.io.provenance import read_provenance
+from deshake.files.kernel_file import read_kernel
+from deshake.metadata.provenance import read_provenance
+from deshake.pair.registration import register
+from deshake.stages import deblurring, registering
 
 LENS = ("--focal-px", 150)
 BLUR = ("--blur-size", 8)
@@ -131,3 +133,53 @@ def test_what_does_not_go_together_is_wrong_usage(deshake, tmp_path, contents, a
     assert (outcome.code, outcome.out) == (2, "")
     assert what in outcome.err
     assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    "args",
+    [
+        ("fix", "blurred.png", "--search-angle", 5),
+        ("deblur", "blurred.png", "k.npz", "--search-angle", 5),
+        ("deblur", "blurred.png", "k.npz", "--noisy", "n.png", "--registration", "r.npz",
+         "--search-angle", 5),
+    ],
+)  # fmt: skip
+def test_a_search_needs_two_photos_that_are_not_registered(deshake, args):
+    outcome = deshake(*args)
+    assert outcome.code == 2
+    assert "--search-angle" in outcome.err
+
+
+def test_all_stages_search_as_far(deshake, pair, tmp_path, monkeypatch):
+    blurred, noisy = pair
+    ranges = []
+
+    def spy(*args, max_angle, **options):
+        ranges.append(max_angle)
+        return register(*args, max_angle=max_angle, **options)
+
+    monkeypatch.setattr(registering, "register", spy)
+    monkeypatch.setattr(deblurring, "register", spy)
+    far = ("--search-angle", 18, "--iterations", 2, "--noisy", noisy, *QUIET)
+    out, kernels = tmp_path / "far.png", tmp_path / "kernels"
+    args = (*far, *LENS, *BLUR, "--uniform", "-o", out, "--keep-kernels", kernels)
+    assert deshake("fix", blurred, *args).code == 0
+    kernel = kernels / "blurred.kernel.npz"
+    known, one = tmp_path / "r.npz", tmp_path / "one.npz"
+    assert deshake("register", *pair, *LENS, *far[:2], "-o", known, *QUIET).code == 0
+    args = (*BLUR, "--uniform", "--registration", known, "-o", one, *QUIET)
+    assert deshake("estimate-pair", *pair, *args).code == 0
+    assert one.read_bytes() == kernel.read_bytes()
+    assert deshake("deblur", blurred, kernel, *far, "-o", tmp_path / "sharp.png").code == 0
+    assert ranges == [pytest.approx(np.radians(18))] * 3
+
+
+def test_a_result_of_other_options_is_doubted(deshake, pair):
+    blurred, noisy = pair
+    args = ("fix", blurred, "--noisy", noisy, *LENS, *BLUR, "--iterations", 2, "--threads", 1)
+    assert deshake(*args, "--uniform", "--skip-existing").code == 0
+    again = deshake(*args, "--uniform", "--skip-existing", "--json")
+    assert json.loads(again.out)["warnings"] == []
+    other = deshake(*args, "--skip-existing", "--json")
+    [warning] = json.loads(other.out)["warnings"]
+    assert "made with other options (uniform True, now False)" in warning

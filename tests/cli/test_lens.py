@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from deshake.files.kernel_file import CameraFile, read_camera, read_kernel, write_camera
+from deshake.files.registration_file import read_registration
 from deshake.geometry.camera import Camera
-from deshake.io.kernel_file import CameraFile, read_camera, read_kernel, write_camera
-from deshake.io.registration_file import read_registration
 
 BARREL = np.array([-0.25, 0.03, 0, 0, 0])
 QUICK = ("--blur-size", 3, "--region", "10,10,60,50", "--uniform", "--estimator", "edges")

@@ -9,9 +9,9 @@ import warnings
 
 import pytest
 
-from deshake import __version__
 from deshake.cli.main import COMMANDS, cli
 from deshake.errors import DeshakeError, PhotoError
+from deshake.version import __version__
 
 HEAVY = ("numpy", "scipy", "cv2", "PIL", "tifffile", "tqdm")
 

@@ -12,18 +12,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
-import metadata_readers
 import numpy as np
 import pytest
 import tifffile
 from crafted_photos import CITY, HEIGHT, ICC, KINDS, NOTE, TITLE, WIDTH, codes, photo
 from PIL import Image
+from support import metadata_readers
 
-from deshake import __version__
+from deshake.files.kernel_file import KernelFile, write_kernel
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
-from deshake.io.kernel_file import KernelFile, write_kernel
-from deshake.io.provenance import read_provenance
+from deshake.metadata.provenance import read_provenance
+from deshake.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

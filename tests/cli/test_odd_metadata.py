@@ -11,10 +11,10 @@ import pytest
 from crafted_photos import HEIGHT, ICC, WIDTH, codes, photo
 from PIL import Image, ImageCms
 
+from deshake.files.kernel_file import KernelFile, write_kernel
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
-from deshake.io.kernel_file import KernelFile, write_kernel
-from deshake.io.provenance import read_provenance
+from deshake.metadata.provenance import read_provenance
 
 P3 = ImageCms.ImageCmsProfile(ImageCms.createProfile("LAB")).tobytes()
 LONG = 80_000

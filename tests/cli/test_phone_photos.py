@@ -12,9 +12,9 @@ import tifffile
 from heic_writer import heic
 from PIL import Image
 
+from deshake.files.kernel_file import KernelFile, write_kernel
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
-from deshake.io.kernel_file import KernelFile, write_kernel
 
 QUIET = ("--threads", 1, "-q")
 

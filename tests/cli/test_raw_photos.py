@@ -12,12 +12,12 @@ import tifffile
 from PIL import Image
 from skimage import data
 
+from deshake.files.kernel_file import KernelFile, read_kernel, write_kernel
+from deshake.formats.photo import read_photo
+from deshake.formats.transfer import SRGB
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
-from deshake.io.kernel_file import KernelFile, read_kernel, write_kernel
-from deshake.io.photo import read_photo
-from deshake.io.transfer import SRGB
 from deshake.operators.warps import Warps
 
 EXIF = {0x920A: ("r", [35.0]), 0xA405: ("H", [46]), 0x829A: ("r", [0.5])}
@@ -169,7 +169,7 @@ def test_a_pair_of_raw_files_is_known_to_be_linear(deshake, make_dng, scene, tmp
     words = ("--registration", known, "--blur-size", 8, "-o", kernel)
     outcome = deshake("estimate-pair", long, short, *words, "--json", *QUIET)
     assert outcome.code == 0
-    assert not any("tone curves" in note for note in json.loads(outcome.out)["notes"])
+    assert not any("tone curves" in note for note in json.loads(outcome.out)["warnings"])
     assert read_kernel(kernel).provenance["tone_curves"] is False
     assert (
         deshake("deblur", long, kernel, "--noisy", short, "--registration", known, "-v").code == 0

@@ -12,10 +12,10 @@ import pytest
 from PIL import Image
 from skimage import data
 
+from deshake.files.kernel_file import CameraFile, write_camera
+from deshake.files.registration_file import read_registration
 from deshake.geometry.camera import Camera
 from deshake.geometry.rotations import homographies
-from deshake.io.kernel_file import CameraFile, write_camera
-from deshake.io.registration_file import read_registration
 
 LENS = ("--focal-px", 240)
 THETA = np.radians([1.0, -2.0, 3.0])
@@ -182,9 +182,11 @@ def test_what_does_not_work_is_one_line_and_leaves_nothing(deshake, contents, tm
     "args",
     [
         (),
-        ("--max-angle", "0"),
-        ("--max-angle", "60"),
-        ("--max-angle", "wide"),
+        ("--search-angle", "0"),
+        ("--search-angle", "60"),
+        ("--search-angle", "wide"),
+        ("--max-angle", "5"),
+        ("--overwrite", "--skip-existing"),
         ("--focal-px", 100, "--focal-35mm", 35),
         ("--json", "-o", "-"),
         ("--json", "--preview", "-"),
@@ -209,3 +211,55 @@ def test_the_file_goes_to_standard_output(pair, tmp_path):
     run = subprocess.run([*command, "--preview", "-"], capture_output=True, check=True)
     with Image.open(io.BytesIO(run.stdout)) as picture:
         assert (picture.format, picture.size) == ("PNG", (200, 160))
+
+
+def test_a_dry_run_writes_nothing(deshake, pair, tmp_path):
+    outcome = deshake("register", *pair, *LENS, "--dry-run", "--json")
+    assert outcome.code == 0
+    report = json.loads(outcome.out)
+    out = tmp_path / "long.registration.npz"
+    assert report == {
+        "status": "do", "input": str(pair[0]), "noisy": str(pair[1]), "output": str(out),
+    }  # fmt: skip
+    assert not out.exists()
+
+
+def test_existing_registrations_are_skipped(deshake, pair, tmp_path):
+    args = ("register", *pair, *LENS, "--skip-existing", "--json")
+    assert json.loads(deshake(*args).out)["status"] == "done"
+    before = (tmp_path / "long.registration.npz").stat().st_mtime_ns
+    again = deshake(*args)
+    assert (again.code, json.loads(again.out)["status"]) == (0, "skipped")
+    assert json.loads(again.out)["warnings"] == []
+    assert (tmp_path / "long.registration.npz").stat().st_mtime_ns == before
+    other = json.loads(deshake(*args, "--search-angle", 5).out)
+    assert "made with other options (search_angle by default, now 5" in other["warnings"][0]
+    photo_of("coffee", THETA, ratio=8, seed=2).save(pair[1])
+    other = json.loads(deshake(*args).out)
+    assert "made with another noisy photo" in other["warnings"][0]
+
+
+def test_a_failure_is_json_too(deshake, pair):
+    photo_of("astronaut", ratio=8).save(pair[1])
+    outcome = deshake("register", *pair, *LENS, "--json")
+    assert outcome.code == 1
+    report = json.loads(outcome.out)
+    assert report["status"] == "failed"
+    assert "do not show the same scene" in report["error"]
+    assert "--search-angle" in report["hint"]
+
+
+def test_the_search_goes_as_far_as_its_angle(deshake, pair):
+    photo_of("coffee", np.radians([0, 0, 25.0]), ratio=8, seed=1).save(pair[1])
+    assert deshake("register", *pair, *LENS).code == 1
+    outcome = deshake("register", *pair, *LENS, "--search-angle", 28, "--json")
+    assert json.loads(outcome.out)["theta_degrees"] == pytest.approx([0, 0, 25], abs=0.4)
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_a_folder_is_no_photo_of_a_pair(deshake, pair, tmp_path, which):
+    photos = list(pair)
+    photos[which] = tmp_path
+    outcome = deshake("register", *photos)
+    assert outcome.code == 2
+    assert f"{tmp_path} is a folder" in outcome.err

@@ -8,9 +8,9 @@ import sys
 import pytest
 from PIL import Image
 
+from deshake.files.kernel_file import KernelFile, write_kernel
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
-from deshake.io.kernel_file import KernelFile, write_kernel
 
 
 @pytest.fixture

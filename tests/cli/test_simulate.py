@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from deshake.files.kernel_file import CameraFile, read_kernel, write_camera
+from deshake.formats.photo import read_photo
 from deshake.geometry.camera import Camera
-from deshake.io.kernel_file import CameraFile, read_kernel, write_camera
-from deshake.io.photo import read_photo
 
 FOCAL_35MM = ("--focal-35mm", 40)
 

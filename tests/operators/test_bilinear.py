@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deshake.operators.bilinear import bilinear_taps, splat
+from deshake.operators.bilinear import bilinear_taps, splat, splat_on_raster
 
 LAGS = np.array([[[2.0, 1.0], [0.5, 0.0], [-1.0, -1.0], [0.0, 2.25]]])
 
@@ -42,3 +42,19 @@ def test_splat_keeps_the_centroid() -> None:
     rows, columns = np.indices(found.shape)
     assert (found * columns).sum() == pytest.approx(0.25 * 1.25 + 0.75 * 3.0)
     assert (found * rows).sum() == pytest.approx(0.25 * 2.5 + 0.75 * 1.75)
+
+
+def test_a_raster_keeps_the_weights_and_their_centroid():
+    places = np.array([[1.25, 2.5], [3.0, 0.0], [2.75, 1.5]])
+    weights = np.array([0.5, 0.2, 0.3])
+    raster = splat_on_raster(places, weights, (4, 5))
+    y, x = np.mgrid[:4, :5]
+    assert raster.sum() == pytest.approx(1)
+    assert [(raster * x).sum(), (raster * y).sum()] == pytest.approx((weights @ places).tolist())
+    assert raster[0, 3] == pytest.approx(0.2)
+
+
+def test_what_lies_beyond_a_raster_goes_to_its_border():
+    raster = splat_on_raster(np.array([[-3.0, 9.0]]), np.ones(1), (4, 5))
+    assert raster[3, 0] == 1
+    assert raster.sum() == 1

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from deshake.operators.strips import Strip, available_threads, in_order
+from deshake.operators.strips import Strip, available_threads, in_order, row_bands
 
 STRIPS = [Strip(row, 0, 4) for row in range(30)]
 
@@ -54,3 +54,9 @@ def test_part_of_a_strip() -> None:
 
 def test_there_is_a_processor() -> None:
     assert available_threads() >= 1
+
+
+def test_bands_cover_all_rows_once():
+    bands = row_bands(10, 4)
+    assert [(rows.start, rows.stop) for rows in bands] == [(0, 4), (4, 8), (8, 10)]
+    assert row_bands(3, 4) == [slice(0, 3)]

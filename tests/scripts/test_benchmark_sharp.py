@@ -6,7 +6,7 @@ import pytest
 from benchmark_sharp import CASES, Case, Result, disk, line, main, prepare
 from PIL import Image
 
-from deshake.io.transfer import Srgb, encode
+from deshake.formats.transfer import Srgb, encode
 
 
 @pytest.mark.parametrize("across", [3, 4.5, 10, 15])

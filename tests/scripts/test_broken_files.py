@@ -8,9 +8,9 @@ import pytest
 from broken_files import Case, Outcome
 from mutated_files import HEIGHT, WIDTH, bombs, mutated, seeds
 
-from deshake.io.kernel_file import read_camera, read_kernel
-from deshake.io.photo import read_photo
-from deshake.io.registration_file import read_registration
+from deshake.files.kernel_file import read_camera, read_kernel
+from deshake.files.registration_file import read_registration
+from deshake.formats.photo import read_photo
 
 BOMBS = ("bomb-grey.png", "bomb-text.png", "bomb-size.jpg", "bomb-array.npz")
 EVERY_SEED = 16

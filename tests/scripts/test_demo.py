@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deshake.io.photo import read_photo
+from deshake.formats.photo import read_photo
 
 
 @pytest.fixture(scope="module")

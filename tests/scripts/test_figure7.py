@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 from skimage import data
 
-from deshake.io.photo import read_photo
+from deshake.formats.photo import read_photo
 
 
 @pytest.fixture

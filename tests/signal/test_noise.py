@@ -1,10 +1,104 @@
 from __future__ import annotations
 
+import io
+
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
+from skimage import data
 
-from deshake.signal.noise import noise_level
+from deshake.signal.noise import coarse_noise, noise_level, noise_model, pair_means, smoothed
+
+
+def jpeg(image, quality=90):
+    """Write an image, 0..1, as an 8-bit JPEG and read it back."""
+    stream = io.BytesIO()
+    Image.fromarray(np.rint(image * 255).astype(np.uint8)).save(stream, "JPEG", quality=quality)
+    return np.asarray(Image.open(stream)).astype(np.float32) / 255
+
+
+@pytest.fixture(scope="module")
+def photo():
+    """A real photo, blurred as shaken ones are."""
+    image = data.coffee().astype(np.float32) / 255
+    return cv2.GaussianBlur(image, (0, 0), 4)
+
+
+@pytest.mark.parametrize("sigma", [0.005, 0.02, 0.08])
+@pytest.mark.parametrize("channels", [(), (3,)])
+def test_finds_white_noise(sigma, channels):
+    rng = np.random.default_rng(1)
+    slope = np.linspace(0.2, 0.8, 320).reshape(320, 1, *[1 for _ in channels])
+    g = (slope + rng.normal(0, sigma, (320, 400, *channels))).astype(np.float32)
+    assert coarse_noise(g) == pytest.approx(sigma**2, rel=0.6)
+
+
+@pytest.mark.parametrize("sigma", [0.01, 0.03])
+def test_finds_the_noise_of_a_jpeg_photo(photo, sigma):
+    rng = np.random.default_rng(2)
+    g = jpeg(np.clip(photo + rng.normal(0, sigma, photo.shape), 0, 1))
+    assert 0.25 * sigma**2 < coarse_noise(g) < 2 * sigma**2
+
+
+def test_more_noise_is_more(photo):
+    rng = np.random.default_rng(3)
+    noise = rng.normal(0, 1, photo.shape)
+    found = [coarse_noise((photo + s * noise).astype("f4")) for s in (0, 0.01, 0.02, 0.04)]
+    assert found == sorted(found)
+    assert found[0] < 1e-5
+
+
+def test_slopes_and_even_areas_are_no_noise():
+    x = np.linspace(0, 1, 200, dtype=np.float32)
+    assert coarse_noise(np.full((100, 100), 0.4, np.float32)) == 0
+    assert coarse_noise(x[:, None] * 0.3 + x * 0.7) < 1e-12
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (3, 500), (13, 40, 3)])
+def test_photos_smaller_than_a_block_have_none(shape):
+    assert coarse_noise(np.ones(shape, np.float32)) == 0
+
+
+def test_pair_means():
+    image = np.arange(15, dtype=np.float32).reshape(3, 5)
+    np.testing.assert_array_equal(pair_means(image), [[3, 5]])
+
+
+@pytest.mark.parametrize("photons", [300, 3000])
+@pytest.mark.parametrize("compressed", [False, True])
+def test_the_model_follows_the_light(photo, photons, compressed):
+    rng = np.random.default_rng(5)
+    g = np.clip(rng.poisson(photo * photons) / photons, 0, 1).astype(np.float32)
+    slope, floor = noise_model(jpeg(g) if compressed else g)
+    assert (0.2 if compressed else 0.4) / photons < slope < 2 / photons
+    assert 0 < floor < 0.1 / photons
+
+
+def test_the_model_of_even_noise_is_flat():
+    rng = np.random.default_rng(6)
+    ramp = np.linspace(0.1, 0.9, 400)
+    slope, floor = noise_model((ramp + rng.normal(0, 0.02, (320, 400))).astype(np.float32))
+    assert floor == pytest.approx(0.02**2, rel=0.6)
+    assert slope < 0.3 * floor
+
+
+def test_the_model_of_a_photo_too_small_or_even_is_hardly_any():
+    for g in (np.ones((3, 4), np.float32), np.full((60, 60), 0.3, np.float32)):
+        slope, floor = noise_model(g)
+        assert slope == pytest.approx(0, abs=1e-6)
+        assert 0 < floor < 1e-6
+
+
+def test_smoothing_is_a_tent():
+    point = np.zeros((21, 21), np.float32)
+    point[10, 10] = 1
+    tent = smoothed(point, 3)
+    assert tent.sum() == pytest.approx(1, rel=1e-5)
+    np.testing.assert_allclose(
+        tent[10, 10::2], [1 / 49, 5 / 343, 3 / 343, 1 / 343, 0, 0], atol=1e-6
+    )
+    np.testing.assert_allclose(smoothed(point + 2, 3) - tent, 2, rtol=1e-5)
 
 
 def white(shape: tuple[int, int], sigma: float) -> np.ndarray:

@@ -8,12 +8,12 @@ import pytest
 
 from deshake.blind.variational import estimate, priors
 from deshake.blind.variational.estimate import estimate_variational
-from deshake.deconvolution.richardson_lucy import richardson_lucy
 from deshake.errors import EstimationError
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.operators.shake_blur import ShakeBlur
+from deshake.restore.richardson_lucy import richardson_lucy
 
 if TYPE_CHECKING:
     from deshake.blind.result import BlindEstimate

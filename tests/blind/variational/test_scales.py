@@ -7,12 +7,12 @@ import pytest
 from deshake.blind.variational import scales
 from deshake.blind.variational.coarse_to_fine import PyramidPlan
 from deshake.blind.variational.scales import ScaleByScale
-from deshake.deconvolution.poisson import poisson_image
 from deshake.errors import EstimationError
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.operators.shake_blur import ShakeBlur
+from deshake.signal.poisson import poisson_image
 
 SHAPE = 100, 130
 CAMERA = Camera.from_focal(130.0, *SHAPE)

@@ -1,0 +1,208 @@
+"""What is done with each photo: the deblurring and the whole of it, as `Work`."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from deshake.batch.estimate_work import kernel_origin
+from deshake.batch.footprint import estimate_memory, restoration_memory, worked_size
+from deshake.errors import DeshakeError
+from deshake.files.disk import STREAM, sha256
+from deshake.files.kernel_file import read_kernel
+from deshake.stages.deblurring import deblur_file
+from deshake.stages.finishing import AS_IT_IS, Finish
+from deshake.stages.fixing import fix_file
+from deshake.stages.methods import RestorationOptions
+from deshake.stages.photo_provenance import photo_origin, registration_origin
+from deshake.stages.registering import known_registration
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from deshake.batch.plan import Job
+    from deshake.formats.picture_size import PictureSize
+    from deshake.formats.transfer import TransferName
+    from deshake.stages.estimate_options import EstimateOptions
+
+    Progress = Callable[[float, str], None]
+
+__all__ = ["Deblur", "Fix"]
+
+
+@dataclass(frozen=True)
+class Fix:
+    """``fix``: estimate the kernel of a photo and deblur it, alone or with its ``noisy`` photo.
+
+    Parameters
+    ----------
+    options : EstimateOptions
+        What the estimate goes by.
+    restoration : RestorationOptions
+        How the photo is deblurred.
+    finish : Finish
+        What is wanted of the result beside it; the ``mask`` is the job's.
+
+    """
+
+    options: EstimateOptions
+    restoration: RestorationOptions = field(default_factory=RestorationOptions)
+    finish: Finish = AS_IT_IS
+
+    def __call__(
+        self, job: Job, *, threads: int | None, progress: Progress | None
+    ) -> dict[str, Any]:
+        """Fix the photo of a job."""
+        found = fix_file(
+            job.source,
+            job.place,
+            job.others.get("kernel"),
+            self.options,
+            noisy=job.needs.get("noisy"),
+            restoration=self.restoration,
+            finish=_with_mask(self.finish, job),
+            overwrite=job.overwrite,
+            overwrite_others=job.overwrite_others,
+            threads=threads,
+            progress=progress,
+        )
+        return found.report() | self.finish.report()
+
+    def memory(self, job: Job, size: PictureSize, threads: int) -> int:
+        """Predict the memory that it takes."""
+        seen = worked_size(size, self.finish)
+        blur = self.options.blur_size
+        if blur is not None and size.pixels:
+            blur *= math.sqrt(seen.pixels / size.pixels)
+        needed = restoration_memory(
+            size,
+            self.restoration,
+            threads,
+            blur,
+            finish=self.finish,
+            masked=job.needs.get("mask") is not None,
+            bends=self.options.camera.undoes_lens,
+        )
+        return max(estimate_memory(seen, threads), needed)
+
+    def origin(self, job: Job) -> dict[str, Any]:
+        """Return the inputs and the options of both stages."""
+        known = photo_origin(
+            self.restoration,
+            transfer=self.options.transfer,
+            finish=self.finish,
+            **_digests(job),
+        )
+        if self.finish.preview:  # the estimate's options are not quite these
+            return known
+        if "noisy" in job.needs:  # the registration stands in the kernel's provenance, whole
+            options = replace(self.options, search_angle=None)
+            known["kernel"] = {"options": options.provenance(pair=True)}
+        else:
+            known["kernel"] = kernel_origin(self.options)
+        return known
+
+
+@dataclass(frozen=True)
+class Deblur:
+    """``deblur``: deblur a photo with the kernel of a file, alone or with its ``noisy`` photo.
+
+    Parameters
+    ----------
+    restoration : RestorationOptions
+        How.
+    transfer : {"srgb", "linear", "gamma22"}, optional
+        The file's transfer curve.
+    finish : Finish
+        What is wanted of the result beside it; the ``mask`` is the job's.
+    search_angle : float, optional
+        Range of the search for a registration that is not given, in degrees.
+
+    """
+
+    restoration: RestorationOptions = field(default_factory=RestorationOptions)
+    transfer: TransferName | None = None
+    finish: Finish = AS_IT_IS
+    search_angle: float | None = None
+
+    def __call__(
+        self, job: Job, *, threads: int | None, progress: Progress | None
+    ) -> dict[str, Any]:
+        """Deblur the photo of a job."""
+        content = deblur_file(
+            job.source,
+            job.needs["kernel"],
+            job.output,
+            noisy=job.needs.get("noisy"),
+            registration=job.needs.get("registration"),
+            search_angle=self.search_angle,
+            transfer=self.transfer,
+            restoration=self.restoration,
+            finish=_with_mask(self.finish, job),
+            overwrite=job.overwrite,
+            threads=threads,
+            progress=progress,
+        )
+        figures = {
+            "extent_px": round(content.kernel.extent_px(), 2),
+            "confidence": round(content.confidence, 4),
+        }
+        return figures | self.finish.report()
+
+    def memory(self, job: Job, size: PictureSize, threads: int) -> int:
+        """Predict the memory that it takes."""
+        blur, bends = None, False
+        with contextlib.suppress(DeshakeError, OSError):
+            file = job.needs["kernel"]
+            if str(file) != STREAM:
+                status = file.stat()
+                extent, pixels, bends = _blur_of(file, (status.st_ino, status.st_mtime_ns))
+                blur = extent * math.sqrt(worked_size(size, self.finish).pixels / pixels)
+        return restoration_memory(
+            size,
+            self.restoration,
+            threads,
+            blur,
+            finish=self.finish,
+            masked=job.needs.get("mask") is not None,
+            bends=bends,
+        )
+
+    def origin(self, job: Job) -> dict[str, Any]:
+        """Return the inputs and the options, and those of the kernel."""
+        known = photo_origin(
+            self.restoration, transfer=self.transfer, finish=self.finish, **_digests(job)
+        )
+        kernel = job.needs["kernel"]
+        told = {} if str(kernel) == STREAM else read_kernel(kernel).provenance
+        registration = job.needs.get("registration")
+        if self.restoration.needs_noisy and str(registration) != STREAM:
+            given = None if registration is None else known_registration(registration)
+            known["registration"] = registration_origin(given, told)
+        names = ("options", "input_sha256", "noisy_sha256", "camera")
+        return known | {"kernel": {name: told[name] for name in names if name in told}}
+
+
+def _with_mask(finish: Finish, job: Job) -> Finish:
+    """Return what is wanted of a job's result, the mask being the job's own."""
+    return replace(finish, mask=job.needs.get("mask"))
+
+
+@lru_cache
+def _blur_of(kernel_file: Path, _stamp: tuple[int, int]) -> tuple[float, int, bool]:
+    """Return a kernel's extent and frame, in pixels, and whether its lens bends.
+
+    One kernel file for a folder of photos is read once, unless it changes.
+    """
+    kernel = read_kernel(kernel_file).kernel
+    return kernel.extent_px(), math.prod(kernel.camera.shape), not kernel.camera.is_pinhole
+
+
+def _digests(job: Job) -> dict[str, str]:
+    """Return the digests of a job's photos, as `photo_origin` takes them."""
+    photos = {"input": job.source, "noisy": job.needs.get("noisy"), "mask": job.needs.get("mask")}
+    return {f"{name}_sha256": sha256(path) for name, path in photos.items() if path is not None}

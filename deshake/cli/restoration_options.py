@@ -1,0 +1,107 @@
+"""How a photo is deblurred, alone or with the help of a noisy one: options of two commands."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
+
+import click
+
+from deshake.cli.options import FILE
+from deshake.restore.quality import Quality
+from deshake.stages.methods import METHODS, RestorationOptions, default_method
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+__all__ = ["check_pair", "noisy_option", "restoration", "restoration_options"]
+
+F = TypeVar("F", bound="Callable[..., Any]")
+
+noisy_option = click.option(
+    "--noisy",
+    type=FILE,
+    help="A sharp but noisy photo of the same scene, to deblur with the help of.",
+)
+
+
+def restoration_options(command: F) -> F:
+    """Add how a photo is deblurred; `restoration` takes what they give.
+
+    The method is None where none is given: its default depends on whether there is a noisy photo.
+    """
+    method = click.option(
+        "--method",
+        type=click.Choice(list(METHODS)),
+        is_eager=True,  # the other two look at it
+        help="How to deblur: by sparse gradients, by Richardson-Lucy (plain, accelerated or with "
+        "total variation), or, if the blur is uniform, by Wiener filters. With --noisy: by fusion "
+        "of both photos, or by residual Richardson-Lucy.  [default: "
+        f"{default_method(noisy=False)}; with --noisy, {default_method(noisy=True)}]",
+    )
+    quality = click.option(
+        "--quality",
+        type=click.Choice(get_args(Quality)),
+        default="default",
+        show_default=True,
+        callback=_goes_with_method,
+        help="How much time sparse takes: about 0.6, 1 or 1.4 times that of the default, and "
+        "fusion: about 0.7, 1 or 1.5 times.",
+    )
+    iterations = click.option(
+        "--iterations",
+        type=click.IntRange(1, 10_000),
+        metavar="N",
+        callback=_goes_with_method,
+        help="Iterations of the method.  [default: 5 for sparse, 10 for fusion, "
+        "else by the photo's noise]",
+    )
+    return method(quality(iterations(command)))
+
+
+def restoration(
+    noisy: Path | None,
+    *,
+    method: str | None,
+    **choices: Any,  # noqa: ANN401 - fields of RestorationOptions
+) -> RestorationOptions:
+    """Return how a photo is deblurred, with a noisy one or alone.
+
+    Raises
+    ------
+    click.UsageError
+        If the method is one for the other case.
+
+    """
+    options = RestorationOptions(method or default_method(noisy=noisy is not None), **choices)
+    if options.needs_noisy and noisy is None:
+        raise click.UsageError(f"--method {method} needs --noisy.")
+    if noisy is not None and not options.needs_noisy:
+        raise click.UsageError(f"--noisy does not go with --method {method}.")
+    return options
+
+
+def check_pair(photos: Sequence[Path], noisy: Path) -> None:
+    """Refuse a noisy photo for several photos, and the photo itself.
+
+    Raises
+    ------
+    click.UsageError
+        If it is that.
+
+    """
+    if len(photos) > 1 or photos[0].is_dir():
+        raise click.UsageError("one noisy photo goes with one blurred photo: take them in turn")
+    [photo] = photos
+    if noisy == photo or (noisy.exists() and photo.exists() and noisy.samefile(photo)):
+        raise click.UsageError(f"{noisy} is the photo itself: name the noisy one with --noisy")
+
+
+def _goes_with_method(ctx: click.Context, param: click.Parameter, value: Any) -> Any:  # noqa: ANN401
+    """Fail where an option was given that the --method does not take."""
+    method = ctx.params.get("method")
+    given = value not in {None, param.default}
+    if given and method is not None and param.name not in METHODS[method].options:
+        msg = f"{param.opts[-1]} does not go with --method {method}."
+        raise click.UsageError(msg, ctx)
+    return value

@@ -1,1 +1,0 @@
-"""Sharp pictures from blurred ones and a known kernel."""

@@ -1,0 +1,197 @@
+"""Camera and kernel files: the ``.npz`` schemas between the stages, version 1.
+
+A file from another version, or one with anything missing, misshapen or out of range, is refused
+with one line that says what is wrong. Keys that are not in the schema are ignored.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from deshake.files.disk import write_bytes
+from deshake.files.npz import Field, pack, unpack
+from deshake.files.shared_keys import (
+    CAMERA_FIELDS,
+    FORMAT,
+    MAX_TEXT,
+    camera_arrays,
+    camera_of,
+    check_format,
+    provenance_array,
+    provenance_of,
+    read_arrays,
+    text_of,
+)
+from deshake.geometry.kernel import RotationKernel
+
+if TYPE_CHECKING:
+    import os
+
+    from deshake.geometry.camera import Camera
+
+__all__ = [
+    "FORMAT",
+    "MAX_WEIGHTS",
+    "CameraFile",
+    "KernelFile",
+    "read_camera",
+    "read_kernel",
+    "write_camera",
+    "write_kernel",
+]
+
+MAX_WEIGHTS: Final = 2_000_000
+"""Rotations of the largest kernel that is read."""
+
+_MAX_BYTES: Final = 32 * MAX_WEIGHTS + 4 * MAX_TEXT + (1 << 20)
+_SUM_TOLERANCE: Final = 1e-6
+_ROUNDING: Final = 1e-12  # a sum this close to 1 is 1: dividing by it would only add noise
+_KERNEL_FIELDS: Final = {
+    "theta": Field("f", (None, 3), 3 * MAX_WEIGHTS),
+    "weights": Field("f", (None,), MAX_WEIGHTS),
+    "steps": Field("f", (3,)),
+    "confidence": Field("f"),
+    "provenance": Field("U", limit=MAX_TEXT),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class CameraFile:
+    """What a camera file holds.
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera.
+    source : str
+        Which tag or option gave the focal length.
+
+    """
+
+    camera: Camera
+    source: str
+
+
+@dataclass(frozen=True, eq=False)
+class KernelFile:
+    """What a kernel file holds.
+
+    Parameters
+    ----------
+    kernel : RotationKernel
+        The kernel, with its camera.
+    confidence : float
+        How far the estimate is to be trusted, from 0 to 1.
+    provenance : dict
+        How the kernel came about: JSON data.
+
+    """
+
+    kernel: RotationKernel
+    confidence: float = 1.0
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+
+def read_camera(path: str | os.PathLike[str]) -> CameraFile:
+    """Read a camera file, ``-`` for standard input.
+
+    Raises
+    ------
+    KernelFileError
+        If it cannot be read or is not a camera file of this version.
+
+    """
+    return read_arrays(path, "camera", _parse_camera, _MAX_BYTES)
+
+
+def read_kernel(path: str | os.PathLike[str]) -> KernelFile:
+    """Read a kernel file, ``-`` for standard input.
+
+    Weights that sum to 1 within 1e-6 are scaled to sum to 1.
+
+    Raises
+    ------
+    KernelFileError
+        If it cannot be read or is not a kernel file of this version.
+
+    """
+    return read_arrays(path, "kernel", _parse_kernel, _MAX_BYTES)
+
+
+def write_camera(
+    path: str | os.PathLike[str], content: CameraFile, *, overwrite: bool = False
+) -> None:
+    """Write a camera file, ``-`` for standard output.
+
+    Raises
+    ------
+    OutputError
+        If the file may not or cannot be written.
+
+    """
+    arrays = camera_arrays(content.camera) | {"source": np.array(content.source)}
+    write_bytes(path, pack(arrays), overwrite=overwrite)
+
+
+def write_kernel(
+    path: str | os.PathLike[str], content: KernelFile, *, overwrite: bool = False
+) -> None:
+    """Write a kernel file, ``-`` for standard output.
+
+    Raises
+    ------
+    OutputError
+        If the file may not or cannot be written.
+    ValueError
+        If the provenance is not JSON data.
+
+    """
+    kernel = content.kernel
+    arrays = camera_arrays(kernel.camera) | {
+        "theta": np.asarray(kernel.theta, np.float64),
+        "weights": np.asarray(kernel.weights, np.float64),
+        "steps": np.asarray(kernel.steps, np.float64),
+        "confidence": np.float64(content.confidence),
+        "provenance": provenance_array(content.provenance),
+    }
+    write_bytes(path, pack(arrays), overwrite=overwrite)
+
+
+def _parse_camera(data: bytes) -> CameraFile:
+    check_format(data)
+    arrays = unpack(data, CAMERA_FIELDS | {"source": Field("U", limit=MAX_TEXT)})
+    source = text_of(arrays["source"], "source")
+    if not source.isprintable():
+        raise ValueError("'source' is not a line of text")
+    return CameraFile(camera_of(arrays), source)
+
+
+def _parse_kernel(data: bytes) -> KernelFile:
+    check_format(data)
+    arrays = unpack(data, CAMERA_FIELDS | _KERNEL_FIELDS)
+    theta, weights, steps = arrays["theta"], arrays["weights"], arrays["steps"]
+    if len(weights) == 0 or len(theta) != len(weights):
+        raise ValueError(f"{len(theta)} rotations in 'theta', {len(weights)} in 'weights'")
+    for name in ("theta", "weights", "steps", "confidence"):
+        if not np.isfinite(arrays[name]).all():
+            raise ValueError(f"{name!r} is not finite")
+    if np.abs(theta).max() > np.pi or (theta**2).sum(1).max() > np.pi**2 * (1 + 1e-12):
+        raise ValueError("'theta' holds a rotation by more than pi")
+    if weights.min() < 0:
+        raise ValueError("'weights' holds a negative weight")
+    with np.errstate(over="ignore"):
+        total = float(weights.sum())
+    if not abs(total - 1) <= _SUM_TOLERANCE:
+        raise ValueError(f"'weights' sum to {total:.9g}, not 1")
+    if abs(total - 1) > _ROUNDING:
+        weights = weights / total
+    if steps.min() <= 0 or steps.max() > np.pi:
+        raise ValueError("'steps' are not all between 0 and pi")
+    confidence = float(arrays["confidence"])
+    if not 0 <= confidence <= 1:
+        raise ValueError(f"'confidence' is {confidence:g}, not between 0 and 1")
+    kernel = RotationKernel(theta, weights, steps, camera_of(arrays))
+    return KernelFile(kernel, confidence, provenance_of(arrays))

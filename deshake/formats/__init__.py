@@ -1,0 +1,1 @@
+"""Photos in and out: a codec a file, transfer curves, RAW."""

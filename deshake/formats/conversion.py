@@ -1,0 +1,98 @@
+"""From one format to another: which one is written, how, and what that costs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from deshake.errors import OutputError
+from deshake.formats.encoding import READ_ONLY, SUFFIXES, WRITTEN_AS, Encoding
+from deshake.formats.transfer import encode
+
+if TYPE_CHECKING:
+    import os
+
+    from numpy.typing import NDArray
+
+    from deshake.formats.encoding import Format
+    from deshake.formats.transfer import Codes
+
+__all__ = ["converted", "encoded", "lost", "output_format"]
+
+_TEXTS = (b"tEXt", b"zTXt", b"iTXt")
+_BAND = 256  # rows whose colours are turned at once
+
+
+def output_format(path: str | os.PathLike[str], source: Path, encoding: Encoding) -> Format:
+    """Return the format to write under a name a photo that was read from a source.
+
+    The photo's own, if the name ends as the source's does; else the one that the ending means.
+
+    Raises
+    ------
+    OutputError
+        If the ending means no format that is written.
+
+    """
+    suffix = Path(path).suffix.lower()
+    hint = "use .tif, .png, .jpg, .webp, .avif or .jp2"
+    if suffix in READ_ONLY:
+        raise OutputError(
+            f"{READ_ONLY[suffix]} files are read, but not written", hint=hint, file=path
+        )
+    if suffix == source.suffix.lower() and encoding.format not in WRITTEN_AS:
+        return encoding.format
+    if suffix not in SUFFIXES:
+        raise OutputError(
+            f"no photo format ends in {suffix!r}" if suffix else "the name has no ending",
+            hint=hint,
+            file=path,
+        )
+    return SUFFIXES[suffix]
+
+
+def converted(encoding: Encoding, form: Format) -> Encoding:
+    """Return the way to write another format: lossless and compressed where it can be.
+
+    More than 8 bits stay 16, or become 10 in an AVIF.
+    """
+    deep = encoding.depth > 8 and form in {"PNG", "TIFF", "AVIF", "JPEG2000"}
+    return Encoding(
+        form,
+        depth=16 if deep else 8,
+        bits=10 if deep and form == "AVIF" else 0,
+        grey=encoding.grey,
+        transfer=encoding.transfer,
+        matrix=encoding.matrix,
+        lossless=encoding.format == "PNG",
+        compressed=True,
+    )
+
+
+def encoded(pixels: NDArray[np.float32], encoding: Encoding) -> Codes:
+    """Encode pixels, in the file's colours; a band of rows at a time if they must be turned."""
+    if encoding.matrix is None or pixels.ndim == 2:
+        return encode(pixels, encoding.transfer, encoding.depth)
+    matrix = np.array(encoding.matrix, np.float32)
+    bands = [
+        encode(pixels[top : top + _BAND] @ matrix.T, encoding.transfer, encoding.depth)
+        for top in range(0, len(pixels), _BAND)
+    ]
+    return np.concatenate(bands)
+
+
+def lost(encoding: Encoding, form: Format) -> list[str]:
+    """Say what a photo loses by being written in a format that is not its own."""
+    if form != encoding.format and (
+        (encoding.format == "JPEG" and encoding.carried)
+        or (encoding.format == "PNG" and any(name in encoding.carried for name in _TEXTS))
+    ):
+        return [f"its texts, beside EXIF, XMP and IPTC, are left out of a {form}"]
+    if encoding.format == "HEIF" and form == "JPEG":
+        bits = f" of {encoding.bits} bits" if encoding.bits else ""
+        return [f"a HEIC{bits}, written as a JPEG of quality 95 (-o NAME.tif loses nothing)"]
+    if encoding.depth == 32 and form != "TIFF":
+        return ["what lies beyond white is cut off (-o NAME.tif keeps it)"]
+    return []

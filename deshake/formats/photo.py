@@ -1,0 +1,303 @@
+"""A photo: pixels in linear light, and all that is needed to write it back the same way."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from deshake.errors import PhotoError
+from deshake.files.disk import check_output, read_bytes, write_bytes
+from deshake.formats.avif import decode_avif, encode_avif
+from deshake.formats.carrying import carried
+from deshake.formats.conversion import converted, encoded, output_format
+from deshake.formats.encoding import SUFFIXES, WRITTEN_AS, Decoded, Encoding, turned
+from deshake.formats.heif import decode_heif
+from deshake.formats.icc import profile_transfer
+from deshake.formats.jpeg import decode_jpeg, encode_jpeg
+from deshake.formats.jpeg2000 import decode_jpeg2000, encode_jpeg2000
+from deshake.formats.jpeg_frame import Frame
+from deshake.formats.png import decode_png, encode_png
+from deshake.formats.raw import decode_raw
+from deshake.formats.signatures import photo_format
+from deshake.formats.tiff import decode_tiff, encode_tiff
+from deshake.formats.transfer import LINEAR, NAMED, Power, decode, is_clipped
+from deshake.formats.webp import decode_webp, encode_webp
+from deshake.metadata.profiles import linear_profile, power_profile
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from deshake.formats.encoding import Format
+    from deshake.formats.transfer import Codes, TransferName
+    from deshake.metadata.metadata import Metadata
+
+__all__ = ["Photo", "encode_photo", "read_pair", "read_photo", "write_photo"]
+
+_log = logging.getLogger(__name__)
+
+_MAX_BYTES = 4 << 30
+_DECODERS: dict[Format, Callable[[bytes], Decoded]] = {
+    "JPEG": decode_jpeg,
+    "PNG": decode_png,
+    "TIFF": decode_tiff,
+    "WEBP": decode_webp,
+    "AVIF": decode_avif,
+    "JPEG2000": decode_jpeg2000,
+    "HEIF": decode_heif,
+    "RAW": decode_raw,
+}
+_ENCODERS: dict[Format, Callable[[Decoded], bytes]] = {
+    "JPEG": encode_jpeg,
+    "PNG": encode_png,
+    "TIFF": encode_tiff,
+    "WEBP": encode_webp,
+    "AVIF": encode_avif,
+    "JPEG2000": encode_jpeg2000,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Photo:
+    """A photo, upright, in linear light.
+
+    Parameters
+    ----------
+    pixels : (H, W) or (H, W, 3) array of float32
+        Linear light; 1 is the file's white, where it clips, as results beyond it do when they are
+        encoded. Of a RAW file, the sensor's colours, white-balanced.
+    clipped : (H, W) array of bool
+        Where any channel of the input was at the top (see `transfer.is_clipped`), or at the
+        sensor's white level.
+    alpha : (H, W) array of uint8 or uint16, or None
+        Opacity in the file's depth; carried bit for bit.
+    encoding : Encoding
+        How the file held the pixels.
+    metadata : Metadata
+        EXIF, XMP and ICC, with the orientation set to 1.
+    source : Path
+        The file.
+    notes : tuple of str
+        What the file holds that a result will lack, in plain words.
+    frame : Frame, optional
+        The compressed picture of a JPEG that was stored upright.
+    sha256 : str, optional
+        The SHA-256 of the file's bytes as they were read, in hexadecimal; a photo that was made in
+        memory has none.
+
+    """
+
+    pixels: NDArray[np.float32]
+    clipped: NDArray[np.bool_]
+    alpha: Codes | None
+    encoding: Encoding
+    metadata: Metadata
+    source: Path
+    notes: tuple[str, ...] = ()
+    frame: Frame | None = None
+    sha256: str | None = None
+
+    @property
+    def is_sensors(self) -> bool:
+        """Whether the pixels are a sensor's own light, which no tone curve has bent."""
+        return self.encoding.format == "RAW"
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width in pixels."""
+        return self.pixels.shape[0], self.pixels.shape[1]
+
+    def with_pixels(self, pixels: NDArray[np.floating]) -> Photo:
+        """Return the photo with other pixels of the same shape.
+
+        Raises
+        ------
+        ValueError
+            If the shape differs.
+
+        """
+        if pixels.shape != self.pixels.shape:
+            msg = f"pixels of shape {pixels.shape} for a photo of shape {self.pixels.shape}"
+            raise ValueError(msg)
+        return replace(self, pixels=np.asarray(pixels, np.float32), frame=None)
+
+    def in_linear_light(self) -> Photo:
+        """Return a RAW photo that is encoded in linear light and the sensor's colours.
+
+        The profile says which colours these are.
+
+        Raises
+        ------
+        PhotoError
+            If the photo is no RAW file.
+
+        """
+        encoding = self.encoding
+        if encoding.format != "RAW":
+            raise PhotoError(
+                "no RAW file: its result keeps its own curve",
+                hint="leave --linear out; a 16-bit TIFF holds all that the photo does",
+                file=self.source,
+            )
+        icc = linear_profile(encoding.matrix, grey=encoding.grey)
+        return replace(
+            self,
+            encoding=replace(encoding, transfer=LINEAR, matrix=None),
+            metadata=replace(self.metadata, icc=icc),
+        )
+
+
+def read_photo(path: str | os.PathLike[str], *, transfer: TransferName | None = None) -> Photo:
+    """Read a photo, whatever its name says, and turn it upright.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    transfer : {"srgb", "linear", "gamma22"}, optional, keyword-only
+        The file's transfer curve. By default that of its ICC profile if it has a simple one,
+        else what a PNG's chunks say, else sRGB. A RAW file is linear and takes none.
+
+    Raises
+    ------
+    PhotoError
+        If there is no such file, it is of no known format, damaged or cut short, has more
+        than one picture, more than `encoding.MAX_PIXELS` pixels, or no grey or RGB integers.
+
+    """
+    if os.path.exists(path) and not os.path.isfile(path) and not os.path.isdir(path):  # noqa: PTH110, PTH112, PTH113
+        raise PhotoError("is not a regular file", file=path)
+    data = read_bytes(path, _MAX_BYTES, PhotoError)
+    try:
+        decoded = _DECODERS[photo_format(data, Path(path).suffix)](data)
+        encoding = _encoding(decoded, transfer)
+    except PhotoError as error:
+        error.file = os.fspath(path)
+        raise
+    turn = decoded.metadata.orientation
+    codes = turned(decoded.codes, turn)
+    raw = encoding.format == "RAW"
+    clipped = is_clipped(codes) if decoded.saturated is None else turned(decoded.saturated, turn)
+    pixels = decode(codes, LINEAR if raw else encoding.transfer)
+    return Photo(
+        pixels=pixels,
+        clipped=clipped if encoding.grey else np.any(clipped, axis=-1),
+        alpha=None if decoded.alpha is None else turned(decoded.alpha, turn),
+        encoding=encoding,
+        metadata=decoded.metadata.upright(),
+        source=Path(path),
+        notes=decoded.notes,
+        frame=Frame(decoded.frame, pixels) if decoded.frame and turn == 1 else None,
+        sha256=hashlib.sha256(data).hexdigest(),
+    )
+
+
+def read_pair(
+    first: str | os.PathLike[str],
+    second: str | os.PathLike[str],
+    *,
+    transfer: TransferName | None = None,
+) -> tuple[Photo, Photo]:
+    """Read two photos of one scene as `read_photo` does.
+
+    Of two RAW files, the second is taken to the first one's white balance.
+    """
+    one, other = (read_photo(path, transfer=transfer) for path in (first, second))
+    if one.encoding.balance and len(one.encoding.balance) == len(other.encoding.balance):
+        gains = np.divide(one.encoding.balance, other.encoding.balance)
+        other = other.with_pixels(other.pixels * gains.astype(np.float32))
+    return one, other
+
+
+def encode_photo(photo: Photo, form: Format | None = None) -> bytes:
+    """Encode a photo, by default in the format and depth of its file.
+
+    Parameters
+    ----------
+    photo : Photo
+        The photo. A JPEG's own pixels are written as the bytes that they were read from.
+    form : Format, optional
+        Another format. JPEG and WebP hold 8 bits; WebP holds grey as RGB. A format that is only
+        read becomes another by default: RAW a TIFF, HEIC a JPEG.
+
+    Raises
+    ------
+    PhotoError
+        If the format cannot hold the photo: its size, its metadata, or transparency in a JPEG.
+
+    """
+    encoding, alpha = photo.encoding, photo.alpha
+    if encoding.format in WRITTEN_AS:
+        form = form or SUFFIXES[WRITTEN_AS[encoding.format]]
+    metadata = photo.metadata
+    if form is not None and form != encoding.format:
+        encoding = converted(encoding, form)
+        if not metadata.icc and isinstance(encoding.transfer, Power):  # as a PNG may say otherwise
+            profile = power_profile(encoding.transfer.gamma, grey=encoding.grey)
+            metadata = replace(metadata, icc=profile)
+        if alpha is not None and alpha.dtype == np.uint16 and encoding.depth == 8:
+            alpha = np.rint(alpha / 257).astype(np.uint8)
+    if alpha is not None and encoding.format == "JPEG":
+        if alpha.min() < np.iinfo(alpha.dtype).max:
+            raise PhotoError(
+                "a JPEG cannot hold transparency",
+                hint="write a PNG, TIFF or WebP",
+                file=photo.source,
+            )
+        alpha = None
+    frame = photo.frame.of(photo.pixels) if photo.frame and encoding.format == "JPEG" else b""
+    codes = encoded(photo.pixels, encoding)
+    metadata = carried(metadata, encoding.format, *photo.shape).metadata
+    try:
+        return _ENCODERS[encoding.format](Decoded(codes, alpha, encoding, metadata, frame=frame))
+    except PhotoError as error:
+        error.file = str(photo.source)
+        raise
+
+
+def write_photo(path: str | os.PathLike[str], photo: Photo, *, overwrite: bool = False) -> None:
+    """Write a photo to a file, whole or not at all; warn of metadata that it cannot hold.
+
+    Parameters
+    ----------
+    path : path
+        The file; `output_format` decides its format.
+    photo : Photo
+        The photo.
+    overwrite : bool, keyword-only
+        Whether an existing file may be replaced. The photo's source never is.
+
+    Raises
+    ------
+    OutputError
+        If the file may not or cannot be written.
+    PhotoError
+        If the format cannot hold the photo.
+
+    """
+    form = output_format(path, photo.source, photo.encoding)
+    check_output(path, photo.source, overwrite=overwrite)
+    for loss in carried(photo.metadata, form, *photo.shape).losses:
+        _log.warning("%s: %s", photo.source, loss)
+    write_bytes(path, encode_photo(photo, form), overwrite=overwrite)
+
+
+def _encoding(decoded: Decoded, transfer: TransferName | None) -> Encoding:
+    """Return how the results of a file are encoded."""
+    encoding = decoded.encoding
+    if encoding.format == "RAW":
+        if transfer is not None:
+            raise PhotoError(
+                "a RAW file, whose values are light itself",
+                hint="leave --transfer out; --linear writes the result in linear light",
+            )
+        return encoding
+    known = NAMED[transfer] if transfer is not None else profile_transfer(decoded.metadata.icc)
+    return encoding if known is None else replace(encoding, transfer=known)

@@ -1,1 +1,0 @@
-"""The side door: photos, camera and kernel files, in and out."""

@@ -1,0 +1,1 @@
+"""The focal length and the distortion of the lens."""

@@ -1,0 +1,234 @@
+"""Photos through lenses that bend: straightened before anything else, and bent back if asked for.
+
+Rotations are homographies of a pinhole's picture only. So a photo whose camera has a distortion is
+made straight, in one resampling; what is estimated is estimated, and what is deblurred is deblurred
+on the straight picture. That has the size of the photo, and is as wide as it can be without looking
+beyond it: of a barrel the corners are cut off. The result is this picture, deblurred. Where the
+geometry is to be kept, the straight picture is wide enough for all of the photo, continued by its
+mirror image, and the result is bent back by one more resampling.
+
+Kernels and registrations are stored with the photo's camera and its distortion: from these each
+stage finds the same straight picture again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from deshake.errors import CalibrationError
+from deshake.geometry.camera import Camera
+from deshake.geometry.distortion import pinhole, undistorted
+from deshake.lens.frame_tags import reframed
+from deshake.lens.lens_warp import LensWarp
+from deshake.metadata.provenance import carried_provenance
+
+if TYPE_CHECKING:
+    from deshake.formats.photo import Photo
+    from deshake.geometry.kernel import RotationKernel
+
+__all__ = [
+    "bent",
+    "bent_kernel",
+    "camera_at",
+    "check_unstraightened",
+    "is_straightened",
+    "straight_kernel",
+    "straight_pair",
+    "straight_region",
+    "straightened",
+]
+
+Region = tuple[int, int, int, int]
+
+
+def is_straightened(photo: Photo) -> bool:
+    """Tell whether a photo says in its provenance that its lens was undone already."""
+    told = carried_provenance(photo.metadata)
+    return told is not None and bool(told.get("straightened"))
+
+
+def check_unstraightened(photo: Photo) -> None:
+    """Refuse to undo the lens of a photo a second time.
+
+    Raises
+    ------
+    CalibrationError
+        If it was undone already.
+
+    """
+    if is_straightened(photo):
+        raise CalibrationError(
+            "was straightened by deshake already: no lens is left to undo",
+            hint="leave --lens out, or use a camera or a kernel without distortion",
+            file=photo.source,
+        )
+
+
+def straightened(photo: Photo, camera: Camera, *, whole: bool = False) -> tuple[Photo, Camera]:
+    """Return what a pinhole would have taken instead of a photo, and that pinhole.
+
+    Parameters
+    ----------
+    photo : Photo
+        The photo.
+    camera : Camera
+        Its camera; without distortion, photo and camera are returned as they are.
+    whole : bool, keyword-only
+        Whether the picture is to show all of the photo.
+
+    Returns
+    -------
+    photo : Photo
+        Pixels, clipped pixels and opacity are resampled; EXIF tells the new frame.
+    camera : Camera
+        Of the same principal point, without distortion.
+
+    Raises
+    ------
+    CalibrationError
+        If the distortion is too strong, or the photo was straightened already.
+
+    """
+    if camera.is_pinhole:
+        return photo, camera
+    check_unstraightened(photo)
+    seen = _pinhole(photo, camera, whole=whole)
+    warp = LensWarp(camera, seen)
+    straight = replace(
+        photo,
+        pixels=warp.straighten(photo.pixels),
+        clipped=warp.straighten_mask(photo.clipped),
+        alpha=None if photo.alpha is None else warp.straighten_codes(photo.alpha),
+        metadata=reframed(photo.metadata, *seen.shape, seen.focal_px),
+    )
+    return straight, seen
+
+
+def bent(straight: Photo, photo: Photo, camera: Camera) -> Photo:
+    """Return the whole straight picture bent to the geometry of its photo.
+
+    Parameters
+    ----------
+    straight : Photo
+        What came of `straightened` with `whole`.
+    photo : Photo
+        The photo: its opacity and metadata are kept.
+    camera : Camera
+        The photo's camera.
+
+    """
+    if camera.is_pinhole:
+        return straight
+    warp = LensWarp(camera, _pinhole(photo, camera, whole=True))
+    return photo.with_pixels(warp.bend(straight.pixels))
+
+
+def straight_pair(
+    blurred: Photo, noisy: Photo, camera: Camera, *, whole: bool = False
+) -> tuple[Photo, Photo, Camera]:
+    """Return two photos through one lens as a pinhole would have taken them, and that pinhole.
+
+    Parameters
+    ----------
+    blurred, noisy : Photo
+        The photos; the second one may be of another size, or lie on its side.
+    camera : Camera
+        That of the first one.
+    whole : bool, keyword-only
+        As for `straightened`.
+
+    """
+    straight, seen = straightened(blurred, camera, whole=whole)
+    if camera.is_pinhole:
+        return straight, noisy, seen
+    other, _ = straightened(noisy, camera_at(camera, noisy.shape), whole=whole)
+    return straight, other, seen
+
+
+def straight_region(region: Region | None, camera: Camera, seen: Camera) -> Region | None:
+    """Return the part of the straight picture that a region of the photo became.
+
+    Parameters
+    ----------
+    region : (x, y, width, height) or None
+        In pixels of the photo.
+    camera, seen : Camera
+        The photo's and the pinhole's.
+
+    """
+    if region is None or camera.is_pinhole:
+        return region
+    x, y, width, height = region
+    corners = np.array(
+        [(a, b) for a in (x, x + (width - 1) / 2, x + width - 1) for b in (y, y + height - 1)],
+        np.float64,
+    )
+    there = undistorted(corners, camera, seen)
+    last = np.array(seen.shape[::-1]) - 1
+    low = np.clip(np.floor(there.min(0)), 0, last).astype(int)
+    high = np.clip(np.ceil(there.max(0)), 0, last).astype(int)
+    return int(low[0]), int(low[1]), int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1
+
+
+def straight_kernel(kernel: RotationKernel, camera: Camera, seen: Camera) -> RotationKernel:
+    """Return the kernel of a photo for its straight picture; see `bent_kernel`."""
+    if camera.is_pinhole:
+        return kernel
+    if not kernel.camera.is_uniform:
+        return kernel.for_camera(seen)
+    zoom = seen.focal_px / camera.focal_px
+    return kernel.for_camera(Camera.from_focal(zoom * kernel.camera.focal_px, *seen.shape))
+
+
+def bent_kernel(kernel: RotationKernel, camera: Camera, seen: Camera) -> RotationKernel:
+    """Return the kernel of a straight picture with the camera of its photo.
+
+    Rotations are the same for both. Those of the uniform model are shifts, which have the size of
+    the straight picture.
+
+    Parameters
+    ----------
+    kernel : RotationKernel
+        For the pinhole, or for the camera of the uniform model.
+    camera, seen : Camera
+        The photo's and the pinhole's.
+
+    """
+    if camera.is_pinhole:
+        return kernel
+    if not kernel.camera.is_uniform:
+        return kernel.for_camera(camera)
+    zoom = seen.focal_px / camera.focal_px
+    return replace(
+        kernel,
+        theta=kernel.theta / zoom,
+        steps=kernel.steps / zoom,
+        camera=camera.as_uniform(),
+    )
+
+
+def camera_at(camera: Camera, shape: tuple[int, int]) -> Camera:
+    """Return the camera of another photo through the same lens, of another size or turned.
+
+    Of a photo that lies on its side, nobody knows which side: its principal point is taken to be
+    in the middle.
+    """
+    height, width = shape
+    if (height > width) == (camera.height > camera.width):
+        return camera.scaled(height, width)
+    focal = camera.focal_px * max(shape) / max(camera.shape)
+    return Camera.from_focal(focal, height, width).with_lens(camera.distortion)
+
+
+def _pinhole(photo: Photo, camera: Camera, *, whole: bool) -> Camera:
+    try:
+        return pinhole(camera, whole=whole)
+    except ValueError as error:
+        raise CalibrationError(
+            f"the picture cannot be straightened: {error}",
+            hint="try without the lens's distortion, or another camera file",
+            file=photo.source,
+        ) from error

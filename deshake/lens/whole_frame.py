@@ -1,0 +1,131 @@
+"""The whole frame that a photo was taken with, whether it was cropped or resized since.
+
+Focal lengths in millimetres tell the angle of view of the whole frame. EXIF states the size of the
+picture as it was taken; where a file's size differs, it was resized or cropped.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from deshake.metadata.metadata import CameraTags
+
+__all__ = ["WholeFrame", "whole_frame"]
+
+_CLOSE: Final = 0.02  # sides that differ by less do not matter
+_SHAPES: Final = (1.0, 5 / 4, 4 / 3, 3 / 2, 16 / 9, 2.0, 20 / 9)  # of pictures as cameras take them
+_RESIZED: Final = 1.25  # who makes a picture smaller makes it so by more
+_QUARTER: Final = (
+    0.25  # of the area: who crops more than that away makes the rest larger or smaller
+)
+
+
+@dataclass(frozen=True)
+class WholeFrame:
+    """The frame as it was taken, in pixels of the photo.
+
+    Parameters
+    ----------
+    long, short : float
+        Its longer and its shorter side.
+    scale : float
+        Pixels of the photo a pixel of the picture as it was taken.
+    sure : float
+        How far that is to be trusted, 0 to 1.
+    note : str
+        What the user should know; empty: nothing.
+    told : str
+        What was found, for those who ask.
+
+    """
+
+    long: float
+    short: float
+    scale: float = 1.0
+    sure: float = 1.0
+    note: str = ""
+    told: str = ""
+
+
+def whole_frame(
+    tags: CameraTags, height: int, width: int, full: tuple[float, float] | None = None
+) -> WholeFrame:
+    """Tell the whole frame of a photo.
+
+    A picture of the same shape, to the rounding of its sides, was resized. One of another shape
+    was cropped: without resizing, if more than a quarter of the area is left, else as little as
+    its shape allows. Whether a photo lies on its side does not matter.
+
+    Parameters
+    ----------
+    tags : CameraTags
+        What the camera says.
+    height, width : int
+        The photo's size in pixels.
+    full : (float, float), optional
+        Longer and shorter side in pixels of the sensor, by its size and the resolution of the
+        focal plane: programs that crop or resize often write the new size, but hardly touch
+        these.
+
+    """
+    long, short = max(height, width), min(height, width)
+    taken = None if tags.pixel_size is None else (max(tags.pixel_size), min(tags.pixel_size))
+    if full is not None and (taken is None or full[0] > (1 + _CLOSE) * taken[0]):
+        return _by_sensor(long, short, full)
+    if taken is None:
+        return _by_shape(long, short)
+    if (long, short) == taken:
+        return WholeFrame(long, short, told=f"as taken, {long} x {short} pixels")
+    scale = long / taken[0]
+    if abs(taken[1] * scale - short) <= max(1.0, scale):
+        return WholeFrame(long, short, scale, told=f"{scale:.3g} times the size of what was taken")
+    left = long * short / (taken[0] * taken[1])
+    return _cropped((long, short), taken, resized=left < _QUARTER)
+
+
+def _by_sensor(long: int, short: int, full: tuple[float, float]) -> WholeFrame:
+    """Tell the whole frame of a photo that has fewer pixels than its sensor."""
+    alike = abs(full[0] * short / (full[1] * long) - 1) < _CLOSE
+    if alike and full[0] > _RESIZED * long:
+        return WholeFrame(long, short, long / full[0], 0.9, told="resized, by its sensor")
+    return _cropped((long, short), (round(full[0]), round(full[1])))
+
+
+def _cropped(size: tuple[int, int], whole: tuple[int, int], *, resized: bool = False) -> WholeFrame:
+    """Tell the whole frame of a photo of another shape."""
+    if size[0] > (1 + _CLOSE) * whole[0] or size[1] > (1 + _CLOSE) * whole[1]:
+        return WholeFrame(
+            *size,
+            size[0] / whole[0],
+            0.4,
+            f"it was taken as {whole[0]} x {whole[1]} pixels, and has {size[0]} x {size[1]}: it "
+            "seems to be cropped and enlarged, and its focal length is a guess",
+            "cropped and enlarged",
+        )
+    scale = max(size[0] / whole[0], size[1] / whole[1]) if resized else 1.0
+    small = min(size[0] / whole[0], size[1] / whole[1])
+    told = f"cropped from {whole[0]} x {whole[1]} pixels"
+    if small >= 1 - _CLOSE:
+        return WholeFrame(*whole, told=told)
+    note = f"it was taken as {whole[0]} x {whole[1]} pixels, and has {size[0]} x {size[1]}: "
+    if scale == 1:
+        note += "it is taken to be a crop out of the whole frame"
+        return WholeFrame(*whole, sure=0.7, note=note, told=told)
+    note += "it is taken to be cropped and resized, and its focal length is a guess"
+    return WholeFrame(
+        whole[0] * scale, whole[1] * scale, scale, 0.4, note, f"{told}, {scale:.3g} times the size"
+    )
+
+
+def _by_shape(long: int, short: int) -> WholeFrame:
+    """Tell the whole frame where nothing but the photo itself tells it."""
+    if any(abs(long / short / shape - 1) < _CLOSE for shape in _SHAPES):
+        told = "its EXIF does not say how large it was taken; its shape is a camera's"
+        return WholeFrame(long, short, sure=0.9, told=told)
+    note = (
+        f"its EXIF does not say how large it was taken, and {long} x {short} is the shape of no "
+        "camera: if it is cropped, its focal length is longer than what is taken for it"
+    )
+    return WholeFrame(long, short, sure=0.5, note=note, told="of no camera's shape")

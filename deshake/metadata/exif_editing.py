@@ -1,0 +1,183 @@
+"""Changes to an EXIF block that leave all else where it is.
+
+Maker notes hold offsets that count from the beginning of the block, and nobody knows all of them:
+bytes are overwritten or appended, never moved.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Final
+
+from deshake.metadata import exif
+
+__all__ = [
+    "maker_note_at",
+    "pointers",
+    "shortened",
+    "upright",
+    "with_size",
+    "with_software",
+    "without_thumbnail",
+]
+
+_SIZES_BELOW: Final = (0xA002, 0xA003)  # PixelXDimension, PixelYDimension
+_SIZES: Final = (256, 257)  # ImageWidth, ImageLength
+_THUMBNAIL: Final = (513, 514)  # JPEGInterchangeFormat, and its length
+_WHOLE: Final = {1: "B", 3: "H", 4: "I"}  # types of one whole number
+
+
+def maker_note_at(block: bytes) -> int | None:
+    """Return where the maker note of an EXIF block or TIFF file begins; None if there is none."""
+    first = exif.read_first(block)
+    below = None if first is None else exif.read_below(block, first, exif.EXIF_POINTER)
+    return None if below is None else below.places.get(exif.MAKER_NOTE)
+
+
+def upright(block: bytes) -> bytes:
+    """Return an EXIF block that says orientation 1, for pixels that have been turned."""
+    first = exif.read_first(block)
+    if first is None or exif.orientation(block) == 1:
+        return block
+    out = bytearray(block)
+    _set(out, first, exif.ORIENTATION, 1)
+    return bytes(out)
+
+
+def with_size(block: bytes, height: int, width: int) -> bytes:
+    """Return an EXIF block whose sizes of the picture, where it tells any, are these."""
+    first = exif.read_first(block)
+    if first is None:
+        return block
+    out = bytearray(block)
+    below = exif.read_below(block, first, exif.EXIF_POINTER)
+    for directory, tags in ((first, _SIZES), (below, _SIZES_BELOW)):
+        if directory is not None:
+            for tag, size in zip(tags, (width, height), strict=True):
+                _set(out, directory, tag, size)
+    return bytes(out)
+
+
+def without_thumbnail(block: bytes) -> bytes:
+    """Return an EXIF block without its thumbnail, which shows the photo as it was.
+
+    The link to its directory is cut by zeroing the four bytes that point there, and the picture is
+    zeroed too, or cut off where it ends the block.
+    """
+    first = exif.read_first(block)
+    if first is None or not any(block[first.next_at : first.next_at + 4]):
+        return block
+    out = bytearray(block)
+    out[first.next_at : first.next_at + 4] = bytes(len(out[first.next_at : first.next_at + 4]))
+    try:
+        (start,) = struct.unpack_from(f"{first.order}I", block, first.next_at)
+        second = exif.read_directory(block, first.order, start, big=False)
+    except struct.error:
+        second = None
+    place, size = (
+        int(number[0]) if second is not None and (number := second.numbers(tag)) else 0
+        for tag in _THUMBNAIL
+    )
+    end = place + size
+    if place >= 8 and end <= len(out) and not _is_used(block, place, end):
+        out[place:end] = b"" if end == len(out) else bytes(size)
+    return bytes(out)
+
+
+def shortened(block: bytes, longest: int) -> tuple[bytes, list[int]]:
+    """Lay an EXIF block out anew so that it is no longer than `longest`.
+
+    Returns
+    -------
+    block : bytes
+        The block.
+    dropped : list of int
+        Tags of the longest values, which had to go for it.
+
+    """
+    tree, place = exif.read_tree(block), maker_note_at(block)
+    dropped: list[int] = []
+    while len(shorter := exif.new_block(tree, note_at=place)) > longest:
+        directories = (tree.main, tree.exif, tree.gps, tree.interop)
+        values = max(directories, key=lambda d: max((len(v[2]) for v in d.values()), default=0))
+        tag = max(values, key=lambda tag: len(values[tag][2]))
+        dropped.append(tag)
+        del values[tag]
+    return shorter, dropped
+
+
+def with_software(block: bytes, software: str) -> bytes:
+    """Return an EXIF block whose Software tag is another; a new block if there is none.
+
+    The first directory is written anew behind the block. A block that is not understood, or that
+    would then be too long for a JPEG, is returned as it is.
+    """
+    raw = software.encode() + b"\0"
+    if not block:
+        return exif.new_block(exif.Tree(main={exif.SOFTWARE: (2, len(raw), raw)}))
+    first = exif.read_first(block)
+    if first is None or block[2:4] not in {b"*\0", b"\0*"}:
+        return block
+    order = first.order
+    (start,) = struct.unpack_from(f"{order}I", block, 4)
+    entries = dict[int, bytes]()
+    for at in range(start + 2, min(first.next_at, len(block) - 11), 12):
+        (tag,) = struct.unpack_from(f"{order}H", block, at)
+        entries.setdefault(tag, block[at : at + 12])
+    out = bytearray(block)
+    out += bytes(len(out) % 2)
+    entries[exif.SOFTWARE] = struct.pack(f"{order}HHII", exif.SOFTWARE, 2, len(raw), len(out))
+    out += raw + bytes(len(raw) % 2)
+    struct.pack_into(f"{order}I", out, 4, len(out))
+    out += struct.pack(f"{order}H", len(entries)) + b"".join(
+        entries[tag] for tag in sorted(entries)
+    )
+    out += block[first.next_at : first.next_at + 4].ljust(4, b"\0")
+    return block if len(out) > exif.LONGEST >= len(block) else bytes(out)
+
+
+def pointers(block: bytes) -> exif.Values | None:
+    """Return the tags that lead from a block's first directory to the others, for another file.
+
+    The block has to be the beginning of that file. None if there are no others, or if not all of
+    what is in them can be read, so that they are better written anew.
+    """
+    first = exif.read_first(block)
+    if first is None or block[2:4] not in {b"*\0", b"\0*"}:
+        return None
+    found: exif.Values = {}
+    below = [(first, exif.EXIF_POINTER), (first, exif.GPS_POINTER)]
+    for parent, tag in below:
+        directory = exif.read_below(block, parent, tag)
+        if directory is not None:
+            if not directory.whole:
+                return None
+            if parent is first:
+                found[tag] = exif.pointer(first.order, directory.start)
+            if tag == exif.EXIF_POINTER:
+                below.append((directory, exif.INTEROP_POINTER))
+    return found or None
+
+
+def _set(out: bytearray, directory: exif.Directory, tag: int, number: int) -> None:
+    """Overwrite a tag that is one whole number, if it has room for the new one."""
+    kind, count, raw = directory.values.get(tag, (0, 0, b""))
+    if kind in _WHOLE and count == 1 and number < 1 << 8 * len(raw):
+        place = directory.places[tag]
+        out[place : place + len(raw)] = struct.pack(f"{directory.order}{_WHOLE[kind]}", number)
+
+
+def _is_used(block: bytes, start: int, end: int) -> bool:
+    """Tell whether a directory, or a value in one, lies in a range."""
+    first = exif.read_first(block)
+    directories = [first] if first is not None else []
+    for parent in directories:
+        for link in (exif.EXIF_POINTER, exif.GPS_POINTER, exif.INTEROP_POINTER):
+            below = exif.read_below(block, parent, link)
+            if below is not None and len(directories) < 4:
+                directories.append(below)
+    used = [(d.start, d.next_at + 4) for d in directories]
+    used += [
+        (d.places[t], d.places[t] + len(d.values[t][2])) for d in directories for t in d.values
+    ]
+    return any(low < end and start < high for low, high in used)

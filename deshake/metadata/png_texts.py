@@ -1,0 +1,55 @@
+"""Metadata in the texts of a PNG, as ImageMagick puts them there: "Raw profile type exif" etc.
+
+It is the only way that a PNG can hold IPTC, and what older programs used for EXIF and XMP.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+from deshake.metadata.image_resources import iptc_of
+
+__all__ = ["RAW_PROFILE", "profile_text", "raw_profile"]
+
+RAW_PROFILE: Final = b"Raw profile type "
+"""What the keyword of such a text begins with."""
+
+_EXIF: Final = b"Exif\0\0"
+_XMP: Final = b"http://ns.adobe.com/xap/1.0/\0"
+_TEXT: Final = re.compile(rb"\s*\w{1,40}\s+(\d{1,10})\s([0-9a-fA-F\s]*)")
+
+
+def raw_profile(keyword: bytes, text: bytes) -> dict[str, bytes]:
+    """Read a profile; return the fields of `Metadata` that it fills, none if it is not known.
+
+    Parameters
+    ----------
+    keyword : bytes
+        The keyword of the text, with what may stand behind its NUL.
+    text : bytes
+        A name, the length in bytes, and the bytes in hexadecimal.
+
+    """
+    kind = keyword.split(b"\0", 1)[0].removeprefix(RAW_PROFILE).lower()
+    found = _TEXT.match(text)
+    digits = b"" if found is None else b"".join(found[2].split())
+    data = bytes.fromhex(digits[: len(digits) // 2 * 2].decode("ascii"))
+    if found is None or len(data) != int(found[1]):
+        return {}
+    if kind in {b"exif", b"app1"} and data.startswith(_EXIF):
+        return {"exif": data.removeprefix(_EXIF)}
+    if kind in {b"xmp", b"app1"} and not data.startswith(_EXIF):
+        return {"xmp": data.removeprefix(_XMP)}
+    if kind in {b"icc", b"icm"}:
+        return {"icc": data}
+    if kind in {b"iptc", b"8bim"} and data.startswith(b"8BIM"):
+        return {"iptc": iptc_of(data), "resources": data}
+    return {"iptc": data} if kind == b"iptc" else {}
+
+
+def profile_text(data: bytes) -> bytes:
+    """Return the text that holds image resources with IPTC."""
+    digits = data.hex()
+    lines = "\n".join(digits[at : at + 72] for at in range(0, len(digits), 72))
+    return f"\niptc\n{len(data):8}\n{lines}\n".encode("ascii")

@@ -1,0 +1,182 @@
+"""The noisy photo of a pair, denoised: a guide for deblurring the other one.
+
+Its noise is told by the blurred photo (`pair_noise`). Noise whose variance grows with the light,
+slope x + floor, is alike everywhere in the root of the light [1]; there non-local means take it
+off. Where the noisy photo sees nothing, the blurred one stands in.
+
+References
+----------
+.. [1] F. Anscombe, "The transformation of Poisson, binomial and negative-binomial data",
+   Biometrika 35, 1948, with the term for readout noise of F. Murtagh, J.-L. Starck and A. Bijaoui,
+   "Image restoration with noise suppression using a multiresolution support", Astronomy and
+   Astrophysics Supplement 112, 1995.
+
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from deshake.operators.planes import channels_first, fitted, image_like
+from deshake.signal.non_local_means import non_local_means
+from deshake.signal.pair_noise import noise_of_pair
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    Resample = Callable[[NDArray[np.float32]], tuple[NDArray[np.float32], NDArray[np.float32]]]
+
+__all__ = ["NoisyPhoto", "denoised_tones", "noisy_photo"]
+
+Image = NDArray[np.float32]
+
+_STRENGTH = 0.85  # of the noise, that non-local means are told
+_TONE_STRENGTH = 1.2  # the same of display values, where cameras took noise off flat areas
+_MAD = 1.4826
+_FINE_PX = 1.2
+_LEAST_TONE = 0.004  # the rounding to 8 bits, about
+_STEEPEST = 20.0  # floor over slope: with less slope the root would not be one
+_BAND = 256
+
+
+@dataclass(frozen=True, eq=False)
+class NoisyPhoto:
+    """The noisy photo, its noise, and what is left without it.
+
+    Parameters
+    ----------
+    pixels : (C, H, W) array of float32
+        The noisy photo f_N, registered; where it sees nothing, the blurred one.
+    denoised : (C, H, W) array of float32
+        The same denoised, f_D, >= 0.
+    slope, floor : float
+        The variance of the noise is ``slope x + floor`` at the light x.
+    misfit : float
+        Of (g - A f_D)^2, the largest share that the kernel may be held to blame for.
+
+    """
+
+    pixels: Image
+    denoised: Image
+    slope: float
+    floor: float
+    misfit: float = 1.5
+
+    def variance(self) -> Image:
+        """Return the variance of the noise, averaged over the colours, (H, W)."""
+        variance: Image = self.denoised.mean(0)
+        variance *= np.float32(self.slope)
+        variance += np.float32(self.floor)
+        return variance
+
+
+def noisy_photo(
+    g: Image, f_N: Image, resample: Resample, *, threads: int | None = None
+) -> tuple[NoisyPhoto, Image]:
+    """Denoise the noisy photo of a pair, then register it: its noise is white in its own frame.
+
+    Parameters
+    ----------
+    g : (h, w) or (h, w, C) array of float32
+        The blurred photo, linear light.
+    f_N : (h', w') or (h', w', C) array of float32
+        The noisy one as bright as the blurred one, not registered.
+    resample : callable
+        Takes it to the blurred one's frame, or further by the same on all sides, and tells where
+        it is seen there, 1 or 0.
+    threads : int, optional
+        Threads to use; by default all processors. The result does not depend on it.
+
+    Returns
+    -------
+    noisy : NoisyPhoto
+        Registered.
+    valid : (h + 2 r, w + 2 r) array of float32
+        Where it is seen.
+
+    Raises
+    ------
+    ValueError
+        If the photos do not fit each other.
+
+    """
+    if not (np.isfinite(f_N.min()) and np.isfinite(f_N.max())):
+        raise ValueError("a photo's pixels are finite")
+    f_reg, valid = resample(f_N)
+    if f_reg.shape[2:] != g.shape[2:] or f_reg.shape[:2] != valid.shape:
+        raise ValueError(f"a noisy photo of shape {f_reg.shape} does not fit one of {g.shape}")
+    pixels = _filled(channels_first(f_reg), g, valid)
+    del f_reg
+    within = fitted(pixels, g.shape[:2])
+    slope, floor = noise_of_pair(image_like(within, g), g, fitted(valid, g.shape[:2]))
+    finer = f_N.shape[0] * f_N.shape[1] / (g.shape[0] * g.shape[1])  # pixels for one
+    f_D = channels_first(resample(_denoised(f_N, finer * slope, finer * floor, threads))[0])
+    f_D = np.maximum(_filled(f_D, g, valid), 0)
+    return NoisyPhoto(pixels, f_D, slope, floor), valid
+
+
+def _filled(planes: Image, g: Image, valid: Image) -> Image:
+    """Let the blurred photo stand in where the noisy one sees nothing."""
+    unseen = fitted(channels_first(g), valid.shape)
+    return np.where(valid > 0, planes, unseen).astype(np.float32, copy=False)
+
+
+def _denoised(f_N: Image, slope: float, floor: float, threads: int | None) -> Image:
+    """Denoise a photo whose noise has the variance ``slope x + floor`` at the light x."""
+    filled = channels_first(f_N)
+    a = max(slope, floor / _STEEPEST)
+    root = np.empty(filled.shape, np.float32)
+    least = floor + 0.375 * a * a
+    for rows in _bands(filled):
+        part = np.maximum(a * filled[:, rows] + np.float32(least), 0)
+        root[:, rows] = np.sqrt(part, out=part) * np.float32(2 / a)
+    f_D = non_local_means(root, _STRENGTH, threads=threads)
+    del root
+    for rows in _bands(f_D):
+        part = np.square(f_D[:, rows] * np.float32(a / 2))
+        part -= np.float32(least)
+        f_D[:, rows] = np.maximum(part, 0) / np.float32(a)
+    return image_like(f_D, f_N)
+
+
+def denoised_tones(u: Image, *, threads: int | None = None) -> tuple[Image, Image]:
+    """Denoise a photo in display values, all channels together, as cameras' files need it.
+
+    Parameters
+    ----------
+    u : (C, h, w) array of float32
+        The photo before it is resampled, in display values, 0..1.
+    threads : int, optional
+        Threads to use; by default all processors. The result does not depend on it.
+
+    Returns
+    -------
+    denoised : (C, h, w) array of float32
+        Values of the same kind.
+    sigmas : (C,) array of float32
+        Standard deviations of the noise, by medians.
+
+    """
+    sigmas = np.array([_tone_noise(plane) for plane in u], np.float32)
+    denoised = non_local_means(u / sigmas[:, None, None], _TONE_STRENGTH, threads=threads)
+    denoised *= sigmas[:, None, None]
+    return denoised, sigmas
+
+
+def _tone_noise(plane: Image) -> float:
+    """Tell the standard deviation of noise: the larger of two medians, of fine and finest."""
+    fine = plane - gaussian_filter(plane, _FINE_PX)
+    down = plane[1:] - plane[:-1]
+    finest = (down[:, 1:] - down[:, :-1]) / 2
+    found = (_MAD * float(np.median(np.abs(part))) for part in (fine, finest) if part.size)
+    return max(_LEAST_TONE, *found)
+
+
+def _bands(planes: Image) -> Iterator[slice]:
+    """Cut planes (C, h, w) into bands of rows."""
+    return (slice(top, top + _BAND) for top in range(0, planes.shape[1], _BAND))

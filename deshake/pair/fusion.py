@@ -1,0 +1,224 @@
+"""Two photos of one scene made into one: a blurred one with its kernel, and a noisy, sharp one.
+
+The sharp photo is the f that minimises
+
+    1/2 |(A f - g) / sigma_g|^2 + 1/2 |sqrt(v) (f - f_M) / sigma_M|^2 + tau sum |s D f|_k^p,
+
+with the symbols of `sparse_gradients`. The blurred photo knows light and all that is coarser than
+its blur, the noisy one where the edges are; the frequencies that the blur took away come from it
+alone, and the prior takes its noise off them. f_M is a mean of the noisy photo and of the same
+photo denoised, f_M = (1 - b) f_N + b f_D: the better g is, the less has to be taken on trust from
+a denoiser, which removes faint detail with the noise; b = r / (r + r_0), r = sigma_g / sigma_N.
+sigma_g has the errors of the kernel in it; where the photos disagree, as where something moved, g
+does not count, and the scene is as the noisy photo saw it (`pair_weights`). v is 0 where that sees
+nothing. It is registered beyond the frame as far as the blur reaches, for what lies there is in g,
+too. s = (1 / sigma_g^2 + 1 / sigma_N^2)^(1/2), where the second is averaged, is about what both
+together tell.
+
+It begins with f_D, or where v = 0 with a few iterations of Richardson-Lucy, and takes a few stages
+of half-quadratic splitting (`half_quadratic`). Where v = 0 it is a deconvolution of the blurred
+photo alone. The noisy photo in such a sum is what L. Yuan, J. Sun,
+L. Quan and H.-Y. Shum, "Image deblurring with blurred/noisy image pairs", ACM Transactions on
+Graphics 26, 2007, https://doi.org/10.1145/1276377.1276379, do without.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
+
+from deshake.operators.filter_flow import reach
+from deshake.operators.patch_inverse import approximate_inverse
+from deshake.operators.planes import channels_first, fitted
+from deshake.operators.shake_blur import blur_filters
+from deshake.pair.pair_weights import agreement, blurred_variance, denoising_error
+from deshake.restore.lights import trust
+from deshake.restore.restoration import Restoration, check_photo
+from deshake.restore.richardson_lucy import latent_start
+from deshake.signal.half_quadratic import HalfQuadratic
+from deshake.signal.noise import smoothed
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from deshake.geometry.kernel import RotationKernel
+    from deshake.operators.shake_blur import Filters
+    from deshake.pair.denoising import NoisyPhoto
+    from deshake.restore.quality import Quality
+
+    Progress = Callable[[float, str], None]
+
+__all__ = ["fuse"]
+
+Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+_STAGES = {"fast": 5, "default": 10, "high": 16}
+_RHO = (0.015, 1.0)
+_TAU = 0.25
+_DENOISED = np.float32(0.08)  # r_0
+_PRECISION_PX = 15  # over which the noisy photo's precision is averaged for s
+_WHITE = 0.9  # light that is displayed as white or nearly so, even if it was clipped
+_BLACK = 0.003  # light of a noisy photo that may be shadows which a camera cut off
+_CLIPPED_PX, _CLIPPED_SHARE = 5, 0.5  # noise clips a few pixels of bright parts: that is no harm
+_BEYOND = 1.05  # light that a clipped pixel does not tell: below, it is about as bright as it looks
+_ALONE = 6  # iterations of Richardson-Lucy, to begin with where the noisy photo sees nothing
+_PREPARING = 8.0  # effort of all before the first stage, in stages
+
+
+def fuse(
+    g: Image,
+    noisy: NoisyPhoto,
+    kernel: RotationKernel,
+    *,
+    valid: Image,
+    clipped: Mask | None = None,
+    noisy_clipped: Mask | None = None,
+    quality: Quality = "default",
+    iterations: int | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Restoration:
+    """Deblur a photo with the help of a sharp but noisy one.
+
+    The result lies in the frame of the noisy photo as it was registered: that is what the kernel
+    refers to, which is not centred.
+
+    Parameters
+    ----------
+    g : (h, w) or (h, w, C) array of float32
+        The blurred photo in linear light, 1 where it clips, after `unclipped_mean`.
+    noisy : NoisyPhoto
+        The noisy photo, registered and as bright as the blurred one: in its frame, or further on
+        all sides, which tells what lies over the blurred one's border. It may be changed.
+    valid : (h + 2 r, w + 2 r) array of float32
+        1 where the noisy photo sees the scene, else 0.
+    kernel : RotationKernel
+        The blur, for a camera of the photo's size, as seen from the registered photo.
+    clipped, noisy_clipped : arrays of bool, optional
+        Where the photos clipped, (h, w); the second one registered, of the shape of valid.
+    quality : {"fast", "default", "high"}
+        5, 10 or 16 stages.
+    iterations : int, optional
+        Stages instead, >= 1.
+    threads : int, optional
+        Threads to use; by default all processors. The result does not depend on it.
+    progress : callable, optional
+        Told the fraction done, 0 to 1, and what is being done.
+
+    Returns
+    -------
+    Restoration
+
+    Raises
+    ------
+    ValueError
+        If the photos are not finite or do not fit each other, the kernel's camera or the clipped
+        pixels, or the iterations are fewer than 1.
+
+    """
+    check_photo(g, kernel, clipped, iterations)
+    if valid.shape != noisy.pixels.shape[1:] or g.shape[2:] not in {(), noisy.pixels.shape[:1]}:
+        raise ValueError(f"a noisy photo of {noisy.pixels.shape} does not fit one of {g.shape}")
+    stages = iterations or _STAGES[quality]
+
+    def tell(done: float, text: str) -> None:
+        if progress is not None:
+            progress(1.0 if done == stages else (_PREPARING + done) / (_PREPARING + stages), text)
+
+    margin = reach(kernel.camera, kernel.theta[kernel.weights > 0])
+    blur = blur_filters(kernel, margin=margin, channels=len(noisy.pixels), threads=threads)
+    v = np.array(valid, np.float32)
+    if noisy_clipped is not None:
+        share = uniform_filter(noisy_clipped.astype(np.float32), _CLIPPED_PX)
+        v[(share > _CLIPPED_SHARE) & (noisy.denoised.max(0) < _WHITE)] = 0
+    latent = g.shape[0] + 2 * margin, g.shape[1] + 2 * margin
+    v = fitted(v, latent, beyond=0)
+    pixels, denoised = (fitted(planes, latent) for planes in (noisy.pixels, noisy.denoised))
+    noisy = replace(noisy, pixels=pixels, denoised=denoised)
+    alone = latent_start(
+        g,
+        blur,
+        clipped=clipped,
+        iterations=_ALONE,
+        threads=threads,
+        progress=lambda part, text: tell(_PREPARING * (part - 1) / 2, text),
+    )
+    start = _start(g, noisy, v, alone, blur)
+    del alone
+    descent = _descent(g, noisy, start, blur, clipped, threads=threads)
+    del noisy, start, v
+    for stage, rho in enumerate(np.geomspace(*_RHO[::-1], stages)[::-1], 1):
+        descent.step(float(rho))
+        tell(stage, f"deblurring, stage {stage}")
+    out = np.empty_like(g, np.float32, order="C")
+    inside = descent.f[:, margin:-margin, margin:-margin]
+    np.maximum(inside, 0, out=channels_first(out))
+    return Restoration(out, stages, descent.residual(clipped))
+
+
+class _Start(NamedTuple):
+    """The first estimate with its margin, the same blurred, and the trust in either photo."""
+
+    f: Image
+    Af: Image
+    m: Image
+    v: Image
+
+
+def _start(g: Image, noisy: NoisyPhoto, v: Image, alone: Image, blur: Filters) -> _Start:
+    """Take the denoised photo where it tells anything, else the blurred one, deblurred alone."""
+    f = noisy.denoised.copy()
+    Af = blur.forward(f)
+    noise = fitted(noisy.variance(), g.shape[:2])
+    apart = 1 - agreement(g, Af, noise, (f.shape[1] - len(g)) // 2)
+    v = v * (1 - fitted(apart * (Af.max(0) < _BLACK), v.shape))
+    doubt = 1 - v
+    for c, plane in enumerate(alone):
+        f[c] += doubt * (plane - f[c])
+    return _Start(f, blur.forward(f), 1 - apart * fitted(v, apart.shape), v)
+
+
+def _descent(
+    g: Image,
+    noisy: NoisyPhoto,
+    start: _Start,
+    blur: Filters,
+    clipped: Mask | None,
+    *,
+    threads: int | None,
+) -> HalfQuadratic:
+    """Weigh all terms against each other; the noisy photo becomes f_M."""
+    f, Af, m, v = start
+    margin = (f.shape[1] - len(g)) // 2
+    frame, latent = g.shape[:2], v.shape
+    compared = m * fitted(v, frame)
+    variance = blurred_variance(g, Af, noisy, compared, blur=blur, margin=margin)
+    noise = noisy.variance()
+    r = np.sqrt(fitted(variance, latent) / noise)
+    b = r / (r + _DENOISED)
+    if clipped is not None and clipped.any():
+        m *= trust(f, blur, clipped & (Af.max(0) > _BEYOND), variance)
+    known = smoothed(np.reciprocal(noise), _PRECISION_PX)
+    known += fitted(np.reciprocal(variance), latent)  # s^2
+    m /= variance * fitted(known, frame)
+    q = v / (noise * (1 - b + b * denoising_error(noisy)) * known)
+    f_M = noisy.pixels
+    for c, plane in enumerate(noisy.denoised):
+        f_M[c] += b * (plane - f_M[c])
+    return HalfQuadratic(
+        f,
+        Af,
+        np.ascontiguousarray(channels_first(g)),
+        approximate_inverse(blur),
+        m=m,
+        s=np.sqrt(known),
+        f_N=f_M,
+        q=q,
+        tau=_TAU,
+        threads=threads,
+    )

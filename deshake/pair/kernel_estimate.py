@@ -1,0 +1,300 @@
+"""A blurred photo and a noisy, sharp one of the same scene to the blur kernel: Eq. (12), Sec. 6.
+
+Coarse to fine, each scale twice as large as the one before. At the coarsest a whole cube of
+rotations is solved for, at the others the active region: what had weight at the scale before, and
+its neighbours. Compared are the derivatives of both photos after a little smoothing, at pixels
+drawn where the blurred photo has edges; what the noise of the noisy one would do to the kernel is
+taken off (`pair_rows`), and the photometric factor is fitted anew at each scale. The frame is that
+of the registered noisy photo: the kernel holds what registration has left, and is not centred.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil, exp, log, log2
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deshake.blind.trimming import most_of, strongest, without_strays
+from deshake.errors import EstimationError
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import ALL_AXES, RotationKernel
+from deshake.geometry.rotations import grid_steps
+from deshake.pair.pair_pixels import (
+    PairPictures,
+    derivatives,
+    drawn_pixels,
+    noise_excess,
+    usable_pixels,
+)
+from deshake.pair.pair_rows import PairRows
+from deshake.pair.simplex import least_on_simplex
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+__all__ = ["PairEstimate", "PairScale", "estimate_pair_kernel"]
+
+Image = NDArray[np.float32]
+Indices = NDArray[np.int64]
+
+BLUR_SHARE = 0.06
+"""Bound of the blur where none is given, in longer sides of the photo; twice as wide ones fit."""
+
+_ENOUGH_BLUR = 45.0  # px: no finer scale is worked on where the blur would be wider than that
+_COARSEST_BLUR = 6.0  # px, of its bound at the coarsest scale
+_SMALLEST_PHOTO = 48  # px, shorter side
+_SMALLEST_SIDE = 32  # px, of the coarsest scale
+_SPARE = 2  # grid steps beyond the bound, for what registration left
+_RIDGE = 0.01
+_CUT = 0.03  # weights below this share of the largest do not pass to the next scale
+_MOST_PASSED = 160  # weights that do
+_FINAL_CUT = 0.02
+_TOUCHING = 0.05  # share of the weight on the faces of the cube that calls for a larger one
+_FINE_SIDE = 400  # px, of the longer side up to which every scale is worked on
+_LEAST_LIGHT = 1e-7  # of the noisy photo
+_MOST_CHANGE = 2.0  # of the photometric factor at one scale
+_STILL_PX = 2.0  # an extent below it at the finest scale is no shake
+_EVEN_MISFIT = 0.22  # share of the edges left unexplained at which a kernel is half believed
+_MISFIT_RANGE = 0.25  # of its logarithm
+_NOTHING = 1e-12  # mean square of edges
+
+
+@dataclass(frozen=True)
+class PairScale:
+    """How one scale ended: its size, rotations tried and kept, and the photometric factor."""
+
+    height: int
+    width: int
+    tried: int
+    kept: int
+    scale: float
+
+
+@dataclass(frozen=True, eq=False)
+class PairEstimate:
+    """A blur kernel from a pair of photos, and how far to trust it.
+
+    Parameters
+    ----------
+    kernel : RotationKernel
+        For the camera of the whole photo, in the frame of the registered noisy photo f_reg:
+        ``g(x) = a sum_k w_k f_reg(H_k x)``.
+    scale : float
+        The photometric factor a.
+    confidence : float
+        0..1, by what is unexplained: 0.5 where that is 22 %.
+    unexplained : float
+        Share of the blurred photo's edges, noise aside, that the pair does not explain, at pixels
+        that the kernel was not fitted to.
+    explained : float
+        Share of what the best single rotation leaves that the kernel explains.
+    notes : list of str
+        In plain words.
+    scales : list of PairScale
+        From coarse to fine.
+
+    """
+
+    kernel: RotationKernel
+    scale: float
+    confidence: float
+    unexplained: float
+    explained: float
+    notes: list[str]
+    scales: list[PairScale]
+
+
+def estimate_pair_kernel(
+    g: Image,
+    f_reg: Image,
+    valid: NDArray[np.generic],
+    camera: Camera,
+    *,
+    uniform: bool = False,
+    blur_size: float | None = None,
+    noise: Iterable[Image] | None = None,
+    blurred_noise: Image | None = None,
+    progress: Callable[[float, str], None] | None = None,
+    threads: int | None = None,
+) -> PairEstimate:
+    """Estimate the blur kernel of a photo with the help of a noisy one, Eq. (12).
+
+    Parameters
+    ----------
+    g : (h, w) or (h, w, C) array of float32
+        The blurred photo in linear light, 1 where it clips.
+    f_reg : (h, w) or (h, w, C) array of float32
+        The noisy photo in linear light, at any exposure, registered to within a few pixels.
+    valid : (h, w) array
+        Non-zero where `f_reg` is known.
+    camera : Camera
+        The camera of the blurred photo.
+    uniform : bool
+        Use the uniform model: the columns of B are translations.
+    blur_size : float, optional
+        Bound of the blur in pixels of the photo; by default `BLUR_SHARE`.
+    noise : iterable of (h, w) or (h, w, C) arrays, optional
+        Pictures of noise alone, in units of `f_reg` and resampled as it was. Two do. By default
+        `f_reg` is taken to be free of noise, as if it had been denoised.
+    blurred_noise : (h, w) or (h, w, C) array of float32, optional
+        Noise like that of `g`; by default there is none.
+    progress : callable, optional
+        Called with the share done, 0..1, and a text.
+    threads : int, optional
+        Threads to use; by default all processors. The result does not depend on it.
+
+    Returns
+    -------
+    PairEstimate
+
+    Raises
+    ------
+    EstimationError
+        If the photos are too small, too flat, too much clipped or do not overlap enough.
+    ValueError
+        If the sizes differ.
+
+    References
+    ----------
+    Whyte, Sivic, Zisserman & Ponce, CVPR 2010, Sec. 6; Yuan et al., SIGGRAPH 2007.
+
+    """
+    if len(shapes := {g.shape[:2], f_reg.shape[:2], valid.shape, camera.shape}) > 1:
+        raise ValueError(f"{sorted(shapes)} are not one size")
+    height, width = camera.shape
+    bound = blur_size or min(BLUR_SHARE * max(height, width), min(height, width) / 4)
+    _check(height, width, bound)
+    whole = Camera.uniform(height, width) if uniform else camera
+    pictures = PairPictures.of(g, f_reg, valid, noise or (), blurred_noise)
+    bound *= max(pictures.g.shape) / max(height, width)
+    scales = _Scales(pictures, whole, bound, uniform=uniform, threads=threads)
+    return scales.run(progress or (lambda _share, _text: None))
+
+
+class _Scales:
+    """The estimate under way, from scale to scale."""
+
+    def __init__(
+        self,
+        pictures: PairPictures,
+        camera: Camera,
+        blur: float,
+        *,
+        uniform: bool,
+        threads: int | None,
+    ) -> None:
+        self.pictures = pictures
+        self.whole = camera
+        self.finest = camera.scaled(*pictures.g.shape)
+        self.axes = (True, True, False) if uniform else ALL_AXES
+        self.threads = threads
+        self.blur = blur
+        room = int(log2(max(min(pictures.g.shape) / _SMALLEST_SIDE, 1)))
+        self.coarser = min(max(ceil(log2(self.blur / _COARSEST_BLUR)), 0), room)
+        self.kernel = RotationKernel.delta(camera)
+        self.scale = 0.0
+        self.bounds = np.zeros(3)
+        self.misfits, self.noise = (0.0, 0.0, 0.0), 0.0
+        self.reports: list[PairScale] = []
+
+    def run(self, progress: Callable[[float, str], None]) -> PairEstimate:
+        """Work through the scales."""
+        count = self.coarser + 1
+        progress(0.0, f"scale 1 of {count}")
+        self._first()
+        for level in range(self.coarser - 1, -1, -1):
+            fine = max(self.kernel.camera.shape) >= _FINE_SIDE
+            if fine and 2 * most_of(self.kernel).extent_px() > _ENOUGH_BLUR:
+                break
+            progress(1 - 4.0 ** -(count - 1 - level), f"scale {count - level} of {count}")
+            active = strongest(without_strays(self.kernel.above(_CUT)), _MOST_PASSED)
+            start = RotationKernel.from_indices(
+                2 * active.indices, active.weights, self.kernel.steps / 2, self.whole
+            ).dilated(self.axes)
+            self._solve(level, start.indices, start.weights)
+        progress(1.0, "kernel estimated")
+        kernel = without_strays(self.kernel.above(_FINAL_CUT))
+        energy, left, single = (max(part - self.noise, _NOTHING) for part in self.misfits)
+        confidence = 1 / (1 + exp(log(left / energy / _EVEN_MISFIT) / _MISFIT_RANGE))
+        notes = []
+        if most_of(kernel).extent_px() < _STILL_PX:
+            notes.append("no shake was found: the kernel is a single point")
+        beyond = np.any(np.abs(kernel.theta) > self.bounds, 1)
+        if kernel.weights[beyond].sum() > _TOUCHING:
+            notes.append("the kernel touches its bounds: try a larger --blur-size")
+        return PairEstimate(
+            kernel.for_camera(self.whole),
+            self.scale,
+            confidence,
+            left / energy,
+            1 - left / single,
+            notes,
+            self.reports,
+        )
+
+    def _first(self) -> None:
+        """Solve for the cube at the coarsest scale."""
+        reach = ceil(self.blur / 2 ** (self.coarser + 1)) + _SPARE
+        box = [np.arange(-reach, reach + 1) if axis else np.zeros(1, int) for axis in self.axes]
+        cube = np.stack(np.meshgrid(*box, indexing="ij"), -1).reshape(-1, 3)
+        self._solve(self.coarser, cube, np.ones(len(cube)))
+        self.bounds = (reach - 0.5) * self.kernel.steps
+
+    def _solve(self, level: int, indices: Indices, start: NDArray[np.float64]) -> None:
+        """Estimate the weights of some rotations, and the photometric factor, at one scale."""
+        height, width = self.pictures.g.shape
+        shape = round(height / 2**level), round(width / 2**level)
+        camera, steps = self.finest.scaled(*shape), grid_steps(self.finest) * 2**level
+        seen = self.pictures.at(shape)
+        theta = indices * steps
+        usable = usable_pixels(seen, camera, theta)
+        edges = derivatives(seen.g)
+        drawn = drawn_pixels(edges, usable, level)
+        if self.scale == 0:
+            self.scale = _brightness(seen.g[usable], seen.f[usable])
+        a = np.float32(self.scale)
+        louder = a * np.float32(noise_excess(seen) ** 0.5)
+        f, noise = derivatives(seen.f) * a, [derivatives(e) * louder for e in seen.noise]
+        rows = PairRows(camera, theta, f, edges, drawn.fitted, noise=noise, threads=self.threads)
+        w = least_on_simplex(rows, start, ridge=_RIDGE)
+        used = w > 0
+        theta, w = theta[used], w[used]
+        judge = PairRows(camera, theta, f, edges, drawn.held_out, noise=noise, threads=self.threads)
+        self.misfits = judge.misfits(w)
+        x, y = drawn.held_out.T
+        self.noise = float(np.square(derivatives(seen.own)[:, y, x]).sum() / len(judge))
+        light = PairRows(
+            camera,
+            theta,
+            seen.f[None] * a,
+            seen.g[None],
+            drawn.fitted,
+            noise=[e[None] * louder for e in seen.noise],
+            threads=self.threads,
+        )
+        self.scale *= min(max(light.scale(w), 1 / _MOST_CHANGE), _MOST_CHANGE)
+        self.kernel = RotationKernel(theta, w / w.sum(), steps, camera)
+        self.reports.append(PairScale(*shape, len(indices), len(w), self.scale))
+
+
+def _check(height: int, width: int, bound: float) -> None:
+    """Raise EstimationError where the photos are too small, or a bound (px) does not fit them."""
+    if min(height, width) < _SMALLEST_PHOTO:
+        msg = f"{width}x{height} pixels are too few to estimate a blur kernel from"
+        hint = f"the shorter side must have at least {_SMALLEST_PHOTO} pixels"
+        raise EstimationError(msg, hint=hint)
+    if not 1 <= bound <= min(height, width) / 2:
+        msg = f"a blur of {bound:.0f} px does not fit {width}x{height} pixels"
+        hint = "give a --blur-size between 1 and half the shorter side"
+        raise EstimationError(msg, hint=hint)
+
+
+def _brightness(g: Image, f: Image) -> float:
+    """Return how many times as bright one picture is as the other."""
+    light = float(f.mean(dtype=np.float64))
+    if not light > _LEAST_LIGHT:
+        raise EstimationError("the noisy photo is black", hint="it must show the same scene")
+    return float(g.mean(dtype=np.float64)) / light

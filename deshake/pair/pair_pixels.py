@@ -1,0 +1,217 @@
+"""What of a blurred and a noisy photo is compared, at each scale: edges, and pixels to take.
+
+Compared are derivatives, after a little smoothing. What noise does to a kernel is the less, the
+more of the pixels that are gone by lie on edges: they are drawn by the energy of the edges there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from deshake.errors import EstimationError
+from deshake.geometry.rotations import displacements, homographies
+from deshake.pair.pair_rows import ROW_BLOCK
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from deshake.geometry.camera import Camera
+
+__all__ = [
+    "DrawnPixels",
+    "PairPictures",
+    "derivatives",
+    "drawn_pixels",
+    "noise_excess",
+    "usable_pixels",
+]
+
+Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+
+_LONGEST_SIDE = 1600  # px, of the finest scale
+_SMOOTHING_PX = 1.0
+_PIXELS = 188 * ROW_BLOCK  # whose rows are taken
+_HELD_OUT = 47 * ROW_BLOCK  # more, to judge by
+_FLAT = 0.1  # chance of a flat pixel, in those of the mean one
+_NEAR_PX = 2.0  # edges this far are a pixel's own
+_CLIPPED = 0.98
+_ANY = 0.01  # share of a reduced pixel
+_CLEAR_PX = 3  # of clipped pixels, at every scale
+_MOST_CUT_OFF = 0.3  # shorter sides, of the border
+_BRIGHTNESSES, _FEWEST = 4, 400  # levels at which noise is compared, and pixels of each
+_AROUND_PX = 7  # that tell whether a pixel is in a flat part
+_LEAST_ENERGY = 1e-10  # mean square of the derivatives, below which there are no edges
+
+
+@dataclass(frozen=True, eq=False)
+class PairPictures:
+    """The pair in grey at one scale, with pictures of noise alone, and what may be used.
+
+    Parameters
+    ----------
+    g, f : (h, w) arrays of float32
+        The blurred photo and the registered noisy one.
+    noise : list of (h, w) arrays of float32
+        Noise like that of f.
+    own : (h, w) array of float32
+        Noise like that of g.
+    known, clipped : (h, w) arrays of float32
+        Shares of each pixel where f is known, and where g clipped.
+
+    """
+
+    g: Image
+    f: Image
+    noise: list[Image]
+    own: Image
+    known: Image
+    clipped: Image
+
+    @classmethod
+    def of(
+        cls,
+        g: Image,
+        f_reg: Image,
+        valid: NDArray[np.generic],
+        noise: Iterable[Image],
+        own: Image | None = None,
+    ) -> PairPictures:
+        """Reduce a pair to its finest scale; of many pictures of noise one is held at a time."""
+        factor = min(_LONGEST_SIDE / max(g.shape[:2]), 1.0)
+        shape = round(g.shape[0] * factor), round(g.shape[1] * factor)
+        brightest = g if g.ndim == 2 else g.max(-1)
+        return cls(
+            _grey(g, shape),
+            _grey(f_reg, shape),
+            [_grey(e, shape) for e in noise],
+            np.zeros(shape, np.float32) if own is None else _grey(own, shape),
+            _reduced((valid != 0).astype(np.float32), shape),
+            _reduced((brightest >= _CLIPPED).astype(np.float32), shape),
+        )
+
+    def at(self, shape: tuple[int, int]) -> PairPictures:
+        """Return them reduced."""
+        return PairPictures(
+            _reduced(self.g, shape),
+            _reduced(self.f, shape),
+            [_reduced(e, shape) for e in self.noise],
+            _reduced(self.own, shape),
+            _reduced(self.known, shape),
+            _reduced(self.clipped, shape),
+        )
+
+
+def noise_excess(seen: PairPictures) -> float:
+    """Tell how much stronger the photo's noise is than what was drawn, in its power, >= 1.
+
+    Cameras take the finest noise off, from which noise is told, and leave what is coarser. Where
+    the blurred photo is flat, the noisy one shows hardly anything but noise: in the flattest parts
+    of some levels of brightness the power of derivatives is compared, and the least ratio taken.
+    """
+    if not seen.noise:
+        return 1.0
+    inside = cv2.erode(
+        (seen.known > 1 - _ANY).astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0
+    )
+    usable = (inside > 0) & (seen.clipped < _ANY)
+    if usable.sum() < _BRIGHTNESSES * _FEWEST:
+        return 1.0
+    noisy, drawn = (
+        np.square(derivatives(image)).sum(0)[usable] for image in (seen.f, seen.noise[0])
+    )
+    near = cv2.blur(np.square(derivatives(seen.g)).sum(0), (_AROUND_PX, _AROUND_PX))[usable]
+    ratios = []
+    for part in np.array_split(np.argsort(seen.g[usable], kind="stable"), _BRIGHTNESSES):
+        flat = part[np.argsort(near[part], kind="stable")[: max(len(part) // 5, 1)]]
+        ratios.append(float(np.median(noisy[flat])) / max(float(np.median(drawn[flat])), 1e-12))
+    return max(min(ratios), 1.0)
+
+
+class DrawnPixels(NamedTuple):
+    """Pixels (x, y), (n, 2), to fit a kernel to, and others to judge it by."""
+
+    fitted: Indices
+    held_out: Indices
+
+
+def _grey(image: Image, shape: tuple[int, int]) -> Image:
+    """Reduce an image to the mean of its channels, whose noise is the least."""
+    small = _reduced(image, shape)
+    return small if small.ndim == 2 else small.mean(-1, dtype=np.float32)
+
+
+def _reduced(image: Image, shape: tuple[int, int]) -> Image:
+    if image.shape[:2] == shape:
+        return image
+    size = (shape[1], shape[0])
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
+
+
+def derivatives(image: Image) -> Image:
+    """Differences to the right and lower neighbour after a little smoothing, (2, h, w)."""
+    smooth = cv2.GaussianBlur(image, (0, 0), _SMOOTHING_PX)
+    out = np.zeros((2, *image.shape), np.float32)
+    np.subtract(smooth[:, 1:], smooth[:, :-1], out=out[0, :, :-1])
+    np.subtract(smooth[1:], smooth[:-1], out=out[1, :-1])
+    return out
+
+
+def usable_pixels(seen: PairPictures, camera: Camera, theta: NDArray[np.float64]) -> Mask:
+    """Mark pixels that are not clipped and see the known part of the noisy photo only."""
+    moved = np.abs(displacements(homographies(camera, theta), camera.corners)).max((0, 1))
+    most = int(_MOST_CUT_OFF * min(camera.shape))
+    across, down = np.minimum(np.ceil(moved).astype(int) + 2, most)
+    kernel = np.ones((2 * down + 1, 2 * across + 1), np.uint8)
+    known = (seen.known > 1 - _ANY).astype(np.uint8)
+    inside = cv2.erode(known, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    clear = np.ones((2 * _CLEAR_PX + 1, 2 * _CLEAR_PX + 1), np.uint8)
+    clipped = cv2.dilate((seen.clipped > _ANY).astype(np.uint8), clear)
+    usable: Mask = (inside > 0) & (clipped == 0)
+    return usable
+
+
+def drawn_pixels(edges: Image, usable: Mask, seed: int) -> DrawnPixels:
+    """Draw pixels, the likelier the stronger the edges about them.
+
+    Parameters
+    ----------
+    edges : (2, h, w) array of float32
+        Derivatives of the blurred photo: a choice by the noisy one's would go by its noise.
+    usable : (h, w) array of bool
+        The pixels to choose from.
+    seed : int
+        The same seed draws the same pixels.
+
+    Raises
+    ------
+    EstimationError
+        If there are too few of them, or no edges.
+
+    """
+    near = cv2.GaussianBlur(np.square(edges).sum(0), (0, 0), _NEAR_PX).astype(np.float64)
+    candidates = np.flatnonzero(usable)
+    count = min(len(candidates), _PIXELS + _HELD_OUT)
+    judged = max(count // 5 // ROW_BLOCK, 1) * ROW_BLOCK
+    fitted = (count - judged) // ROW_BLOCK * ROW_BLOCK
+    if fitted <= 0:
+        msg = "too few pixels are left that both photos show, neither clipped nor near the border"
+        raise EstimationError(msg, hint="give a smaller --blur-size, or photos that overlap more")
+    chance = near.ravel()[candidates]
+    if not chance.mean() > _LEAST_ENERGY:
+        msg = "there is no texture to estimate a blur kernel from"
+        raise EstimationError(msg, hint="the photo is all of one colour, or nearly so")
+    chance += _FLAT * chance.mean()
+    rng = np.random.default_rng(seed)
+    # the largest of keys u^(1/p) are a draw without replacement (Efraimidis & Spirakis 2006)
+    keys = np.log(rng.random(len(candidates))) / chance
+    order = rng.permutation(np.argpartition(-keys, count - 1)[:count])
+    chosen = candidates[order]
+    places = np.stack([chosen % usable.shape[1], chosen // usable.shape[1]], 1)
+    return DrawnPixels(places[:fitted], places[fitted : fitted + judged])

@@ -1,0 +1,156 @@
+"""How far each of two photos is trusted, pixel by pixel.
+
+The blurred one is explained no better than its kernel is known. g - A f_N has three parts: the
+noise of g, that of f_N, blurred, and what the kernel gets wrong; the first two are known, and the
+third is what is left. As a share kappa of (g - A f_D)^2, where the kernel's errors stand at the
+edges and f_N's noise is no more, it makes up the variance of g beside its noise.
+
+f_D, the denoised photo, is a better witness than f_N where the scene is even, a worse one where
+detail was taken for noise: where f_N - f_D has the power that noise has, its error is small; where
+it has less, noise is left in it, and where more, detail is missing from it.
+
+Where both photos saw the scene, A f_D and g agree but for small errors. Where something moved
+between them, or the kernel or the registration is wrong, they do not, and the noisy one is gone by,
+which is at least sharp; unless it is black there, as where a camera cut its shadows off.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter, uniform_filter
+
+from deshake.operators.planes import channels_first
+from deshake.signal.noise import noise_variance, smoothed
+
+if TYPE_CHECKING:
+    from deshake.operators.shake_blur import Filters
+    from deshake.pair.denoising import NoisyPhoto
+
+__all__ = ["agreement", "blurred_variance", "denoising_error"]
+
+Image = NDArray[np.float32]
+
+_LEAST_SHARE = 0.02  # kappa
+_SUPPORT = 0.2  # share of pixels around that must tell kappa
+_LEFT = 0.3  # of the noise's variance, the least error of the denoised photo
+_PATCH = 7  # pixels a side over which that is judged
+_DISAGREEMENT = 0.12  # in display values, from which on two photos do not agree
+_OUTLYING = 3.0  # or so many of its median
+_AGREEMENT_PX = 2.0
+_NOISE = 0.3  # share of the noise, with which faint detail was lost, that is tolerated beside
+_STRICT = 0.25  # share of that, near pixels that are farther apart
+_SPREADING, _LEAST_REACH = 4.0, 8  # how near: times their share within so many pixels
+_DARKEST = np.float32(0.003)
+_BAND = 512
+
+
+def blurred_variance(
+    g: Image, Af: Image, noisy: NoisyPhoto, trusted: Image, *, blur: Filters, margin: int
+) -> Image:
+    """Tell how far off the blurred photo may be: by its noise and by the kernel's errors.
+
+    Parameters
+    ----------
+    g : (h, w) or (h, w, C) array of float32
+        The blurred photo.
+    Af : (C, h, w) array of float32
+        A f_D: the denoised photo, blurred.
+    noisy : NoisyPhoto
+        The noisy photo, with the blur's margin.
+    trusted : (h, w) array of float32
+        How far the photos can be compared, 0..1.
+    blur : Filters
+        The blur A.
+    margin : int
+        Its reach in pixels.
+
+    Returns
+    -------
+    (h, w) array of float32
+        The variance of g about A f, > 0; it changes slowly.
+
+    """
+    planes = channels_first(g)
+    count = len(planes)
+    misfit, left = np.zeros_like(trusted), np.zeros_like(trusted)
+    for c in range(count):
+        misfit += np.square(planes[c] - Af[c])
+        left += np.square(planes[c] - blur.forward(noisy.pixels[c : c + 1])[0])
+    misfit *= trusted / np.float32(count)
+    left /= np.float32(count)
+    twin = _white(noisy.pixels.shape[1:])
+    twin *= np.sqrt(noisy.variance())
+    left -= np.square(blur.forward(twin[None])[0])
+    left -= noise_variance(g, margin)
+    side = 2 * margin + 1
+    inner = minimum_filter(trusted, side, mode="constant").astype(np.float32)
+    reach = max(margin, 8)
+    support = smoothed(inner, reach)
+    total = max(float((misfit * inner).sum(dtype=np.float64)), 1e-12)
+    everywhere = float((left * inner).sum(dtype=np.float64)) / total
+    share = smoothed(left * inner, reach)
+    share /= np.maximum(smoothed(misfit * inner, reach), np.float32(1e-12))
+    share = np.where(support > _SUPPORT, share, np.float32(everywhere))
+    misfit *= np.clip(share, _LEAST_SHARE, noisy.misfit)
+    return noise_variance(g, margin, misfit)
+
+
+def denoising_error(noisy: NoisyPhoto) -> Image:
+    """Tell the variance of f_D about the scene, over that of the noise of f_N, (H, W)."""
+    power = np.zeros(noisy.pixels.shape[1:], np.float32)
+    for one, other in zip(noisy.pixels, noisy.denoised, strict=True):
+        noise = other * np.float32(noisy.slope) + np.float32(noisy.floor)
+        power += np.square(one - other) / noise
+    power /= np.float32(len(noisy.pixels))
+    mean = uniform_filter(power, _PATCH)
+    error: Image = np.maximum(np.abs(mean - 1), np.float32(_LEFT))
+    return error
+
+
+def agreement(g: Image, Af: Image, noise: Image, reach: int) -> Image:
+    """Tell where the photos agree, (h, w), 0..1.
+
+    Near what clearly disagrees, such as the outline of a thing that moved, less is tolerated.
+
+    Parameters
+    ----------
+    g : (h, w) or (h, w, C) array of float32
+        The blurred photo.
+    Af : (C, h, w) array of float32
+        A f_D: the denoised photo, blurred.
+    noise : (h, w) array of float32
+        Variance of the noise of f_N.
+    reach : int
+        Of the blur in pixels.
+
+    """
+    apart = np.zeros(Af.shape[1:], np.float32)
+    for one, other in zip(channels_first(g), Af, strict=True):
+        difference = cv2.GaussianBlur(_shown(one) - _shown(other), (0, 0), _AGREEMENT_PX)
+        apart = np.maximum(apart, np.abs(difference))
+    tolerance = max(_DISAGREEMENT, _OUTLYING * float(np.median(apart)) / 0.6745)
+    shown = noise / np.clip(Af.mean(0), _DARKEST, 1)  # of the root's noise, times 4
+    apart /= np.sqrt(np.float32(tolerance**2) + np.float32(_NOISE**2) * shown)
+    clearly = 1 - np.exp(-np.square(np.square(apart)))
+    near = np.minimum(_SPREADING * smoothed(clearly, max(reach, _LEAST_REACH)), 1)
+    apart /= 1 - np.float32(1 - _STRICT) * near
+    agreeing: Image = np.exp(-np.square(np.square(apart)))
+    return agreeing
+
+
+def _shown(light: Image) -> Image:
+    """Return the root of the light, which is about how it is displayed."""
+    return np.sqrt(np.clip(light, _DARKEST, 1))
+
+
+def _white(shape: tuple[int, int]) -> Image:
+    """Make white noise; each band has a stream of its own."""
+    out = np.empty(shape, np.float32)
+    for number, top in enumerate(range(0, shape[0], _BAND)):
+        band = out[top : top + _BAND]
+        band[...] = np.random.default_rng(number).standard_normal(band.shape, np.float32)
+    return out

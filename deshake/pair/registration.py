@@ -1,0 +1,275 @@
+"""Registration of a noisy, sharp photo to a blurred one of the same scene (Secs. 6 and 7).
+
+The model: ``g(x) = sum_k w_k F(H_k x)`` is the long exposure, ``f_N(x) = F(H_0 x) / ratio`` the
+short one. What is found is ``theta_0``, by an exhaustive search and a refinement, both on small
+copies, and the photometric factor ``a`` with ``g ~ a f_N``. The frame of the blurred photo is that
+of the blur's centroid; what little is missing to it, the kernel takes up.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import exp, pi, radians
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from deshake.blind.variational.coarse_to_fine import resize
+from deshake.errors import EstimationError
+from deshake.geometry.rotations import compose, homographies
+from deshake.pair.alignment import align, likeness, seen_in_frame, smooth
+from deshake.pair.photometric import brightness_ratio, photometric_scale
+from deshake.pair.rotation_search import distinct, exhaustive_search
+from deshake.pair.small_pair import SmallPair, possible_turns, reduce_pair
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from deshake.geometry.camera import Camera
+
+__all__ = ["MAX_ANGLE", "Registration", "register", "registered"]
+
+Image = NDArray[np.float32]
+
+MAX_ANGLE = radians(10)
+"""Half the range that is searched about each axis."""
+
+_SEARCH = 0.75  # side of the copies that are searched, in sides of those that are aligned
+_SEARCH_PX = (1.2, 8.0)  # sigmas between which details are compared
+_CANDIDATES, _APART_PX = 5, 2.5
+_SHADOW = 0.05  # of the mean light, below which details count less
+_LEAST_CONTRAST = 0.005
+_SAME_SCENE = 0.5  # confidence
+_EVEN_LIKENESS = 0.58  # at which a registration is as likely right as wrong
+_LIKENESS_SCALE = 0.05
+_QUARTER = pi / 2
+_BAND = 256  # rows and columns that are warped at once
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """How a noisy photo lies to a blurred one.
+
+    Parameters
+    ----------
+    theta : (3,) array of float64
+        ``theta_0`` in radians: ``f_N(x) = F(H_0 x) / ratio`` for the sharp scene F in the frame of
+        the blurred photo. A noisy photo that was stored turned by 90 degrees has its turn in it.
+    scale : float
+        Photometric factor ``a``, > 0: the noisy photo times it is as bright as the blurred one.
+    confidence : float
+        How likely it is right, from 0 to 1.
+    camera : Camera
+        The camera of the blurred photo.
+
+    """
+
+    theta: NDArray[np.float64]
+    scale: float
+    confidence: float
+    camera: Camera
+
+    def report(self) -> dict[str, Any]:
+        """Return what it says, the camera aside, as JSON data."""
+        return {
+            "theta": self.theta.tolist(),
+            "scale": self.scale,
+            "confidence": self.confidence,
+        }
+
+
+def register(
+    g: Image,
+    f_N: Image,
+    camera: Camera,
+    *,
+    max_angle: float = MAX_ANGLE,
+    progress: Callable[[float, str], None] | None = None,
+    threads: int | None = None,
+) -> Registration:
+    """Find the rotation and the photometric factor between two photos of one scene.
+
+    Parameters
+    ----------
+    g : (h, w) or (h, w, C) array of float32
+        The blurred photo, in linear light, 1 where it clips.
+    f_N : (h', w') or (h', w', C) array of float32
+        The noisy one, of any size of the same proportions, which may be turned by 90 degrees.
+    camera : Camera
+        The camera of the blurred photo.
+    max_angle : float
+        Largest angle about any axis to look for, in radians.
+    progress : callable, optional
+        Told the fraction done and what is being done.
+    threads : int, optional
+        Threads to use; by default all processors.
+
+    Returns
+    -------
+    Registration
+        With a confidence of at least one half.
+
+    Raises
+    ------
+    EstimationError
+        If the photos do not show the same scene, have different proportions, or one of them is
+        too small or shows nothing.
+    ValueError
+        If the camera is not one of the blurred photo's size.
+
+    Notes
+    -----
+    The confidence is a logistic function of how alike the details of the registered photos are,
+    with constants from simulated pairs, right and wrong.
+
+    """
+    if g.shape[:2] != camera.shape:
+        msg = f"a photo of {g.shape[:2]} pixels does not fit a camera of {camera.shape}"
+        raise ValueError(msg)
+    best = None
+    for number, turns in enumerate(possible_turns(camera.shape, f_N.shape[:2])):
+        if progress is not None:
+            progress(0.0, "registering" if number == 0 else "registering the photo turned")
+        pair = reduce_pair(g, f_N, camera, turns)
+        found = _register(pair, max_angle, threads, progress)
+        if best is None or found.confidence > best.confidence:
+            best = Registration(
+                compose(found.theta, [0, 0, -turns * _QUARTER]),
+                found.scale,
+                found.confidence,
+                camera,
+            )
+        if best.confidence >= _SAME_SCENE:
+            # what is symmetric is like its mirror image, but most like itself
+            mirrored = replace(pair, f=np.ascontiguousarray(pair.f[:, ::-1]))
+            if _register(mirrored, max_angle, threads, None).confidence > best.confidence:
+                raise EstimationError(
+                    "one of the two photos is mirrored", hint="mirror it back, as the other one is"
+                )
+            return best
+    raise EstimationError(
+        "the two photos do not show the same scene",
+        hint="a larger --search-angle looks further; "
+        "both photos must be whole, of one focal length",
+    )
+
+
+def registered(f_N: Image, registration: Registration, *, margin: int = 0) -> tuple[Image, Image]:
+    """Resample the noisy photo in the blurred photo's frame: ``f_reg(x) = f_N(H_0^-1 x)``.
+
+    Parameters
+    ----------
+    f_N : (h', w') or (h', w', C) array of float32
+        The noisy photo, or anything of its size, such as noise.
+    registration : Registration
+        Its registration.
+    margin : int
+        Pixels m around that frame which are wanted, too: what the blurred photo saw a part of.
+
+    Returns
+    -------
+    f_reg : (h + 2 m, w + 2 m) or (h + 2 m, w + 2 m, C) array of float32
+        By Lanczos interpolation, linear in `f_N`; beyond it, its nearest pixels. A larger photo is
+        first reduced to the blurred one's size.
+    valid : (h + 2 m, w + 2 m) array of float32
+        1 where the noisy photo was there to be seen, else 0.
+
+    """
+    camera = registration.camera
+    turns = _turns_of(registration.theta)
+    upright: Image = np.rot90(f_N, turns)
+    if upright.shape[0] > camera.height:
+        size = (camera.width, camera.height)
+        smaller = cv2.resize(np.ascontiguousarray(upright), size, interpolation=cv2.INTER_AREA)
+        upright = np.asarray(smaller, np.float32).reshape(camera.shape + f_N.shape[2:])
+    theta = compose(registration.theta, [0, 0, turns * _QUARTER])
+    stored = camera.scaled(*upright.shape[:2])
+    # Where a pixel of the blurred photo lies in the noisy one.
+    h = stored.matrix @ np.linalg.inv(camera.matrix) @ homographies(camera, -theta)
+    valid = np.empty((camera.height + 2 * margin, camera.width + 2 * margin), np.float32)
+    out = np.empty(valid.shape + f_N.shape[2:], np.float32)
+    for top in range(0, valid.shape[0], _BAND):
+        for left in range(0, valid.shape[1], _BAND):
+            tile = np.s_[top : top + _BAND, left : left + _BAND]
+            corner = top - margin, left - margin
+            out[tile], valid[tile] = _sampled(upright, h, *corner, valid[tile].shape)
+    return out, valid
+
+
+def _register(
+    pair: SmallPair,
+    max_angle: float,
+    threads: int | None,
+    progress: Callable[[float, str], None] | None,
+) -> Registration:
+    """Register an upright pair, however unlike the two are."""
+    camera = pair.camera
+    ratio = brightness_ratio(pair.g, pair.f)
+    g, f = np.clip(pair.g, 0, 1), np.clip(ratio * pair.f, 0, 1)
+    level = float(g.mean()) + 1e-9
+    seen_g, seen_f = (np.sqrt(image / level + _SHADOW, dtype=np.float32) for image in (g, f))
+    if min(seen_g.std(), seen_f.std()) < _LEAST_CONTRAST:
+        raise EstimationError(
+            "one of the two photos shows nothing", hint="check that neither is black or white"
+        )
+    coarse = camera.scaled(*(round(_SEARCH * side) for side in camera.shape))
+    small_g, small_f = resize(np.stack([seen_g, seen_f]), coarse.shape)
+    candidates = exhaustive_search(
+        smooth(small_g, 0.3, _SEARCH_PX[1]),
+        smooth(small_f, *_SEARCH_PX),
+        coarse,
+        max_angle,
+        threads=threads,
+        progress=None if progress is None else lambda share: progress(share, "registering"),
+    )
+    best, best_likeness = np.zeros(3), -1.0
+    for candidate in distinct(candidates, coarse, _CANDIDATES, _APART_PX):
+        theta, _ = align(g, f, camera, candidate.theta)
+        alike = likeness(seen_g, seen_f, camera, theta)
+        if alike > best_likeness:
+            best, best_likeness = theta, alike
+    # Only now is it known which part of the noisy photo the blurred one shows, and how bright.
+    f = np.clip(_scale(pair, best) * pair.f, 0, 1)
+    best, _ = align(g, f, camera, best)
+    confidence = 1 / (1 + exp(-(best_likeness - _EVEN_LIKENESS) / _LIKENESS_SCALE))
+    return Registration(best, _scale(pair, best), confidence, camera)
+
+
+def _scale(pair: SmallPair, theta: NDArray[np.float64]) -> float:
+    seen, mask = seen_in_frame(pair.g, pair.f, pair.camera, theta)
+    return photometric_scale(pair.g, seen, mask & pair.usable)
+
+
+def _turns_of(theta: NDArray[np.float64]) -> int:
+    """Return how many quarters a photo of this registration must be turned to be upright."""
+    return -round(float(theta[2]) / _QUARTER) % 4
+
+
+def _sampled(
+    image: Image, h: NDArray[np.float64], top: int, left: int, shape: tuple[int, int]
+) -> tuple[Image, Image]:
+    """Read an image at ``H x`` for a tile of pixels x, and tell where it lies within."""
+    rows, columns = np.mgrid[top : top + shape[0], left : left + shape[1]].astype(np.float64)
+    u, v, w = np.tensordot(h, np.stack([columns, rows, np.ones(shape)]), 1)
+    w = np.maximum(w, 1e-6)
+    height, width = image.shape[:2]
+    u, v = np.clip(u / w, -2, width + 1), np.clip(v / w, -2, height + 1)
+    inside = (u > -0.5) & (u < width - 0.5) & (v > -0.5) & (v < height - 0.5)
+    x0, y0 = max(int(u.min()) - 3, 0), max(int(v.min()) - 3, 0)
+    piece = np.ascontiguousarray(image[y0 : int(v.max()) + 4, x0 : int(u.max()) + 4], np.float32)
+    x, y = (u - x0).astype(np.float32), (v - y0).astype(np.float32)
+    planes = [piece] if piece.ndim == 2 else list(np.moveaxis(piece, -1, 0))
+    read = [
+        cv2.remap(
+            np.ascontiguousarray(plane),
+            x,
+            y,
+            cv2.INTER_LANCZOS4,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        for plane in planes
+    ]
+    out = read[0] if image.ndim == 2 else np.stack(read, -1)
+    return np.asarray(out, np.float32), inside.astype(np.float32)

@@ -1,0 +1,262 @@
+"""Residual Richardson-Lucy: what a denoised photo lacks, out of a blurred one (Sec. 6).
+
+Not the photo is deconvolved but what the denoised noisy photo f_D does not explain of it [1],
+
+    delta g = g - A f_D,
+    delta f <- (delta f + 1) . A^T((delta g + 1) / A(delta f + 1)) / A^T 1 - 1,
+
+with 1 added to keep the light positive; f = f_D + delta f rings less, since delta f has little
+contrast. A gain map, that multiplies delta f after each iteration,
+
+    1 - alpha + alpha sum_l |D f_D^l|,
+
+over the levels l of f_D's pyramid, holds it back where the scene is even. What it costs in detail
+comes back as a layer: the residual without the map, f, less its joint bilateral mean guided by the
+result with the map f_g; f_g + (f - mean f), in display values, is the photo.
+
+More iterations explain the noise of g, too, and multiply it. They end when what is left of g is no
+more than its noise, at a scale that compression leaves alone (`noise`): the discrepancy principle.
+
+References
+----------
+.. [1] L. Yuan, J. Sun, L. Quan and H.-Y. Shum, "Image deblurring with blurred/noisy image pairs",
+   ACM Transactions on Graphics 26, 2007, https://doi.org/10.1145/1276377.1276379
+
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from deshake.operators.filter_flow import reach
+from deshake.operators.planes import channels_first, fitted, image_like
+from deshake.operators.shake_blur import blur_filters
+from deshake.pair.pair_weights import agreement
+from deshake.restore.restoration import Restoration, check_photo
+from deshake.signal.noise import coarse_noise, pair_means
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from deshake.geometry.kernel import RotationKernel
+    from deshake.operators.shake_blur import Filters
+    from deshake.pair.denoising import NoisyPhoto
+
+__all__ = ["gain_map", "joint_bilateral", "residual_richardson_lucy"]
+
+Image = NDArray[np.float32]
+
+_MOST = 20
+_NOISE = 1.1  # of the estimated noise: the residual to stop at
+_STALLED = 0.02  # fall of the squared residual, less than which is not worth an iteration
+_ALPHA = 0.2
+_UNSEEN = np.float32(1e-2)
+_DARK = np.float32(1e-3)
+_TOE = np.float32(3e-3)
+_SMALLEST_LEVEL = 32  # px
+_NEAR_PX, _ALIKE = 1.6, 0.08  # sigmas of the bilateral mean: pixels, display values
+_WINDOW = 5  # pixels from its middle to its side
+_BAND = 256
+
+
+def residual_richardson_lucy(
+    g: Image,
+    noisy: NoisyPhoto,
+    kernel: RotationKernel,
+    *,
+    clipped: NDArray[np.bool_] | None = None,
+    iterations: int | None = None,
+    gain: bool = True,
+    detail: bool = True,
+    threads: int | None = None,
+    progress: Callable[[float, str], None] | None = None,
+) -> Restoration:
+    """Deblur a photo with the help of a denoised one.
+
+    The result lies in the frame of the denoised photo: the kernel is not centred.
+
+    Parameters
+    ----------
+    g : (h, w) or (h, w, C) array of float32
+        The blurred photo in linear light.
+    noisy : NoisyPhoto
+        The noisy photo, denoised, registered and as bright as the blurred one: in its frame, or
+        further on all sides.
+    kernel : RotationKernel
+        The blur, for a camera of the photo's size.
+    clipped : (h, w) array of bool, optional
+        Where the blurred photo clipped; it has no residual there, nor where the photos disagree.
+    iterations : int, optional
+        How many, >= 1. By default 1 to 20: until the residual is down to the noise, or an iteration
+        takes less than 2 % off its square.
+    gain : bool
+        Whether the gain map is used.
+    detail : bool
+        Whether the detail layer is added; without a gain map there is none.
+    threads : int, optional
+        Threads to use; by default all processors. The result does not depend on it.
+    progress : callable, optional
+        Told the fraction done, 0 to 1, and what is being done, after each iteration.
+
+    Returns
+    -------
+    Restoration
+
+    Raises
+    ------
+    ValueError
+        If the photos are not finite or do not fit each other, the kernel's camera or the clipped
+        pixels, or the iterations are fewer than 1.
+
+    """
+    check_photo(g, kernel, clipped, iterations)
+    planes = channels_first(g)
+    if len(noisy.denoised) != len(planes):
+        raise ValueError(f"a noisy photo of {noisy.denoised.shape} does not fit one of {g.shape}")
+    most = iterations or _MOST
+    runs = 2 if gain else 1
+    margin = reach(kernel.camera, kernel.theta[kernel.weights > 0])
+    blur = blur_filters(kernel, margin=margin, channels=len(planes), threads=threads)
+    seen = np.maximum(blur.adjoint(np.ones((1, *g.shape[:2]), np.float32))[0], _UNSEEN)
+    f_D = fitted(noisy.denoised, seen.shape)
+    gains = gain_map(image_like(f_D, g)) if gain else None
+    left = blur.forward(f_D)
+    agreeing = agreement(g, left, fitted(noisy.variance(), g.shape[:2]), margin)
+    if clipped is not None:
+        agreeing[clipped] = 0
+    np.subtract(planes, left, out=left)
+    left *= agreeing
+    inside = np.s_[margin:-margin, margin:-margin]
+    done, counts, squared = 0, [], 0.0
+
+    def tell(iteration: int, count: int) -> None:
+        if progress is not None:
+            part = (done + iteration / count) / (runs * len(planes))
+            progress(part, f"deblurring the residual, iteration {iteration}")
+
+    out = np.empty(g.shape, np.float32)
+    for c, (residual, denoised) in enumerate(zip(left, f_D, strict=True)):
+        noise = _NOISE * coarse_noise(planes[c]) if iterations is None else None
+        change, count = _deconvolved(residual, blur, seen, None, most=most, noise=noise, tell=tell)
+        f = (denoised + change)[inside]
+        if gains is not None:
+            done += 1
+            change, _ = _deconvolved(residual, blur, seen, gains, most=count, noise=None, tell=tell)
+            calm = (denoised + change)[inside]
+            f = _with_detail(calm, f) if detail else calm
+        done += 1
+        counts.append(count)
+        left[c] -= blur.forward(change[None])[0]
+        squared += float(np.sum(np.square(left[c]), dtype=np.float64))
+        channels_first(out)[c] = np.maximum(f, 0)
+    return Restoration(out, max(counts), float(np.sqrt(squared / g.size)))
+
+
+def gain_map(f_D: Image) -> Image:
+    """Return the gain map (h, w) of a denoised photo (h, w) or (h, w, C), from its display values.
+
+    Its gradients are those of the mean of the colours, in shares of the whole range a pixel.
+    """
+    level = _shown(channels_first(f_D).mean(0, dtype=np.float32))
+    height, width = level.shape
+    gains = np.full(level.shape, 1 - _ALPHA, np.float32)
+    while True:
+        down, across = (cv2.Sobel(level, cv2.CV_32F, *d, scale=1 / 8) for d in ((0, 1), (1, 0)))
+        gradient = np.sqrt(np.square(down) + np.square(across))
+        gains += np.float32(_ALPHA) * cv2.resize(gradient, (width, height))
+        if min(level.shape) < 2 * _SMALLEST_LEVEL:
+            return gains
+        level = np.asarray(cv2.pyrDown(level), np.float32)
+
+
+def joint_bilateral(image: Image, guide: Image) -> Image:
+    """Average an image (h, w) over near pixels whose values in a guide (h, w) are alike."""
+    out = np.empty_like(image)
+    height = len(image)
+    for top in range(0, height, _BAND):
+        first, last = max(top - _WINDOW, 0), min(top + _BAND + _WINDOW, height)
+        own = slice(top - first, min(top + _BAND, height) - first)
+        out[top : top + _BAND] = _bilateral(image[first:last], guide[first:last])[own]
+    return out
+
+
+def _bilateral(image: Image, guide: Image) -> Image:
+    """Average a band; each pair of pixels is weighed once and serves both."""
+    total, weight = image.copy(), np.ones_like(image)
+    height, width = image.shape
+    square = range(-_WINDOW, _WINDOW + 1)
+    for down, across in ((y, x) for y in square for x in square if (y, x) > (0, 0)):
+        left, right = max(-across, 0), max(across, 0)
+        if down >= height or left + right >= width:
+            continue
+        here = slice(0, height - down), slice(left, width - right)
+        there = slice(down, height), slice(right, width - left)
+        w = np.square((guide[here] - guide[there]) / np.float32(_ALIKE))
+        w += np.float32((down * down + across * across) / _NEAR_PX**2)
+        w = np.exp(w * np.float32(-0.5))
+        total[here] += w * image[there]
+        total[there] += w * image[here]
+        weight[here] += w
+        weight[there] += w
+    total /= weight
+    return total
+
+
+def _deconvolved(
+    left: Image,
+    blur: Filters,
+    seen: Image,
+    gains: Image | None,
+    *,
+    most: int,
+    noise: float | None,
+    tell: Callable[[int, int], None],
+) -> tuple[Image, int]:
+    """Deconvolve the residual of one colour; return delta f, (H, W), and in how many iterations."""
+    f = np.ones_like(seen)  # delta f + 1
+    even = blur.forward(f[None])[0]
+    target = np.maximum(left + even, _DARK)
+    ratio, before, done = even, np.inf, 0
+    while done < most:
+        np.divide(target, np.maximum(ratio, _DARK), out=ratio)
+        f *= np.where(seen > _UNSEEN, blur.adjoint(ratio[None])[0] / seen, 1)
+        if gains is not None:
+            f = (f - 1) * gains + 1
+        done += 1
+        if done == most:
+            break
+        ratio = blur.forward(f[None])[0]
+        if noise is not None:
+            squared = 4 * float(np.mean(np.square(pair_means(target - ratio)), dtype=np.float64))
+            if squared <= noise or squared > (1 - _STALLED) * before:
+                break
+            before = squared
+        tell(done, most)
+    tell(done, done)
+    f -= 1
+    return f, done
+
+
+def _with_detail(calm: Image, full: Image) -> Image:
+    """Add the detail layer of a result without the gain map to the one with it."""
+    shown, guide = _shown(full), _shown(calm)
+    guide += shown - joint_bilateral(shown, guide)
+    return _light(guide)
+
+
+def _shown(light: Image) -> Image:
+    """Return about how light is displayed: its root, but a line near black."""
+    shown: Image = np.sqrt(np.maximum(light, 0) + _TOE)
+    shown -= np.sqrt(_TOE)
+    return shown
+
+
+def _light(shown: Image) -> Image:
+    """Invert `_shown`; display values below 0 are black."""
+    light: Image = np.square(np.maximum(shown, 0) + np.sqrt(_TOE))
+    light -= _TOE
+    return light

@@ -1,0 +1,147 @@
+"""Exhaustive search for the rotation between two photos, on small copies of them (Sec. 7).
+
+Rotations about X and Y all but shift a picture, so these are tried in a few steps only, together
+with all steps about Z; the shifts around each of them are tried at once, by FFT. Pictures are
+compared by their zero-normalised cross-correlation (ZNCC) where both are seen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from deshake.blind.variational.coarse_to_fine import turn
+from deshake.geometry.rotations import compose, displacements, grid_steps, homographies
+from deshake.operators.strips import available_threads, in_order
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from deshake.geometry.camera import Camera
+
+__all__ = ["Candidate", "distance_px", "distinct", "exhaustive_search"]
+
+Image = NDArray[np.float32]
+
+_BENT_PX = 2.0  # between two steps about X or Y, the frame's corners move so much besides shifting
+_MOST_TILTS = 9  # steps about X and about Y
+_LEAST_OVERLAP = 0.3  # share of the frame that both photos must see
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A rotation ``H`` with ``a(x) ~ b(H^-1 x)``, (3,) in radians, and its ZNCC."""
+
+    theta: NDArray[np.float64]
+    score: float
+
+
+def exhaustive_search(
+    a: Image,
+    b: Image,
+    camera: Camera,
+    max_angle: float,
+    *,
+    threads: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> list[Candidate]:
+    """Try all rotations within a cube: ``a(x) ~ b(H^-1 x)``.
+
+    Parameters
+    ----------
+    a, b : (h, w) arrays of float32
+        The photos, small, without their means and slow variations.
+    camera : Camera
+        The camera of both, at this size.
+    max_angle : float
+        Half the side of the cube about each axis, in radians.
+    threads : int, optional
+        Threads to use; by default all processors.
+    progress : callable, optional
+        Told the fraction done.
+
+    Returns
+    -------
+    list of Candidate
+        The best shift at each step about X, Y and Z, best first.
+
+    """
+    steps = _steps(camera, max_angle)
+    half = max_angle / _tilts(camera, max_angle)  # of the way between two steps about X or Y
+    reach = int(np.ceil(1.05 * camera.focal_px * np.tan(half))) + 1
+    correlate = _Correlation(a, min(reach, min(camera.shape) - 1))
+    pictures = np.stack([b, np.ones_like(b)])
+
+    def best_shift(theta: NDArray[np.float64]) -> Candidate:
+        seen, mask = turn(pictures, camera, -theta)
+        score, dx, dy = correlate.best(seen, mask)
+        shift = np.arctan2([-dy, dx, 0], camera.focal_px)
+        return Candidate(compose(shift, theta), score)
+
+    found = []
+    for _, candidate in in_order(best_shift, steps, threads or available_threads()):
+        found.append(candidate)
+        if progress is not None:
+            progress(len(found) / len(steps))
+    return sorted(found, key=lambda candidate: -candidate.score)
+
+
+def distinct(
+    candidates: list[Candidate], camera: Camera, count: int, apart_px: float
+) -> list[Candidate]:
+    """Return the first `count` candidates of which no two are closer than `apart_px`."""
+    kept: list[Candidate] = []
+    for candidate in candidates:
+        if len(kept) == count:
+            break
+        if all(distance_px(camera, candidate.theta, k.theta) > apart_px for k in kept):
+            kept.append(candidate)
+    return kept
+
+
+def distance_px(camera: Camera, one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    """Root mean square distance, over the frame, between where two rotations send its pixels."""
+    moved = displacements(homographies(camera, compose(-one, other)[None]), camera.corners)
+    return float(np.sqrt(np.mean(np.sum(moved**2, -1))))
+
+
+def _tilts(camera: Camera, max_angle: float) -> int:
+    """Return how many steps about X, and about Y, leave little but a shift between them."""
+    corner = np.abs(camera.corners - camera.matrix[:2, 2]).max(0)
+    bent = 2 * max_angle * float(corner @ corner) / camera.focal_px
+    count = int(np.ceil(bent / _BENT_PX)) // 2 * 2 + 1  # the middle one is no rotation
+    return min(count, _MOST_TILTS)
+
+
+def _steps(camera: Camera, max_angle: float) -> list[NDArray[np.float64]]:
+    """Return the rotations that are tried, each with all shifts around it."""
+    count = _tilts(camera, max_angle)
+    tilts = (np.arange(count) - (count - 1) / 2) * (2 * max_angle / count)
+    turns = int(np.ceil(max_angle / grid_steps(camera)[2]))
+    rolls = np.linspace(-max_angle, max_angle, 2 * turns + 1)
+    return [np.array([x, y, z]) for x in tilts for y in tilts for z in rolls]
+
+
+class _Correlation:
+    """ZNCC of a picture with others, each within its mask, for all shifts up to `reach`."""
+
+    def __init__(self, a: Image, reach: int) -> None:
+        self.least = _LEAST_OVERLAP * a.size
+        self.size = tuple(scipy.fft.next_fast_len(side + reach, real=True) for side in a.shape)
+        self.shifts = np.arange(-reach, reach + 1)
+        self.spectra = scipy.fft.rfft2(np.stack([a, a * a, np.ones_like(a)]), self.size)
+
+    def best(self, b: Image, mask: Image) -> tuple[float, int, int]:
+        """Return the best ZNCC with ``b(x - d)``, and the shift d: (dx, dy)."""
+        spectra = scipy.fft.rfft2(np.stack([b, mask, b * b]), self.size).conj()
+        products = np.concatenate([self.spectra * spectra, self.spectra[2:] * spectra[1:2]])
+        around = scipy.fft.irfft2(products, self.size)[:, self.shifts[:, None], self.shifts]
+        cross, energy_a, energy_b, overlap = around
+        score = cross / np.sqrt(np.maximum(energy_a * energy_b, 1e-12))
+        score[overlap < self.least] = -1
+        row, column = np.unravel_index(int(np.argmax(score)), score.shape)
+        return float(score[row, column]), int(self.shifts[column]), int(self.shifts[row])

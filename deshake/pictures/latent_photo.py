@@ -1,0 +1,63 @@
+"""What an estimate made of the sharp photo, as a picture (Fig. 4).
+
+Estimates work with gradients. The intensities that come nearest to them have sharp edges where the
+estimate found them, and are flat elsewhere; light and dark may drift from one part of the frame to
+another.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from deshake.formats.encoding import Encoding
+from deshake.metadata.metadata import Metadata
+from deshake.signal.luminance import luminance
+from deshake.signal.poisson import poisson_image
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from deshake.formats.photo import Photo
+
+__all__ = ["latent_photo"]
+
+
+def latent_photo(
+    photo: Photo,
+    gradients: NDArray[np.float32],
+    region: tuple[int, int, int, int] | None = None,
+) -> Photo:
+    """Turn the gradients of an estimate into a grey photo: 8 bits, sRGB, no metadata.
+
+    Parameters
+    ----------
+    photo : Photo
+        The photo that was estimated from.
+    gradients : (2, h, w) array
+        Differences to the right and to the lower neighbour, in linear light.
+    region : (x, y, width, height), optional
+        The part of the photo that was estimated from, by default all of it. The result has its
+        mean.
+
+    Returns
+    -------
+    Photo
+        Of h x w pixels.
+
+    """
+    height, width = photo.shape
+    x, y, across, down = (0, 0, width, height) if region is None else region
+    grey = luminance(photo.pixels[y : y + down, x : x + across])
+    mean = float(grey.mean(dtype=np.float64))
+    pixels = poisson_image(gradients[0], gradients[1], mean)
+    return replace(
+        photo,
+        pixels=pixels,
+        clipped=np.zeros(pixels.shape, bool),
+        alpha=None,
+        encoding=Encoding("PNG", grey=True),
+        metadata=Metadata(),
+    )

@@ -1,1 +1,0 @@
-"""Plans of stages: files in, files out."""

@@ -1,0 +1,1 @@
+"""From a photo and its kernel to the sharp photo."""

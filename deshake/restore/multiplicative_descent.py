@@ -1,0 +1,185 @@
+"""The latent image on its way through the multiplicative iterations of Richardson-Lucy.
+
+All variants share the blur, the sensor's response, the margin and the extrapolation; what they
+are is said where they are called, in `richardson_lucy`.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit
+
+from deshake.operators.planes import channels_first
+from deshake.operators.strips import available_threads, in_order, row_bands
+from deshake.restore.total_variation import less_varied, variation_weight
+from deshake.signal.noise import pair_means
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from deshake.operators.shake_blur import Filters
+
+__all__ = ["MultiplicativeDescent"]
+
+Image = NDArray[np.float32]
+T = TypeVar("T")
+
+_SHARPNESS = np.float32(50)  # a of the response
+_LINEAR = np.float32(0.75)  # below it the response is a line, to within 1e-7
+_DARK = np.float32(1e-6)  # less light than this counts as this
+_UNSEEN = np.float32(1e-2)  # latent pixels seen no more than this keep their value
+_SMALLEST = np.float32(0.25)  # share of a pixel that an extrapolation leaves at least
+_SMOOTHING = 4  # dual steps of the total variation in each iteration
+_BAND = 128
+
+
+class MultiplicativeDescent:
+    """The latent image on its way.
+
+    The estimate f is held and, if it is extrapolated, two more latent images: the point that the
+    next iteration starts from, and the change that the last iteration made of its point.
+
+    Parameters
+    ----------
+    g : (h, w) or (h, w, C) array of float32
+        The blurred photo in linear light, 1 where it clips; values below 0 count as 0.
+    blur : Filters
+        The blur A.
+    clipped : (h, w) array of bool, optional
+        Where the photo clipped. If anywhere, the model has the sensor's response in it.
+    fastest : float
+        The longest step of the extrapolation, 0 for none.
+    smooth : bool
+        Whether each iteration lowers the total variation.
+    threads : int, optional
+        Threads to use; by default all processors.
+
+    """
+
+    def __init__(
+        self,
+        g: Image,
+        blur: Filters,
+        clipped: NDArray[np.bool_] | None,
+        *,
+        fastest: float,
+        smooth: bool = False,
+        threads: int | None,
+    ) -> None:
+        self.threads = threads or available_threads()
+        self.like = g
+        self.g = np.maximum(channels_first(g), 0, order="C", dtype=np.float32)
+        self.clipped = clipped if clipped is not None and clipped.any() else None
+        self.unclipped = g.size - (0 if self.clipped is None else self.clipped.sum() * len(self.g))
+        self.blur = blur
+        self.seen = blur.adjoint(np.ones_like(self.g[:1]))[0]
+        np.maximum(self.seen, _UNSEEN, out=self.seen)
+        self.margin = (len(self.seen) - len(g)) // 2
+        self.weight = variation_weight(g, self.margin) if smooth else None
+        self.f = np.empty((len(self.g), *self.seen.shape), np.float32)
+        self._blur_backwards()
+        self.fastest = fastest
+        self.point = self.f.copy() if fastest else self.f
+        self.change = np.zeros_like(self.f) if fastest or smooth else None
+        self.strength = 0.0  # of the last change: its squared norm
+
+    def _blur_backwards(self) -> None:
+        """Begin with the photo blurred backwards, which takes its noise off; continue its edges."""
+        m = self.margin
+        back = self.blur.adjoint(self.g)
+        for plane, f in zip(back, self.f, strict=True):
+            inner = (plane / self.seen)[m:-m, m:-m]
+            np.maximum(np.pad(inner, m, mode="edge"), _DARK, out=f)
+
+    def step(self) -> tuple[float, float]:
+        """Iterate once; return the mean squared residuals that the iteration began with.
+
+        The first is of the pixels, the second of means of 2 x 2 of them, times four.
+        """
+        squared = coarse = along = strength = 0.0
+        ratio = self.blur.forward(self.point)
+        for c, plane in enumerate(ratio):
+            for part in self._each_band(len(plane), partial(self._compare, plane, c)):
+                squared += part[0]
+                coarse += part[1]
+        factor = self.blur.adjoint(ratio)
+        del ratio
+        for part in self._each_band(self.f.shape[1], partial(self._update, factor)):
+            along += part[0]
+            strength += part[1]
+        if self.change is not None:
+            # [1], with the next point in the place of the estimate before
+            length = np.clip(along / self.strength, 0, self.fastest) if self.strength else 0
+            self.strength = strength
+            self._each_band(
+                self.f.shape[1], partial(self._extrapolate, self.change, np.float32(length))
+            )
+        count = max(int(self.unclipped), 1)
+        return squared / count, coarse / count
+
+    def frame(self) -> Image:
+        """Return the estimate within the frame."""
+        m = self.margin
+        out = np.empty_like(self.like, np.float32, order="C")
+        channels_first(out)[...] = self.f[:, m:-m, m:-m]
+        return out
+
+    def _compare(self, blurred: Image, c: int, rows: slice) -> tuple[float, float]:
+        """Turn the blurred point into the ratio to correct it by; sum the squared residuals."""
+        x, g = blurred[rows], self.g[c, rows]
+        np.maximum(x, _DARK, out=x)
+        if self.clipped is None:
+            residual = g - x
+            np.divide(g, x, out=x)
+        else:
+            high = x > _LINEAR
+            over = _SHARPNESS * (x[high] - 1)
+            x[high] -= np.logaddexp(0, over) / _SHARPNESS
+            residual = np.where(self.clipped[rows], 0, g - x)
+            np.divide(g, x, out=x)
+            slope = expit(-over)
+            x[high] = x[high] * slope + (1 - slope)
+        coarse = float(np.sum(np.square(pair_means(residual))))
+        fine = float(np.sum(np.square(residual, out=residual)))
+        return fine, 16 * coarse  # four pixels to a mean, of a quarter the variance
+
+    def _update(self, factor: Image, rows: slice) -> tuple[float, float]:
+        """Find the change of the point; return its products with the last one and with itself."""
+        halo = 0 if self.weight is None else _SMOOTHING + 1
+        first = max(rows.start - halo, 0)
+        wide = slice(first, rows.stop + halo)
+        seen, point = self.seen[wide], self.point[:, wide]
+        new = np.maximum(factor[:, wide], 0)
+        new /= seen
+        np.copyto(new, 1, where=seen <= _UNSEEN)
+        new *= point
+        if self.change is None:
+            point[...] = new
+            return 0.0, 0.0
+        if self.weight is not None:
+            new = less_varied(new, point / seen, self.weight[wide], _SMOOTHING)
+        own = slice(rows.start - first, rows.stop - first)
+        change, last = new[:, own] - point[:, own], self.change[:, rows]
+        along = float(np.sum(np.multiply(change, last, out=last)))
+        last[...] = change
+        return along, float(np.sum(np.square(change, out=change)))
+
+    def _extrapolate(self, change: Image, length: np.float32, rows: slice) -> None:
+        """Put the next estimate, and the next point from it and from the estimate before."""
+        point, f = self.point[:, rows], self.f[:, rows]
+        new = point + change[:, rows]
+        np.maximum(new, 0, out=new)
+        further = new - f
+        further *= length
+        further += new
+        f[...] = new
+        new *= _SMALLEST
+        np.maximum(further, new, out=point)
+
+    def _each_band(self, height: int, work: Callable[[slice], T]) -> list[T]:
+        """Do some work on all rows, band by band; the results are in the order of the bands."""
+        return [done for _, done in in_order(work, row_bands(height, _BAND), self.threads)]

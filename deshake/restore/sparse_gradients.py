@@ -1,0 +1,166 @@
+"""Restoration with a known rotation kernel and sparse gradients: the default.
+
+The sharp photo is the f that minimises
+
+    1/2 |sqrt(m) s (A f - g)|^2 + tau sum |s D f|_k^p,    p = 0.7,
+
+where A is the filter flow of the kernel on a latent image that reaches beyond the frame as far as
+the blur does, D the differences of neighbours, down and across, and |.|_k takes both of these and
+all colours together; colour differences count k times as much as light, since edges are weaker in
+them. s = 1 / sigma(x) divides by the noise, whose variance grows with the light; edges count in
+the same units, which are nearly those of display, so that dark and bright parts are smoothed
+alike. What the first estimate leaves unexplained is added to the noise, since no kernel is quite
+right. tau grows as the root of the number of colours.
+
+Half-quadratic splitting finds it in a few stages (`half_quadratic`). The first estimate is that of
+a few iterations of Richardson-Lucy, in whose model clipped lights may be brighter than they look.
+Where any did, m keeps their surroundings out of the data, and what lies behind them is found again
+(`lights`); elsewhere m = 1. At high quality stages with a denoiser follow (`plug_and_play`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from deshake.operators.patch_inverse import approximate_inverse
+from deshake.operators.planes import channels_first
+from deshake.operators.shake_blur import blur_filters
+from deshake.restore.lights import behind_lights, trust
+from deshake.restore.plug_and_play import plug_and_play
+from deshake.restore.restoration import Restoration, check_photo
+from deshake.restore.richardson_lucy import latent_start
+from deshake.signal.half_quadratic import HalfQuadratic
+from deshake.signal.noise import noise_variance
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from deshake.geometry.kernel import RotationKernel
+    from deshake.restore.quality import Quality
+
+    Image = NDArray[np.float32]
+    Progress = Callable[[float, str], None]
+
+__all__ = ["sparse_gradients"]
+
+
+class _Level(NamedTuple):
+    """Iterations of Richardson-Lucy to begin with, and behind lights; stages; the denoiser's."""
+
+    start: int
+    behind: int
+    stages: int
+    fine: int
+
+
+_LEVELS = {
+    "fast": _Level(4, 2, 3, 0),
+    "default": _Level(8, 3, 5, 0),
+    "high": _Level(8, 3, 5, 3),
+}
+_RHO = (0.02, 1.0)
+_EFFORT = 2  # of a stage with the denoiser, in stages without
+
+
+def sparse_gradients(
+    g: Image,
+    kernel: RotationKernel,
+    *,
+    clipped: NDArray[np.bool_] | None = None,
+    quality: Quality = "default",
+    iterations: int | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Restoration:
+    """Deblur a photo whose rotation kernel is known.
+
+    The result lies in the frame of the blur's centroid: the kernel is centred first.
+
+    Parameters
+    ----------
+    g : (h, w) or (h, w, C) array of float32
+        The blurred photo in linear light, 1 where it clips; values below 0 count as 0.
+    kernel : RotationKernel
+        The blur, for a camera of the photo's size.
+    clipped : (h, w) array of bool, optional
+        Where the photo clipped. There the light may be stronger than it looks.
+    quality : {"fast", "default", "high"}
+        Fewer stages, or more with a denoiser.
+    iterations : int, optional
+        Stages of the splitting after the start, >= 1; by default 6, or 3 if fast.
+    threads : int, optional
+        Threads to use; by default all processors. The result does not depend on it.
+    progress : callable, optional
+        Told the fraction done, 0 to 1, and what is being done, after each stage.
+
+    Returns
+    -------
+    Restoration
+
+    Raises
+    ------
+    ValueError
+        If the photo is not finite or does not fit the kernel's camera or the clipped pixels, or
+        the iterations are fewer than 1.
+
+    """
+    check_photo(g, kernel, clipped, iterations)
+    level = _LEVELS[quality]
+    stages = iterations or level.stages
+    lit = clipped is not None and bool(clipped.any())
+    efforts = (level.start, level.behind * lit, stages, _EFFORT * level.fine)
+    starting, behind, splitting, finely = _shares(progress, efforts)
+
+    planes = channels_first(g)
+    blur = blur_filters(kernel.centred(), channels=len(planes), threads=threads)
+    f = latent_start(
+        g, blur, clipped=clipped, iterations=level.start, threads=threads, progress=starting
+    )
+    margin = (f.shape[1] - len(g)) // 2
+    m = np.ones(g.shape[:2], np.float32)
+    if clipped is not None and lit:
+        m = trust(f, blur, clipped, noise_variance(g, margin))
+        behind_lights(f, planes, blur, m, iterations=level.behind, progress=behind)
+    Af = blur.forward(f)
+    s = _precision(g, Af, m, margin)
+    descent = HalfQuadratic(f, Af, planes, approximate_inverse(blur), m=m, s=s, threads=threads)
+    for stage, rho in enumerate(np.geomspace(*_RHO[::-1], stages)[::-1], 1):
+        descent.step(float(rho))
+        splitting(stage / stages, f"deblurring, stage {stage}")
+    if level.fine:
+        plug_and_play(descent, stages=level.fine, progress=finely)
+    out = np.empty_like(g, np.float32, order="C")
+    np.maximum(f[:, margin:-margin, margin:-margin], 0, out=channels_first(out))
+    return Restoration(out, stages, descent.residual(clipped))
+
+
+def _shares(progress: Progress | None, efforts: tuple[int, ...]) -> list[Progress]:
+    """Share out the progress among steps that take these efforts, one after the other."""
+    ends = np.cumsum(efforts) / sum(efforts)
+
+    def part(end: float, effort: float) -> Progress:
+        def told(share: float, text: str) -> None:
+            if progress is not None:
+                progress(1.0 if end == 1 and share == 1 else end - effort * (1 - share), text)
+
+        return told
+
+    return [
+        part(float(end), effort / sum(efforts)) for end, effort in zip(ends, efforts, strict=True)
+    ]
+
+
+def _precision(g: Image, Af: Image, m: Image, margin: int) -> Image:
+    """Return 1 / sigma of every latent pixel, (H, W)."""
+    error = np.zeros_like(m)
+    for plane, blurred in zip(channels_first(g), Af, strict=True):
+        error += np.square(plane - blurred)
+    error *= m / np.float32(len(Af))
+    variance = noise_variance(g, margin, error)
+    np.sqrt(variance, out=variance)
+    np.reciprocal(variance, out=variance)
+    return np.pad(variance, margin, mode="edge")

@@ -1,0 +1,1 @@
+"""Shaken photos with a known kernel."""

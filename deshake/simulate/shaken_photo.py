@@ -1,0 +1,278 @@
+"""Shaking a sharp photo by a known camera path: for demos, tests and benchmarks.
+
+The photo is blurred by the path itself, an exact warp for every half pixel of it, and not by the
+kernel that is handed out with it: that is the path binned on the photo's grid.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deshake.errors import DeshakeError, OutputError
+from deshake.files.disk import STREAM, check_output, sha256
+from deshake.files.kernel_file import KernelFile, read_camera, write_kernel
+from deshake.formats.conversion import output_format
+from deshake.formats.photo import read_photo, write_photo
+from deshake.geometry.distortion import bent_camera
+from deshake.lens.frame_tags import reframed
+from deshake.lens.lens_warp import LensWarp
+from deshake.operators.filter_flow import reach
+from deshake.operators.warps import Warps
+from deshake.simulate.exposure import expose
+from deshake.simulate.shake_path import random_path, read_path
+from deshake.stages.calibration import camera_for
+from deshake.stages.camera_choice import CameraChoice
+from deshake.version import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from deshake.formats.transfer import TransferName
+    from deshake.geometry.camera import Camera
+    from deshake.geometry.kernel import RotationKernel
+    from deshake.simulate.shake_path import CameraPath
+
+__all__ = ["Shaken", "shake", "simulate_file"]
+
+_log = logging.getLogger(__name__)
+
+Image = NDArray[np.float32]
+
+_SMALLEST = 16  # pixels a side that cropping must leave
+
+
+@dataclass(frozen=True, eq=False)
+class Shaken:
+    """A shaken photo with the truth about it.
+
+    Parameters
+    ----------
+    pixels : (h, w[, C]) array of float32
+        The shaken photo, linear, 0..1.
+    sharp : (h, w[, C]) array of float32
+        The sharp photo in the same frame and exposure, linear; above 1 where it would clip.
+    kernel : RotationKernel
+        The path binned on the grid of the photo, its centroid at the origin.
+    offset : (int, int)
+        Row and column of the photo's first pixel in the original one.
+
+    """
+
+    pixels: Image
+    sharp: Image
+    kernel: RotationKernel
+    offset: tuple[int, int]
+
+
+def shake(
+    pixels: Image,
+    camera: Camera,
+    path: CameraPath,
+    *,
+    crop: bool = True,
+    gain: float = 1.0,
+    photons: float | None = None,
+    noise_sigma: float = 0.0,
+    seed: int = 0,
+    progress: Callable[[float, str], None] | None = None,
+) -> Shaken:
+    """Blur a photo by a camera path, bend it if the camera has a lens that bends, and expose it.
+
+    Parameters
+    ----------
+    pixels : (h, w[, C]) array of float32
+        The sharp photo, linear light.
+    camera : Camera
+        Its camera. The sharp photo is taken to be a pinhole's; with a distortion, the shaken one is
+        as that lens would have it, of a focal length so much longer that it shows nothing else.
+    path : CameraPath
+        How the camera turned; its centroid is taken to the origin first.
+    crop : bool
+        Cut off the borders whose blur reaches beyond the photo, evenly on all sides; otherwise
+        the photo is continued by its edge pixels and keeps its size.
+    gain, photons, noise_sigma, seed
+        As for `expose`.
+    progress : callable, optional
+        Told the fraction done and what is being done.
+
+    Raises
+    ------
+    ValueError
+        If the photo does not fit the camera.
+    DeshakeError
+        If the path is too wide or too long, or nothing would be left after cropping.
+
+    """
+    if pixels.shape[:2] != camera.shape:
+        raise ValueError(f"a photo of {pixels.shape[:2]} does not fit a camera of {camera.shape}")
+    lens, camera = camera, replace(camera, distortion=np.zeros(0))
+    path = path.centred(camera)
+    theta, weights = path.pieces(camera)
+    margin = reach(camera, theta)
+    height, width = camera.shape
+    if crop:
+        if min(height, width) < 2 * margin + _SMALLEST:
+            raise DeshakeError(
+                f"a shake that reaches {margin} pixels leaves nothing of {width} x {height} pixels",
+                hint="shake it less, or keep its size",
+            )
+        camera = camera.cropped(margin, margin, width - 2 * margin, height - 2 * margin)
+        latent, sharp = pixels, pixels[margin:-margin, margin:-margin]
+    else:
+        around = ((margin, margin), (margin, margin), *[(0, 0)] * (pixels.ndim - 2))
+        latent, sharp = np.pad(pixels, around, mode="edge"), pixels
+    blurred = np.zeros(sharp.shape, np.float32)
+    for k in range(len(theta)):
+        warp = Warps(camera, theta[k : k + 1], margin=margin)
+        blurred += warp.blur(latent, weights[k : k + 1])
+        if progress is not None:
+            progress((k + 1) / (len(theta) + 1), "shaking")
+    kernel = path.kernel(camera)
+    if not lens.is_pinhole:
+        bent = _bent_camera(camera, lens)
+        there = LensWarp(bent, camera)
+        blurred, sharp = there.bend(blurred), there.bend(sharp)
+        kernel = kernel.for_camera(bent)
+    expose(blurred, gain=gain, photons=photons, noise_sigma=noise_sigma, seed=seed)
+    offset = (margin, margin) if crop else (0, 0)
+    return Shaken(blurred, sharp * np.float32(gain), kernel, offset)
+
+
+def _bent_camera(camera: Camera, lens: Camera) -> Camera:
+    try:
+        return bent_camera(camera, lens.distortion)
+    except ValueError as error:
+        raise DeshakeError(f"the lens cannot be simulated: {error}") from error
+
+
+def simulate_file(
+    source: Path,
+    output: Path | None,
+    *,
+    kernel: Path | None = None,
+    sharp: Path | None = None,
+    path: Path | None = None,
+    blur_px: float = 20.0,
+    seed: int = 0,
+    crop: bool = True,
+    gain: float = 1.0,
+    photons: float | None = None,
+    noise_sigma: float = 0.0,
+    focal_px: float | None = None,
+    focal_35mm: float | None = None,
+    lens: bool | None = None,
+    lens_model: str | None = None,
+    camera: Path | None = None,
+    transfer: TransferName | None = None,
+    overwrite: bool = False,
+    progress: Callable[[float, str], None] | None = None,
+) -> None:
+    """Shake a photo file; write the shaken photo and its true kernel.
+
+    Parameters
+    ----------
+    source : Path
+        The sharp photo.
+    output : Path, optional
+        The shaken one; by default ``<stem>.shaken.<ext>`` beside the sharp one.
+    kernel : Path, optional
+        The true kernel, ``-`` for standard output; by default the output's name with ``.npz``.
+    sharp : Path, optional
+        Where the sharp photo in the frame of the shaken one goes; by default nowhere.
+    path : Path, optional
+        A camera path (`read_path`); by default `random_path` with `blur_px` and `seed`.
+    crop, gain, photons, noise_sigma, seed
+        As for `shake`.
+    focal_px, focal_35mm, camera
+        The focal length in pixels or 35 mm equivalents, or a camera file; by default the photo's
+        metadata tell, else a 50 mm equivalent is assumed. A camera file may have a lens that bends.
+    lens, lens_model
+        Whether the photo is bent by its lens's profile, or by that of another one.
+    transfer : {"linear", "srgb", "gamma22"}, optional
+        As for `read_photo`.
+    overwrite : bool
+        Whether existing outputs may be replaced.
+    progress : callable, optional
+        Told the fraction done and what is being done.
+
+    Raises
+    ------
+    DeshakeError
+        If a file cannot be read or written, or the photo is too small for the shake.
+
+    """
+    output = output or source.with_name(f"{source.stem}.shaken{source.suffix}")
+    kernel = kernel or output.with_suffix(".npz")
+    outputs = [item for item in (output, kernel, sharp) if item is not None]
+    inputs = [item for item in (source, path, camera) if item is not None]
+    for number, item in enumerate(outputs):
+        check_output(item, *inputs, overwrite=overwrite)
+        if item.absolute() in [other.absolute() for other in outputs[:number]]:
+            raise OutputError("two outputs of this name", hint="name them apart", file=item)
+    photo = read_photo(source, transfer=transfer)
+    for item in outputs:
+        if item != kernel:
+            output_format(item, photo.source, photo.encoding)
+    choice = CameraChoice(
+        focal_px=focal_px,
+        focal_35mm=focal_35mm,
+        lens=lens,
+        lens_model=lens_model,
+        file=None if camera is None else read_camera(camera),
+    )
+    found, notes = camera_for(photo, choice)
+    for note in notes:
+        _log.warning("%s: %s", photo.source, note)
+    try:
+        result = shake(
+            photo.pixels,
+            found.camera,
+            read_path(path) if path else random_path(found.camera, blur_px, seed=seed),
+            crop=crop,
+            gain=gain,
+            photons=photons,
+            noise_sigma=noise_sigma,
+            seed=seed,
+            progress=progress,
+        )
+    except DeshakeError as error:
+        error.file = error.file or str(source)
+        raise
+    drawn = {"path_sha256": sha256(path)} if path else {"blur_px": blur_px}
+    exposed = {"gain": gain, "photons": photons, "noise": noise_sigma}
+    provenance = {
+        "deshake": __version__,
+        "command": "simulate",
+        "options": drawn | exposed | {"seed": seed, "crop": crop, "transfer": transfer},
+        "input_sha256": photo.sha256,
+        "camera": found.source,
+    }
+    top, left = result.offset
+    height, width = result.pixels.shape[:2]
+    inside = slice(top, top + height), slice(left, left + width)
+    camera_then = result.kernel.camera
+    alpha = None if photo.alpha is None else np.ascontiguousarray(photo.alpha[inside])
+    if alpha is not None and not camera_then.is_pinhole:
+        whole = found.camera.cropped(left, top, width, height)
+        alpha = LensWarp(camera_then, replace(whole, distortion=np.zeros(0))).bend_codes(alpha)
+    framed = replace(
+        photo,
+        pixels=result.pixels,
+        clipped=photo.clipped[inside],
+        alpha=alpha,
+        metadata=reframed(photo.metadata, height, width, camera_then.focal_px),
+    )
+    write_photo(output, framed, overwrite=overwrite)
+    if sharp is not None:
+        write_photo(sharp, replace(framed, pixels=result.sharp), overwrite=overwrite)
+    content = KernelFile(result.kernel, provenance=provenance)
+    write_kernel(kernel, content, overwrite=overwrite)
+    if str(kernel) != STREAM:
+        extent = result.kernel.extent_px()
+        _log.info("%s: %d x %d pixels, blur of %.1f pixels", output, width, height, extent)

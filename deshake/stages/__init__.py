@@ -1,0 +1,1 @@
+"""The stages from photos to the sharp photo: files in, files out."""

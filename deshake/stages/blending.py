@@ -1,0 +1,169 @@
+"""How much of a result is taken, and where: the rest is the photo as it was.
+
+The two are mixed in linear light, as two exposures of one scene would be. Where nothing of the
+result is taken, the photo's values come out as they went in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from deshake.errors import PhotoError
+from deshake.formats.encoding import SUFFIXES
+from deshake.formats.photo import read_photo
+from deshake.stages.fitting import same_proportions
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from deshake.formats.photo import Photo
+
+__all__ = ["Mask", "blended", "find_mask", "fit_mask", "read_mask"]
+
+Image = NDArray[np.float32]
+
+_GREY = 0.05  # of full scale, that the channels of a grey picture may differ by: JPEGs round
+_ROWS = 256  # that are mixed at once
+
+
+@dataclass(frozen=True, eq=False)
+class Mask:
+    """How much of a photo is kept.
+
+    Parameters
+    ----------
+    share : (H, W) array of float32
+        The share of the photo that is kept, 0..1, for each of its pixels.
+    sha256 : str, optional
+        The SHA-256 of the mask's file as it was read.
+
+    """
+
+    share: Image
+    sha256: str | None = None
+
+
+def read_mask(file: Path, photo: Photo) -> Mask:
+    """Read a mask: a grey picture of a photo's size, or of that size scaled.
+
+    Parameters
+    ----------
+    file : Path
+        The picture: white where the photo is to stay as it is, black where the result is taken,
+        grey in between. Its values are shares as they stand in the file, without a tone curve.
+    photo : Photo
+        The photo that it is for.
+
+    Returns
+    -------
+    Mask
+        Of the photo's size.
+
+    Raises
+    ------
+    PhotoError
+        If it cannot be read, is not grey, is not opaque, or has other proportions.
+
+    """
+    mask = read_photo(file, transfer="linear")
+    if mask.alpha is not None and mask.alpha.min() < np.iinfo(mask.alpha.dtype).max:
+        raise PhotoError(
+            "a mask with transparent parts, which may mean this or that",
+            hint="lay it on black or white, and save it without transparency",
+            file=file,
+        )
+    pixels = mask.pixels
+    if pixels.ndim == 3:
+        if np.ptp(pixels, axis=-1).max() > _GREY:
+            raise PhotoError(
+                "a mask is grey, and this picture has colours",
+                hint="white keeps the photo as it is, black takes the result",
+                file=file,
+            )
+        pixels = pixels[..., 1]
+    if not same_proportions(mask.shape, photo.shape):
+        (height, width), (high, wide) = mask.shape, photo.shape
+        turned = same_proportions(mask.shape[::-1], photo.shape)
+        raise PhotoError(
+            f"the mask has {width} x {height} pixels, and {photo.source} has {wide} x {high}",
+            hint="turn it: photos are masked as they are seen, upright"
+            if turned
+            else "a mask has the size of its photo, or that size scaled",
+            file=file,
+        )
+    return Mask(fit_mask(pixels, photo.shape), mask.sha256)
+
+
+def fit_mask(mask: Image, shape: tuple[int, int]) -> Image:
+    """Scale a mask (h, w) to a shape (H, W)."""
+    if mask.shape == shape:
+        return mask
+    smaller = mask.shape[0] > shape[0]
+    way = cv2.INTER_AREA if smaller else cv2.INTER_LINEAR
+    scaled: Image = cv2.resize(mask, shape[::-1], interpolation=way).astype(np.float32)
+    return np.clip(scaled, 0, 1, out=scaled)
+
+
+def find_mask(folder: Path, source: Path) -> Path | None:
+    """Find the mask of a photo in a folder: the picture of its stem; None: there is none.
+
+    Raises
+    ------
+    PhotoError
+        If there are several.
+
+    """
+    found = sorted(
+        path
+        for path in folder.glob("*")
+        if path.stem == source.stem and path.suffix.lower() in SUFFIXES and path.is_file()
+    )
+    if len(found) > 1:
+        names = " and ".join(path.name for path in found)
+        raise PhotoError(f"{names} could both be its mask", hint="leave one", file=source)
+    return found[0] if found else None
+
+
+def blended(
+    photo: Photo, result: Photo, *, strength: float = 1.0, mask: Image | None = None
+) -> Photo:
+    """Mix a result with the photo that it was made from, in linear light.
+
+    Parameters
+    ----------
+    photo, result : Photo
+        Before and after.
+    strength : float
+        The share of the result, 0..1.
+    mask : (H, W) array, optional
+        The share of the photo that is kept, 0..1, of each pixel: white keeps all of it, whatever
+        the strength.
+
+    Returns
+    -------
+    Photo
+        The result itself where all of it is taken, the photo where none is. Results beyond black
+        and white are clipped before they are mixed.
+
+    """
+    if strength == 0 or (mask is not None and mask.min() == 1):
+        return photo
+    if result is photo or (strength == 1 and mask is None):
+        return result
+    pixels = np.empty_like(photo.pixels)
+    for start in range(0, photo.shape[0], _ROWS):
+        rows = slice(start, start + _ROWS)
+        before, after = photo.pixels[rows], result.pixels[rows]
+        share = np.full(before.shape[:2], strength, np.float32)
+        if mask is not None:
+            share *= 1 - mask[rows]
+        if before.ndim == 3:
+            share = share[..., None]
+        mixed = before + share * (np.clip(after, 0, 1) - before)
+        pixels[rows] = np.where(share == 1, after, mixed)
+    return result.with_pixels(pixels)

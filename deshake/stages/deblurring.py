@@ -1,0 +1,312 @@
+"""Deblurring a photo whose kernel is known, alone or with a noisy photo of the same scene (Sec. 6).
+
+`deblur` works on photos, `deblur_file` from file to file. Outputs are checked before any work is
+done for them, and appear whole or not at all.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from deshake.errors import DeshakeError, OutputError
+from deshake.files.disk import STREAM, check_output
+from deshake.files.kernel_file import KernelFile, read_kernel
+from deshake.formats.output_names import default_output
+from deshake.formats.photo import read_pair, read_photo
+from deshake.geometry.camera import Camera
+from deshake.lens.straightening import bent, straight_kernel, straight_pair, straightened
+from deshake.operators.planes import channels_first
+from deshake.operators.shake_blur import ShakeBlur
+from deshake.pair.camera_tones import blurred_planes, camera_pair, fitted_factor
+from deshake.pair.clipped_noise import unclipped_mean
+from deshake.pair.denoising import NoisyPhoto, noisy_photo
+from deshake.pair.registration import register, registered
+from deshake.restore.dark_halos import without_dark_halos
+from deshake.signal.luminance import luminance
+from deshake.stages.calibration import camera_for
+from deshake.stages.camera_choice import CameraChoice
+from deshake.stages.finishing import AS_IT_IS, Finish
+from deshake.stages.fitting import check_registration, fitting_kernel
+from deshake.stages.methods import METHODS, RestorationOptions, default_method, restore
+from deshake.stages.outputs import prepared, write_result
+from deshake.stages.photo_provenance import photo_provenance
+from deshake.stages.preview import preview_photo
+from deshake.stages.progress import part
+from deshake.stages.registering import known_registration, search_range
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from deshake.formats.photo import Photo
+    from deshake.formats.transfer import TransferName
+    from deshake.geometry.kernel import RotationKernel
+    from deshake.pair.registration import Registration
+    from deshake.restore.restoration import Restoration
+
+    Progress = Callable[[float, str], None]
+
+__all__ = ["deblur", "deblur_file"]
+
+_log = logging.getLogger(__name__)
+
+_REGISTERED = 0.1  # of the time
+
+
+def deblur(
+    photo: Photo,
+    kernel: RotationKernel,
+    options: RestorationOptions | None = None,
+    *,
+    noisy: Photo | None = None,
+    registration: Registration | None = None,
+    search_angle: float | None = None,
+    keep_geometry: bool = False,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Photo:
+    """Deblur a photo with a kernel for its size, alone or with a noisy photo of the same scene.
+
+    Format, depth, opacity and metadata stay as they are. The kernel of a camera that stood still
+    leaves the photo as it is. Without a noisy photo, dark halos are kept from falling to black.
+    Photos through a lens that bends are straightened first, and EXIF describes the new frame.
+
+    Parameters
+    ----------
+    photo : Photo
+        The photo.
+    kernel : RotationKernel
+        Its blur; with a noisy photo, in the frame of the registered noisy photo.
+    options : RestorationOptions, optional
+        How; by default by the default method, with a noisy photo or without.
+    noisy : Photo, optional
+        The noisy photo.
+    registration : Registration, optional
+        How the noisy photo lies to the blurred one; by default the two are registered, with the
+        kernel's camera or, if that is the uniform model's, the photo's.
+    search_angle : float, optional
+        Range of the search for the registration, in degrees about any axis; by default 10.
+    keep_geometry : bool
+        Whether the result is bent again as the photo was.
+    threads : int, optional
+        Threads to use; by default all processors.
+    progress : callable, optional
+        Receives the fraction done and what is being done.
+
+    Raises
+    ------
+    CalibrationError
+        If the lens's distortion is too strong to be undone.
+    EstimationError
+        If the two photos do not show the same scene.
+    ValueError
+        If the method needs a noisy photo and there is none, or takes none and there is one.
+
+    """
+    options = options or RestorationOptions(default_method(noisy=noisy is not None))
+    if options.needs_noisy != (noisy is not None):
+        takes = "needs a noisy photo" if options.needs_noisy else "takes no noisy photo"
+        raise ValueError(f"{options.method} {takes}")
+    lens = kernel.camera if registration is None else registration.camera
+    if not kernel.theta[kernel.weights > 0].any():
+        if progress is not None:
+            progress(1.0, "nothing to undo")
+        return photo if keep_geometry else straightened(photo, lens)[0]
+    try:
+        if noisy is None:
+            straight, seen = straightened(photo, lens, whole=keep_geometry)
+            kernel = straight_kernel(kernel, lens, seen)
+            restored = restore(
+                straight.pixels,
+                kernel,
+                options,
+                clipped=straight.clipped,
+                threads=threads,
+                progress=progress,
+            )
+            pixels = without_dark_halos(restored.pixels, straight.pixels, kernel)
+        else:
+            straight, other, seen = straight_pair(photo, noisy, lens, whole=keep_geometry)
+            kernel = straight_kernel(kernel, lens, seen)
+            start = 0.0
+            if registration is None:
+                start = _REGISTERED
+                if kernel.camera.is_uniform:
+                    seen = _assumed_camera(photo, seen, seen.focal_px / lens.focal_px)
+                registration = register(
+                    straight.pixels,
+                    unclipped_mean(other.pixels),
+                    seen,
+                    max_angle=search_range(search_angle),
+                    threads=threads,
+                    progress=part(progress, 0, start),
+                )
+            elif not lens.is_pinhole:
+                registration = replace(registration, camera=seen)
+            restored = _pair_restored(
+                straight,
+                other,
+                kernel,
+                options,
+                registration=registration,
+                threads=threads,
+                progress=part(progress, start, 1),
+            )
+            pixels = restored.pixels
+    except DeshakeError as error:
+        error.file = error.file or str(photo.source)
+        raise
+    _log.info("%s: deblurred in %d iterations", photo.source, restored.iterations)
+    result = straight.with_pixels(pixels)
+    return bent(result, photo, lens) if keep_geometry else result
+
+
+def deblur_file(
+    source: Path,
+    kernel_file: Path,
+    output: Path | None,
+    *,
+    noisy: Path | None = None,
+    registration: Path | None = None,
+    search_angle: float | None = None,
+    transfer: TransferName | None = None,
+    restoration: RestorationOptions | None = None,
+    finish: Finish = AS_IT_IS,
+    overwrite: bool = False,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> KernelFile:
+    """Deblur a photo with the kernel of a file, alone or with a noisy one, and write the result.
+
+    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. The
+    sheet of `finish` is kept only together with it.
+
+    Returns
+    -------
+    KernelFile
+        What the kernel file has.
+
+    Raises
+    ------
+    PhotoError, KernelFileError, EstimationError
+        If a photo, the kernel or the registration cannot be read, or they do not fit each other.
+    OutputError
+        If the result cannot be written.
+
+    """
+    if output is not None and str(output) == STREAM:
+        raise OutputError("photos are not written to standard output", hint="name a file with -o")
+    restoration = restoration or RestorationOptions(default_method(noisy=noisy is not None))
+    path = default_output(source, output, overwrite=overwrite)
+    inputs = [item for item in (noisy, kernel_file, registration) if item is not None]
+    check_output(path, *inputs, overwrite=overwrite)
+    finish.check(path, source, *inputs, overwrite=overwrite)
+    content = read_kernel(kernel_file)
+    known = None if registration is None else known_registration(registration)
+    other: Photo | None = None
+    if noisy is None:
+        photo = read_photo(source, transfer=transfer)
+    else:
+        photo, other = read_pair(source, noisy, transfer=transfer)
+    photo = prepared(photo, path, finish)
+    if known is not None:
+        check_registration(known.camera, photo, registration)
+    photo, mask = finish.prepare(photo)
+    if other is not None and finish.preview:
+        other = preview_photo(other)
+        known = None if known is None else replace(known, camera=known.camera.scaled(*photo.shape))
+    kernel = fitting_kernel(content, photo, kernel_file)
+    result = deblur(
+        photo,
+        kernel,
+        restoration,
+        noisy=other,
+        registration=known,
+        search_angle=search_angle,
+        keep_geometry=finish.keep_geometry,
+        threads=threads,
+        progress=progress,
+    )
+    provenance = photo_provenance(
+        photo,
+        content,
+        restoration,
+        transfer=transfer,
+        noisy=other,
+        registration=known,
+        finish=finish,
+        mask=mask,
+    )
+    write_result(
+        path,
+        result,
+        photo,
+        mask,
+        kernel,
+        finish=finish,
+        provenance=provenance,
+        overwrite=overwrite,
+        overwrite_others=overwrite,
+    )
+    return content
+
+
+def _assumed_camera(photo: Photo, seen: Camera, zoom: float) -> Camera:
+    """Return the camera of a straight picture, by the focal length that the photo's tags give."""
+    camera = camera_for(photo, CameraChoice())[0].camera
+    return Camera.from_focal(zoom * camera.focal_px, *seen.shape)
+
+
+def _pair_restored(
+    blurred: Photo,
+    noisy: Photo,
+    kernel: RotationKernel,
+    options: RestorationOptions,
+    *,
+    registration: Registration,
+    threads: int | None,
+    progress: Progress | None,
+) -> Restoration:
+    """Register the noisy photo, make it as bright as the other one, and deblur."""
+    g, f_N = blurred.pixels, noisy.pixels
+    if f_N.ndim != g.ndim:
+        f_N = luminance(f_N) if g.ndim == 2 else np.repeat(f_N[..., None], g.shape[2], 2)
+    stored = unclipped_mean(f_N)
+    stored *= np.float32(registration.scale)
+    f_reg, valid = registered(stored, registration)
+    clipped = registered(noisy.clipped.astype(np.float32), registration)[0] > 0
+    usable = (valid > 0) & ~(clipped | blurred.clipped)
+    light = unclipped_mean(g)
+    blur = ShakeBlur(kernel, threads=threads)
+    Af = blurred_planes(channels_first(f_reg), blur)
+    scale = fitted_factor(light, Af, usable, blur)
+    Af *= np.float32(scale)
+    pair: NoisyPhoto | None = None
+    if not (blurred.is_sensors and noisy.is_sensors):
+        told = unclipped_mean(f_N)
+        pair, trust = camera_pair(light, Af, told, registration, blur, mask=usable, threads=threads)
+        valid *= trust
+    del Af, f_reg
+    if pair is None:
+        resample = partial(registered, registration=registration, margin=blur.margin)
+        stored *= np.float32(scale)
+        clipped = resample(noisy.clipped.astype(np.float32))[0] > 0
+        pair, valid = noisy_photo(light, stored, resample, threads=threads)
+    del stored
+    method = METHODS[options.method]
+    guides = {"valid": valid, "noisy_clipped": clipped}
+    return method.load()(
+        light,
+        pair,
+        kernel,
+        clipped=blurred.clipped,
+        threads=threads,
+        progress=progress,
+        **{name: guides[name] for name in method.inputs},
+        **options.arguments(),
+    )

@@ -1,0 +1,78 @@
+"""An estimate: a kernel as it goes to its file, and what the user should know of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from deshake.files.kernel_file import CameraFile, KernelFile
+    from deshake.pair.registration import Registration
+
+__all__ = ["TRUSTED", "Estimate"]
+
+TRUSTED: Final = 0.5
+"""Confidence of a kernel from a pair below which the photo is left as it is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """A kernel as it goes to its file, and what the user should know of it.
+
+    Parameters
+    ----------
+    content : KernelFile
+        The kernel with its confidence and provenance; from a pair, in the frame of the registered
+        noisy photo.
+    camera : CameraFile
+        The camera that the estimate used, and where its focal length comes from.
+    notes : list of str
+        In plain words.
+    latent : (2, h, w) array of float32, optional
+        Gradients of the sharp photo, or region, as in `BlindEstimate`; a pair gives none.
+    noise : float, optional
+        Standard deviation of the photo's noise at a mid grey (18 % of white), in linear light.
+    registration : Registration, optional
+        How the noisy photo lies to the blurred one, if there is a noisy one.
+    scale : float
+        The photometric factor of a pair, fitted together with the kernel.
+
+    """
+
+    content: KernelFile
+    camera: CameraFile
+    notes: list[str]
+    latent: NDArray[np.float32] | None = None
+    noise: float | None = None
+    registration: Registration | None = None
+    scale: float = 1.0
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the kernel of a pair is used; else it is that of a camera that stood still."""
+        return self.content.confidence >= TRUSTED
+
+    def report(self) -> dict[str, Any]:
+        """Return the figures of the estimate as JSON data."""
+        kernel = self.content.kernel
+        report: dict[str, Any] = {
+            "rotations": len(kernel.weights),
+            "extent_px": round(kernel.extent_px(), 2),
+            "confidence": round(self.content.confidence, 4),
+        }
+        if self.noise is not None:
+            report["noise"] = round(self.noise, 5)
+        if self.registration is not None:
+            report |= {
+                "trusted": self.trusted,
+                "scale": round(self.scale, 5),
+                "registration_confidence": round(self.registration.confidence, 4),
+            }
+        return report | {
+            "notes": self.notes,
+            "focal_px": round(self.camera.camera.focal_px, 2),
+            "camera_source": self.camera.source,
+        }

@@ -1,0 +1,134 @@
+"""The estimate from file to file: what ``estimate-blind`` and ``estimate-pair`` run.
+
+Outputs are checked before any work is done for them, and appear whole or not at all.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from typing import TYPE_CHECKING
+
+from deshake.files.disk import STREAM, check_output, write_bytes
+from deshake.files.kernel_file import write_kernel
+from deshake.formats.conversion import output_format
+from deshake.formats.photo import encode_photo, read_pair, read_photo
+from deshake.pictures.latent_photo import latent_photo
+from deshake.pictures.tile_picture import tile_photo
+from deshake.stages.blind_estimate import estimate_blind
+from deshake.stages.outputs import gone_on_failure
+from deshake.stages.pair_estimate import estimate_pair
+from deshake.stages.registering import known_registration
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from deshake.formats.encoding import Format
+    from deshake.formats.photo import Photo
+    from deshake.stages.estimate_options import EstimateOptions
+    from deshake.stages.estimate_result import Estimate
+
+    Progress = Callable[[float, str], None]
+
+__all__ = ["camera_name", "estimate_file", "kernel_name"]
+
+
+def kernel_name(source: Path) -> str:
+    """Return the default name of a photo's kernel: ``<stem>.kernel.npz``."""
+    return f"{source.stem}.kernel.npz"
+
+
+def camera_name(source: Path) -> str:
+    """Return the default name of a photo's camera: ``<stem>.camera.npz``."""
+    return f"{source.stem}.camera.npz"
+
+
+def estimate_file(
+    source: Path,
+    output: Path,
+    options: EstimateOptions,
+    *,
+    noisy: Path | None = None,
+    registration: Path | None = None,
+    latent: Path | None = None,
+    tiles: Path | None = None,
+    overwrite: bool = False,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Estimate:
+    """Estimate the kernel of a photo, alone or with a noisy one, and write its kernel file.
+
+    Parameters
+    ----------
+    source : Path
+        The photo.
+    output : Path
+        The kernel file, or "-" for standard output.
+    options : EstimateOptions
+        What the estimate goes by; with a noisy photo, region and estimator do not count.
+    noisy : Path, optional
+        A noisy photo of the same scene.
+    registration : Path, optional
+        The registration file of the two; by default they are registered.
+    latent, tiles : Path, optional
+        Where the latent picture of a blind estimate goes, and the picture of its tiles; they are
+        kept only together with the kernel.
+    overwrite : bool
+        Whether existing outputs may be replaced.
+    threads : int, optional
+        Threads to use; by default all processors.
+    progress : callable, optional
+        Receives the fraction done and what is being done.
+
+    Raises
+    ------
+    PhotoError, CalibrationError, KernelFileError, EstimationError
+        For the reasons of `read_photo`, `estimate_blind` and `estimate_pair`.
+    OutputError
+        If an output cannot be written.
+    ValueError
+        If a picture of a blind estimate is asked for with a noisy photo.
+
+    """
+    inputs = [path for path in (source, noisy, registration) if path is not None]
+    check_output(output, *inputs, overwrite=overwrite)
+    pictures = [path for path in (latent, tiles) if path is not None]
+    if noisy is not None:
+        if pictures:
+            raise ValueError("only a blind estimate has a latent picture and tiles")
+        known = None if registration is None else known_registration(registration)
+        found = estimate_pair(
+            *read_pair(source, noisy, transfer=options.transfer),
+            options,
+            registration=known,
+            threads=threads,
+            progress=progress,
+        )
+        write_kernel(output, found.content, overwrite=overwrite)
+        return found
+    for number, path in enumerate(pictures):
+        check_output(path, source, output, *pictures[:number], overwrite=overwrite)
+    photo = read_photo(source, transfer=options.transfer)
+    for path in pictures:
+        _picture_format(path, photo)
+    found = estimate_blind(photo, options, threads=threads, progress=progress)
+    with contextlib.ExitStack() as outputs:
+
+        def keep(path: Path, picture: Photo) -> None:
+            outputs.enter_context(gone_on_failure(path))
+            write_bytes(
+                path, encode_photo(picture, _picture_format(path, photo)), overwrite=overwrite
+            )
+
+        if latent is not None and found.latent is not None:
+            keep(latent, latent_photo(photo, found.latent, options.region))
+        if tiles is not None:
+            kernel, camera = found.content.kernel, found.camera.camera
+            keep(tiles, tile_photo(photo, kernel, camera, options.region))
+        write_kernel(output, found.content, overwrite=overwrite)
+    return found
+
+
+def _picture_format(path: Path, photo: Photo) -> Format:
+    """Return the format of a picture of an estimate: by its name, PNG for standard output."""
+    return "PNG" if str(path) == STREAM else output_format(path, photo.source, photo.encoding)

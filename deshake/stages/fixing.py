@@ -1,0 +1,183 @@
+"""The whole way of a photo, from file to file: what ``fix`` runs.
+
+The stages are the functions that ``estimate-blind``, ``register``, ``estimate-pair`` and ``deblur``
+call, which is why the results have the same bytes. Outputs are checked before any work is done for
+them, and appear whole or not at all.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from deshake.files.disk import check_output
+from deshake.formats.photo import read_pair, read_photo
+from deshake.stages.blind_estimate import estimate_blind
+from deshake.stages.deblurring import deblur
+from deshake.stages.finishing import AS_IT_IS, Finish
+from deshake.stages.methods import RestorationOptions, default_method
+from deshake.stages.outputs import prepared, write_result
+from deshake.stages.pair_estimate import estimate_pair
+from deshake.stages.photo_provenance import photo_provenance
+from deshake.stages.preview import preview_estimate, preview_options, preview_photo
+from deshake.stages.progress import part
+from deshake.stages.registering import find_registration
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from deshake.formats.photo import Photo
+    from deshake.stages.estimate_options import EstimateOptions
+    from deshake.stages.estimate_result import Estimate
+
+    Progress = Callable[[float, str], None]
+
+__all__ = ["fix_file"]
+
+_log = logging.getLogger(__name__)
+
+_ESTIMATE_PIXELS = 8e6
+"""Pixels whose deblurring takes about as long as an estimate, which has a size of its own."""
+_REGISTERED, _PAIR_ESTIMATED = 0.1, 0.4  # of the time, with a noisy photo
+
+
+def fix_file(
+    source: Path,
+    output: Path,
+    kernel_file: Path | None,
+    options: EstimateOptions,
+    *,
+    noisy: Path | None = None,
+    restoration: RestorationOptions | None = None,
+    finish: Finish = AS_IT_IS,
+    overwrite: bool = False,
+    overwrite_others: bool = False,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Estimate:
+    """Estimate the kernel of a photo, deblur the photo with it, and write both.
+
+    Parameters
+    ----------
+    source : Path
+        The photo.
+    output : Path
+        Where the result goes.
+    kernel_file : Path or None
+        Where the kernel goes, which is kept only together with the result.
+    options : EstimateOptions
+        What the estimate goes by; with a noisy photo, region and estimator do not count.
+    noisy : Path, optional
+        A noisy photo of the same scene, which helps with the kernel and with the deblurring.
+    restoration : RestorationOptions, optional
+        How the photo is deblurred; by default by the default method.
+    finish : Finish
+        What is wanted beside it; its sheet, too, is kept only together with the result.
+    overwrite, overwrite_others : bool
+        Whether an existing result, or other existing outputs, may be replaced.
+    threads : int, optional
+        Threads to use; by default all processors. The result does not depend on it.
+    progress : callable, optional
+        Receives the fraction done and what is being done.
+
+    Raises
+    ------
+    PhotoError, CalibrationError, KernelFileError, EstimationError
+        For the reasons of `read_photo`, `estimate_blind`, `find_registration` and `estimate_pair`.
+    OutputError
+        If an output cannot be written.
+
+    """
+    restoration = restoration or RestorationOptions(default_method(noisy=noisy is not None))
+    inputs = [path for path in (source, noisy) if path is not None]
+    check_output(output, *inputs, overwrite=overwrite)
+    if kernel_file is not None:
+        check_output(kernel_file, *inputs, output, overwrite=overwrite_others)
+    finish.check(output, *inputs, *filter(None, [kernel_file]), overwrite=overwrite_others)
+    whole, other = _read(source, noisy, options)
+    whole = prepared(whole, output, finish)
+    photo, mask = finish.prepare(whole)
+    if other is not None and finish.preview:
+        other = preview_photo(other)
+    if other is None:
+        pixels = photo.shape[0] * photo.shape[1]
+        share = _ESTIMATE_PIXELS / (_ESTIMATE_PIXELS + pixels)
+    else:
+        share = _PAIR_ESTIMATED
+    first, second = part(progress, 0, share), part(progress, share, 1)
+    if other is not None:
+        by = preview_options(options, whole, photo) if finish.preview else options
+        found = _pair_estimate(photo, other, by, threads, first)
+    elif finish.preview:
+        found = preview_estimate(whole, photo, options, threads=threads, progress=first)
+    else:
+        found = estimate_blind(photo, options, threads=threads, progress=first)
+    del whole
+    kernel = found.content.kernel
+    result = deblur(
+        photo,
+        kernel,
+        restoration,
+        noisy=other,
+        registration=found.registration,
+        keep_geometry=finish.keep_geometry,
+        threads=threads,
+        progress=second,
+    )
+    provenance = photo_provenance(
+        photo,
+        found.content,
+        restoration,
+        transfer=options.transfer,
+        noisy=other,
+        registration=found.registration,
+        finish=finish,
+        mask=mask,
+    )
+    write_result(
+        output,
+        result,
+        photo,
+        mask,
+        kernel,
+        finish=finish,
+        provenance=provenance,
+        kept=None if kernel_file is None else (kernel_file, found.content),
+        overwrite=overwrite,
+        overwrite_others=overwrite_others,
+    )
+    return found
+
+
+def _read(source: Path, noisy: Path | None, options: EstimateOptions) -> tuple[Photo, Photo | None]:
+    """Read the photo, and the noisy one if there is one."""
+    if noisy is None:
+        return read_photo(source, transfer=options.transfer), None
+    return read_pair(source, noisy, transfer=options.transfer)
+
+
+def _pair_estimate(
+    blurred: Photo,
+    noisy: Photo,
+    options: EstimateOptions,
+    threads: int | None,
+    progress: Progress | None,
+) -> Estimate:
+    """Register the noisy photo and estimate the kernel, as the two commands do one by one."""
+    share = _REGISTERED / _PAIR_ESTIMATED
+    match = find_registration(
+        blurred, noisy, options, threads=threads, progress=part(progress, 0, share)
+    )
+    for note in match.notes:
+        _log.warning("%s: %s", blurred.source, note)
+    found = estimate_pair(
+        blurred,
+        noisy,
+        options,
+        registration=match.registration,
+        threads=threads,
+        progress=part(progress, share, 1),
+    )
+    return replace(found, camera=match.camera, notes=match.notes + found.notes)

@@ -1,0 +1,127 @@
+"""The outputs of a photo: checked before any work is done, and kept together or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from typing import TYPE_CHECKING, Any
+
+from deshake.files.disk import write_bytes
+from deshake.files.kernel_file import KernelFile, write_kernel
+from deshake.formats.conversion import lost, output_format
+from deshake.formats.photo import encode_photo, write_photo
+from deshake.pictures.comparison import comparison_sheet
+from deshake.stages.photo_provenance import with_photo_provenance
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from pathlib import Path
+
+    from deshake.formats.photo import Photo
+    from deshake.geometry.kernel import RotationKernel
+    from deshake.stages.blending import Mask
+    from deshake.stages.finishing import Finish
+
+__all__ = ["gone_on_failure", "prepared", "write_result"]
+
+_log = logging.getLogger(__name__)
+
+
+def prepared(photo: Photo, output: Path, finish: Finish) -> Photo:
+    """Return a photo as it will be written, after checking that it can be.
+
+    That takes a second now and saves minutes later. What the result will lack is said.
+
+    Parameters
+    ----------
+    photo : Photo
+        The photo that was read.
+    output : Path
+        Where its result goes.
+    finish : Finish
+        What is wanted of it.
+
+    Raises
+    ------
+    OutputError, PhotoError
+        If the photo cannot be written under that name, or is no RAW file and was to be linear.
+
+    """
+    if finish.linear:
+        photo = photo.in_linear_light()
+    form = output_format(output, photo.source, photo.encoding)
+    if form not in {photo.encoding.format, "PNG", "TIFF"}:  # which hold everything
+        encode_photo(photo, form)
+    for note in (*photo.notes, *lost(photo.encoding, form)):
+        _log.warning("%s: %s", photo.source, note)
+    return photo
+
+
+def write_result(
+    output: Path,
+    result: Photo,
+    photo: Photo,
+    mask: Mask | None,
+    kernel: RotationKernel,
+    *,
+    finish: Finish,
+    provenance: Mapping[str, Any] | None,
+    kept: tuple[Path, KernelFile] | None = None,
+    overwrite: bool = False,
+    overwrite_others: bool = False,
+) -> None:
+    """Finish a deblurred photo and write it, with its sheet and its kernel file if wanted.
+
+    These are kept only together with the photo.
+
+    Parameters
+    ----------
+    output : Path
+        Where the photo goes.
+    result : Photo
+        As it was deblurred.
+    photo, mask
+        What `Finish.prepare` gave.
+    kernel : RotationKernel
+        What was undone.
+    finish : Finish
+        What is wanted beside it.
+    provenance : mapping or None
+        What the photo tells of itself.
+    kept : (Path, KernelFile), optional
+        A kernel file to be written.
+    overwrite, overwrite_others : bool
+        Whether an existing photo, or other existing outputs, may be replaced.
+
+    Raises
+    ------
+    OutputError
+        If an output cannot be written.
+
+    """
+    photo, mask = finish.before(photo, mask, kernel.camera)
+    result = finish.blend(photo, result, mask)
+    if provenance is not None:
+        result = with_photo_provenance(result, provenance)
+    with contextlib.ExitStack() as others:
+        if kept is not None:
+            others.enter_context(gone_on_failure(kept[0]))
+            write_kernel(*kept, overwrite=overwrite_others)
+        sheet = finish.sheet(output)
+        if sheet is not None:
+            others.enter_context(gone_on_failure(sheet))
+            drawn = comparison_sheet(photo, result, kernel)
+            write_bytes(sheet, drawn, overwrite=overwrite_others)
+        write_photo(output, result, overwrite=overwrite)
+
+
+@contextlib.contextmanager
+def gone_on_failure(path: Path) -> Iterator[None]:
+    """Remove a file that was not there before, if what follows fails."""
+    existed = path.exists()
+    try:
+        yield
+    except BaseException:
+        if not existed:
+            path.unlink(missing_ok=True)
+        raise

@@ -1,0 +1,169 @@
+"""The kernel of a photo with the help of a noisy one of the same scene, Sec. 6.
+
+The noisy photo is registered to the blurred one, unless that was done before. Where the kernel then
+explains the blurred photo badly, the two photos' tones are matched (`registered_pair`), and the
+kernel is kept that explains it better. One that explains too little is not given out: there the
+kernel is that of a camera that stood still, with which the photo stays as it is.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING, Any, Final
+
+from deshake.errors import DeshakeError, EstimationError
+from deshake.files.kernel_file import CameraFile, KernelFile
+from deshake.geometry.kernel import RotationKernel
+from deshake.lens.straightening import bent_kernel, straight_pair
+from deshake.pair.clipped_noise import unclipped_mean
+from deshake.pair.registered_pair import RegisteredPair
+from deshake.pair.registration import registered
+from deshake.stages.estimate_options import largest_blur
+from deshake.stages.estimate_result import TRUSTED, Estimate
+from deshake.stages.fitting import check_registration
+from deshake.stages.progress import part
+from deshake.stages.registering import find_registration, relative_zoom
+from deshake.version import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from deshake.formats.photo import Photo
+    from deshake.pair.kernel_estimate import PairEstimate
+    from deshake.pair.registration import Registration
+    from deshake.stages.estimate_options import EstimateOptions
+
+    Progress = Callable[[float, str], None]
+
+__all__ = ["estimate_pair"]
+
+_log = logging.getLogger(__name__)
+
+_REGISTERED: Final = 0.3  # of the time
+_ALL_BUT: Final = 0.01  # of the edges, left unexplained, above which tone curves are tried
+
+
+def estimate_pair(
+    blurred: Photo,
+    noisy: Photo,
+    options: EstimateOptions,
+    *,
+    registration: Registration | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Estimate:
+    """Estimate the blur kernel of a photo with the help of a noisy one.
+
+    Parameters
+    ----------
+    blurred, noisy : Photo
+        The pair.
+    options : EstimateOptions
+        What to go by; region and estimator do not count.
+    registration : Registration, optional
+        How the noisy photo lies to the blurred one, with the camera to go by. By default it is
+        found, with the camera that the options or the blurred photo tell.
+    threads : int, optional
+        Threads to use; by default all processors.
+    progress : callable, optional
+        Told the fraction done and what is being done.
+
+    Raises
+    ------
+    PhotoError, CalibrationError
+        For the reasons of `find_registration`.
+    KernelFileError
+        If the camera or the registration that was given does not fit the photo.
+    EstimationError
+        If the photos do not show the same scene, or are too small, too flat or too much clipped.
+
+    """
+    notes: list[str] = []
+    start = 0.0
+    if registration is None:
+        first = find_registration(
+            blurred, noisy, options, threads=threads, progress=part(progress, 0, _REGISTERED)
+        )
+        registration, camera, notes = first.registration, first.camera, list(first.notes)
+        start = _REGISTERED
+    else:
+        camera = CameraFile(registration.camera, "the registration")
+        options = replace(options, search_angle=None)  # nothing is searched for
+        check_registration(registration.camera, blurred)
+        zoom = relative_zoom(blurred, noisy)
+        if zoom is not None:
+            notes.append(
+                f"the noisy photo's metadata state {zoom:.2f} times the blurred one's focal length"
+            )
+    half = (start + 1) / 2
+    straight, other, pinhole = straight_pair(blurred, noisy, registration.camera)
+    lies = replace(registration, camera=pinhole)
+    linear = straight.is_sensors and other.is_sensors
+    try:
+        seen = registered(unclipped_mean(other.pixels), lies)
+        pair = RegisteredPair(straight, other, lies, *seen)
+        common: dict[str, Any] = {
+            "uniform": options.uniform,
+            "blur_size": largest_blur(pinhole, options),
+            "threads": threads,
+        }
+        found = pair.kernel(**common, progress=part(progress, start, half) or _silent)
+        curved = False
+        if found.unexplained > _ALL_BUT and not linear:
+            with contextlib.suppress(EstimationError):  # then it stays at the one factor
+                second = pair.on_curves().kernel(
+                    **common, progress=part(progress, half, 1) or _silent
+                )
+                curved = second.unexplained < found.unexplained
+                found = second if curved else found
+    except DeshakeError as error:
+        error.file = error.file or str(blurred.source)
+        raise
+    scale = found.scale
+    if curved:
+        scale *= registration.scale
+        notes.append("the photos have tone curves of their own, which were matched")
+    notes += found.notes
+    kernel = found.kernel
+    if found.confidence < TRUSTED:
+        notes.append(
+            f"the two photos agree too badly to trust a kernel ({found.confidence:.2f}): the photo "
+            "is left as it is; without the noisy photo it can be deblurred blindly"
+        )
+        kernel = RotationKernel.delta(kernel.camera)
+    if progress is not None:
+        progress(1.0, "kernel estimated")
+    for note in notes:
+        _log.warning("%s: %s", blurred.source, note)
+    provenance = _provenance((blurred, noisy), options, registration, found)
+    provenance |= {"camera": camera.source, "tone_curves": curved, "notes": notes}
+    kernel = bent_kernel(kernel, registration.camera, pinhole)
+    content = KernelFile(kernel, found.confidence, provenance)
+    return Estimate(content, camera, notes, registration=registration, scale=scale)
+
+
+def _silent(_share: float, _text: str) -> None:
+    """Tell nobody."""
+
+
+def _provenance(
+    pair: tuple[Photo, Photo],
+    options: EstimateOptions,
+    registration: Registration,
+    found: PairEstimate,
+) -> dict[str, Any]:
+    """Tell what shaped the kernel, the camera aside."""
+    return {
+        "deshake": __version__,
+        "command": "estimate-pair",
+        "options": options.provenance(pair=True),
+        "input_sha256": pair[0].sha256,
+        "noisy_sha256": pair[1].sha256,
+        "registration": registration.report(),
+        "scale": found.scale,
+        "explained": found.explained,
+        "unexplained": found.unexplained,
+        "scales": [asdict(scale) for scale in found.scales],
+    }

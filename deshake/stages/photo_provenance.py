@@ -1,0 +1,130 @@
+"""What a deblurred photo tells of itself: what it was, and how it was deblurred.
+
+`fix` tells what `deblur` with its kernel tells, which is why their results are the same to the
+byte: no command but the stage's, no times, paths or threads.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING, Any, Final
+
+from deshake.lens.straightening import is_straightened
+from deshake.metadata.provenance import NAMESPACE, with_provenance
+from deshake.stages.finishing import AS_IT_IS, Finish
+from deshake.version import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from deshake.files.kernel_file import KernelFile
+    from deshake.formats.photo import Photo
+    from deshake.formats.transfer import TransferName
+    from deshake.pair.registration import Registration
+    from deshake.stages.blending import Mask
+    from deshake.stages.methods import RestorationOptions
+
+__all__ = ["photo_origin", "photo_provenance", "registration_origin", "with_photo_provenance"]
+
+_log = logging.getLogger(__name__)
+
+_LONGEST_KERNEL: Final = 16_384  # characters of a kernel's provenance that a photo carries
+
+
+def photo_provenance(
+    photo: Photo,
+    content: KernelFile,
+    restoration: RestorationOptions,
+    *,
+    transfer: TransferName | None = None,
+    noisy: Photo | None = None,
+    registration: Registration | None = None,
+    finish: Finish = AS_IT_IS,
+    mask: Mask | None = None,
+) -> dict[str, Any] | None:
+    """Tell how a photo was deblurred, as JSON data; None: that is not wanted.
+
+    Parameters
+    ----------
+    photo : Photo
+        The photo, or its result.
+    content : KernelFile
+        The kernel, whose own provenance is carried without its scales.
+    restoration : RestorationOptions
+        How it was deblurred.
+    transfer : {"srgb", "linear", "gamma22"}, optional
+        The transfer curve, if one was given.
+    noisy : Photo, optional
+        The noisy photo of the same scene.
+    registration : Registration, optional
+        How it lies, if that was given; told if it is another one than the kernel's.
+    finish : Finish
+        What was wanted beside the deblurring.
+    mask : Mask, optional
+        How much of the photo was kept.
+
+    """
+    if not finish.with_provenance:
+        return None
+    known = photo_origin(
+        restoration,
+        transfer=transfer,
+        finish=finish,
+        input_sha256=photo.sha256,
+        noisy_sha256=None if noisy is None else noisy.sha256,
+        mask_sha256=None if mask is None else mask.sha256,
+    )
+    if is_straightened(photo) or not (content.kernel.camera.is_pinhole or finish.keep_geometry):
+        known["straightened"] = True
+    other_one = registration_origin(registration, content.provenance)
+    if other_one is not None:
+        known["registration"] = other_one
+    return {
+        "deshake": __version__,
+        "command": "deblur",
+        "kernel": _short(content.provenance),
+    } | known
+
+
+def photo_origin(
+    restoration: RestorationOptions,
+    *,
+    transfer: TransferName | None = None,
+    finish: Finish = AS_IT_IS,
+    input_sha256: str | None = None,
+    noisy_sha256: str | None = None,
+    mask_sha256: str | None = None,
+) -> dict[str, Any]:
+    """Return what a result comes from: the digests of its inputs, and the options that shape it.
+
+    It is the same before the work, by the files, and after it, by what was read. Inputs that were
+    made in memory have no digest.
+    """
+    options = {"transfer": transfer} | asdict(restoration) | finish.provenance(mask_sha256)
+    digests = {"input_sha256": input_sha256, "noisy_sha256": noisy_sha256}
+    return {"options": options} | {name: value for name, value in digests.items() if value}
+
+
+def registration_origin(
+    registration: Registration | None, kernel: Mapping[str, Any]
+) -> dict[str, Any] | None:
+    """Return what a photo tells of its registration; None if its kernel's provenance has it."""
+    if registration is None or registration.report() == kernel.get("registration"):
+        return None
+    return registration.report()
+
+
+def with_photo_provenance(result: Photo, provenance: Mapping[str, Any]) -> Photo:
+    """Return a result that carries its provenance, in its XMP and its Software tag."""
+    metadata = with_provenance(result.metadata, provenance)
+    if NAMESPACE[1].encode() not in metadata.xmp:
+        _log.warning("%s: its XMP is damaged, and takes no provenance", result.source)
+    return replace(result, metadata=metadata)
+
+
+def _short(provenance: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a photo carries of its kernel's provenance; nothing if that is very long."""
+    short = {name: value for name, value in provenance.items() if name != "scales"}
+    return short if len(json.dumps(short)) <= _LONGEST_KERNEL else {}

@@ -1,0 +1,136 @@
+"""A photo at a quarter of its size, on which all stages take seconds.
+
+Angles know no scale: a kernel found at one size belongs to the photo at any. A blind estimate takes
+its time at the size that it works at, whatever the photo's: for a preview that is smaller, and the
+first good kernel is taken.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
+
+import cv2
+import numpy as np
+
+from deshake.stages.blind_estimate import estimate_blind
+from deshake.stages.fitting import check_region
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from deshake.formats.photo import Photo
+    from deshake.stages.estimate_options import EstimateOptions
+    from deshake.stages.estimate_result import Estimate
+
+__all__ = ["preview_estimate", "preview_options", "preview_photo", "preview_side"]
+
+_FACTOR: Final = 4
+_LEAST_SIDE: Final = 640  # px of the longer side
+_ESTIMATE_SIDE: Final = 400  # px of the longer side that an estimate looks at
+
+
+def preview_photo(photo: Photo) -> Photo:
+    """Reduce a photo to a quarter of its width and height, its longer side to no less than 640 px.
+
+    Pixels are means of linear light; where one of them clipped, the smaller one counts as
+    clipped. Format, depth and metadata stay as they are.
+    """
+    return _reduced(photo, preview_side(max(photo.shape)))
+
+
+def preview_side(side: float) -> float:
+    """Return the longer side of a photo's preview in pixels, which a small photo may not reach."""
+    return max(side / _FACTOR, _LEAST_SIDE)
+
+
+def preview_estimate(
+    photo: Photo,
+    small: Photo,
+    options: EstimateOptions,
+    *,
+    threads: int | None = None,
+    progress: Callable[[float, str], None] | None = None,
+) -> Estimate:
+    """Estimate the blur kernel of a reduced photo.
+
+    Parameters
+    ----------
+    photo, small : Photo
+        The photo, and what `preview_photo` made of it.
+    options : EstimateOptions
+        What the estimate goes by, in pixels of the photo.
+    threads : int, optional
+        Threads to use; by default all processors.
+    progress : callable, optional
+        Told the fraction done and what is being done.
+
+    Returns
+    -------
+    Estimate
+        Its kernel and its camera are those of the reduced photo.
+
+    Raises
+    ------
+    DeshakeError
+        For the reasons of `estimate_blind`.
+
+    """
+    seen = _reduced(small, _ESTIMATE_SIDE)
+    goes_by = preview_options(options, photo, seen)
+    found = estimate_blind(seen, goes_by, threads=threads, progress=progress)
+    kernel = found.content.kernel.at_size(*small.shape)
+    camera = replace(found.camera, camera=found.camera.camera.scaled(*small.shape))
+    return replace(found, content=replace(found.content, kernel=kernel), camera=camera)
+
+
+def preview_options(options: EstimateOptions, photo: Photo, small: Photo) -> EstimateOptions:
+    """Return what an estimate from the reduced photo goes by: all that is in pixels is scaled.
+
+    Raises
+    ------
+    PhotoError
+        If the region lies outside the photo.
+
+    """
+    check_region(photo, options.region)
+    (height, width), (high, wide) = photo.shape, small.shape
+    scale = wide / width
+    region = options.region
+    if region is not None:
+        x, y, across, down = region
+        left, top = x * wide // width, y * high // height
+        right = math.ceil((x + across) * wide / width)
+        bottom = math.ceil((y + down) * high / height)
+        region = left, top, right - left, bottom - top
+    focal_px = options.camera.focal_px
+    return replace(
+        options,
+        camera=replace(options.camera, focal_px=None if focal_px is None else focal_px * scale),
+        blur_size=None if options.blur_size is None else max(options.blur_size * scale, 1.0),
+        region=region,
+        preview=True,
+    )
+
+
+def _reduced(photo: Photo, side: float) -> Photo:
+    """Reduce a photo to a longer side of so many pixels, unless it has no more."""
+    height, width = photo.shape
+    factor = max(photo.shape) / side
+    if factor <= 1:
+        return photo
+    size = max(round(width / factor), 1), max(round(height / factor), 1)
+
+    def means(values: NDArray[Any]) -> NDArray[Any]:
+        return cv2.resize(values, size, interpolation=cv2.INTER_AREA)
+
+    return replace(
+        photo,
+        pixels=means(photo.pixels).astype(np.float32),
+        clipped=means(photo.clipped.astype(np.float32)) > 0,
+        alpha=None if photo.alpha is None else means(photo.alpha),
+        frame=None,
+    )

@@ -1,0 +1,118 @@
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from deshake.formats.carrying import LONGEST_XMP, carried
+from deshake.metadata import exif, xmp
+from deshake.metadata.image_resources import with_iptc
+from deshake.metadata.metadata import Metadata
+from deshake.metadata.provenance import NAMESPACE, PROPERTY, with_provenance
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+IPTC = b"\x1c\x02\x05\0\x05Title"
+FORMATS = ("JPEG", "PNG", "TIFF", "WEBP")
+TOLD = {"deshake": "1.2.3"}
+
+
+def packet(text: str = "x", *, padding: int = 0) -> bytes:
+    made = xmp.insert(b"", ("dc", "http://purl.org/dc/elements/1.1/"), "format", text)
+    return made.replace(b"<?xpacket end", b" " * padding + b"\n<?xpacket end")
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_what_fits_goes_over_byte_for_byte(make_exif: Callable[..., bytes], form: str) -> None:
+    metadata = Metadata(make_exif(), packet(padding=99), b"icc")
+    found = carried(metadata, form, 7, 8)
+    assert found.metadata == metadata
+    assert found.losses == ()
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_iptc_goes_where_there_is_a_place(form: str) -> None:
+    found = carried(Metadata(iptc=IPTC, resources=with_iptc(b"", IPTC)), form, 7, 8)
+    if form == "WEBP":
+        assert found.metadata == Metadata()
+        assert found.losses == ("WebP has no place for IPTC, which is left out",)
+    else:
+        assert found.metadata.iptc == IPTC
+        assert not found.losses
+
+
+def test_sizes_and_thumbnails_are_renewed() -> None:
+    text = packet().replace(
+        b"<dc:format>x",
+        b'<q tiff:ImageWidth="9"/><exif:PixelYDimension>9</exif:PixelYDimension>'
+        b"<xmp:Thumbnails><rdf:Alt>/9j/</rdf:Alt></xmp:Thumbnails><dc:format>x",
+    )
+    found = carried(Metadata(xmp=text), "PNG", 70, 80).metadata.xmp
+    assert b'ImageWidth="80"' in found
+    assert b"<exif:PixelYDimension>70<" in found
+    assert b"humbnails" not in found
+    assert b"<dc:format>x" in found
+
+
+def test_exif_too_long_for_a_jpeg_is_shortened_and_reported(
+    make_exif: Callable[..., bytes],
+) -> None:
+    metadata = Metadata(make_exif(below={0x9286: b"c" * 70_000}))
+    found = carried(metadata, "JPEG", 7, 8)
+    assert len(found.metadata.exif) <= exif.LONGEST
+    assert found.metadata.tags().focal_mm == pytest.approx(5.8)
+    assert "tags 0x9286 are left out" in found.losses[-1]
+    assert carried(metadata, "TIFF", 7, 8).metadata.exif == metadata.exif
+
+
+def test_a_long_packet_loses_its_padding_first() -> None:
+    long = packet("x" * 60_000, padding=9000)
+    found = carried(Metadata(xmp=long), "JPEG", 7, 8)
+    assert found.metadata.xmp == xmp.without_padding(long)
+    assert not found.losses
+
+
+def test_a_longer_packet_is_split_and_comes_together_again() -> None:
+    long = packet("x" * 100_000)
+    metadata = with_provenance(Metadata(xmp=long), TOLD)
+    found = carried(metadata, "JPEG", 7, 8)
+    short, more = found.metadata.xmp, found.metadata.extended_xmp
+    assert not found.losses
+    assert len(short) <= LONGEST_XMP
+    assert b"x" * 100_000 in more
+    assert xmp.guid(short, b"").decode() == xmp.property_of(short, "xmpNote", "HasExtendedXMP")
+    assert xmp.property_of(short, NAMESPACE[0], PROPERTY) == '{"deshake": "1.2.3"}'
+    assert xmp.property_of(more, NAMESPACE[0], PROPERTY) is None
+    again = carried(found.metadata, "PNG", 7, 8)
+    assert not again.losses
+    assert again.metadata.extended_xmp == b""
+    assert xmp.property_of(again.metadata.xmp, "dc", "format") == "x" * 100_000
+    assert xmp.property_of(again.metadata.xmp, NAMESPACE[0], PROPERTY) == '{"deshake": "1.2.3"}'
+    assert b"HasExtendedXMP" not in again.metadata.xmp
+
+
+def test_a_packet_that_was_split_before_takes_no_provenance_it_has_no_room_for() -> None:
+    full = xmp.without_padding(packet("x" * 65_000))
+    metadata = with_provenance(
+        Metadata(xmp=full, extended_xmp=b"more"), {"deshake": "1", "a": "b" * 999}
+    )
+    found = carried(metadata, "JPEG", 7, 8)
+    assert found.metadata.xmp == full
+    assert found.metadata.extended_xmp == b"more"
+    assert found.losses == ("its XMP has no room for the provenance",)
+
+
+@pytest.mark.parametrize(
+    "more", [b"rubbish", b"<rdf:RDF><a:b/></rdf:RDF>", b"<rdf:RDF></rdf:RDF>" * 2]
+)
+def test_damaged_extended_xmp_is_reported(more: bytes) -> None:
+    found = carried(Metadata(xmp=packet(), extended_xmp=more), "TIFF", 7, 8)
+    assert found.metadata.xmp == packet()
+    assert found.losses == ("its extended XMP is damaged, and left out",)
+
+
+def test_what_no_jpeg_can_hold_is_left_out() -> None:
+    found = carried(Metadata(xmp=b"x" * 70_000, icc=bytes(17_000_000)), "JPEG", 7, 8)
+    assert found.metadata == Metadata()
+    assert len(found.losses) == 2

@@ -1,0 +1,85 @@
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+from heic_writer import heic
+
+from deshake.errors import PhotoError
+from deshake.formats.heif import decode_heif
+from deshake.formats.photo import encode_photo, read_photo
+
+
+def picture(depth=8, height=48, width=64):
+    rng = np.random.default_rng(0)
+    squares = rng.integers(0, 1 << depth, (height // 2, width // 2, 3))
+    return np.kron(squares, np.ones((2, 2, 1), int))
+
+
+@pytest.mark.parametrize("depth", [8, 10])
+def test_the_picture_is_found_again(depth):
+    codes = picture(depth)
+    decoded = decode_heif(heic(codes, depth=depth))
+    assert decoded.encoding.format == "HEIF"
+    assert decoded.encoding.depth == (8 if depth == 8 else 16)
+    assert decoded.encoding.bits == (0 if depth == 8 else 10)
+    found = decoded.codes / np.iinfo(decoded.codes.dtype).max * ((1 << depth) - 1)
+    assert np.abs(found - codes).max() < 2.1  # YCbCr's rounding
+    assert np.abs(found - codes).mean() < 0.5
+    assert decoded.codes.max() == np.iinfo(decoded.codes.dtype).max
+    assert decoded.notes == ()
+
+
+@pytest.mark.parametrize("turns", range(4))
+def test_the_file_says_how_to_turn_it_and_exif_does_not(make_exif, turns):
+    codes = picture()
+    decoded = decode_heif(heic(codes, exif=make_exif(orientation=6), turns=turns))
+    assert np.abs(decoded.codes.astype(int) - np.rot90(codes, turns)).max() <= 2
+    assert decoded.metadata.orientation == 1
+
+
+def test_metadata(make_exif, make_icc, xmp):
+    icc = make_icc(b"curv" + bytes(8))
+    metadata = decode_heif(heic(picture(), exif=make_exif(), xmp=xmp, icc=icc)).metadata
+    assert (metadata.exif, metadata.xmp, metadata.icc) == (make_exif(), xmp, icc)
+    assert metadata.tags().focal_mm == pytest.approx(5.8)
+
+
+def test_colours_by_number():
+    assert decode_heif(heic(picture())).metadata.icc == b""
+    p3 = decode_heif(heic(picture(), colours=(12, 13))).metadata.icc
+    assert "Primaries 12".encode("utf-16-be") in p3
+    with pytest.raises(PhotoError, match=r"HDR picture \(PQ\)"):
+        decode_heif(heic(picture(10), depth=10, colours=(9, 16)))
+
+
+def test_a_gain_map_is_dropped_with_a_word():
+    data = heic(picture(), auxiliary=b"urn:com:apple:photo:2020:aux:hdrgainmap")
+    assert decode_heif(data).notes == ("its gain map (HDR) is dropped",)
+
+
+@pytest.mark.parametrize("depth", [8, 10])
+def test_the_result_is_another_format(tmp_path, depth):
+    path = tmp_path / "a.heic"
+    path.write_bytes(heic(picture(depth), depth=depth))
+    photo = read_photo(path)
+    assert encode_photo(photo).startswith(b"\xff\xd8\xff")
+    path = tmp_path / "a.tif"
+    path.write_bytes(encode_photo(photo, "TIFF"))
+    assert read_photo(path).encoding.depth == photo.encoding.depth
+    assert np.array_equal(read_photo(path).pixels, photo.pixels)
+
+
+@pytest.mark.parametrize("keep", [0.02, 0.06, 0.3, 0.9, 0.999])
+def test_what_is_cut_short(keep):
+    data = heic(picture())
+    with pytest.raises(PhotoError, match="damaged"):
+        decode_heif(data[: int(keep * len(data))])
+
+
+def test_without_the_package_the_hint_names_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pi_heif", None)
+    with pytest.raises(PhotoError) as caught:
+        decode_heif(heic(picture()))
+    assert caught.value.hint == "pip install 'deshake[heif]'"

@@ -1,0 +1,76 @@
+from __future__ import annotations
+
+import io
+import struct
+
+import pytest
+from PIL import Image, IptcImagePlugin
+
+from deshake.metadata.image_resources import iptc_of, with_iptc, without_thumbnails
+
+IPTC = b"\x1c\x02\x05\0\x05Title\x1c\x02\x19\0\x04word"
+
+
+def resource(kind: int, content: bytes, name: bytes = b"") -> bytes:
+    label = bytes([len(name)]) + name
+    padding = bytes(len(content) % 2)
+    return (
+        b"8BIM"
+        + struct.pack(">H", kind)
+        + label
+        + bytes(len(label) % 2)
+        + struct.pack(">I", len(content))
+        + content
+        + padding
+    )
+
+
+RESOURCES = (
+    resource(0x03ED, b"resolution", b"odd")
+    + resource(0x0409, b"old thumbnail")
+    + resource(0x0404, IPTC)
+    + resource(0x040C, b"thumbnail", b"even")
+    + resource(0x0425, b"digest")
+)
+
+
+def test_iptc_is_found_among_the_resources() -> None:
+    assert iptc_of(RESOURCES) == IPTC
+    assert iptc_of(resource(1, b"x")) == b""
+    assert iptc_of(b"") == b""
+
+
+def test_thumbnails_go_and_the_rest_stays_byte_for_byte() -> None:
+    assert without_thumbnails(RESOURCES) == (
+        resource(0x03ED, b"resolution", b"odd")
+        + resource(0x0404, IPTC)
+        + resource(0x0425, b"digest")
+    )
+
+
+def test_iptc_that_is_there_already_changes_nothing() -> None:
+    assert with_iptc(RESOURCES, IPTC) is RESOURCES
+    other = with_iptc(RESOURCES, b"\x1c\x02\x05\0\x01X")
+    assert iptc_of(other) == b"\x1c\x02\x05\0\x01X"
+    assert b"Title" not in other
+    assert other.endswith(resource(0x0425, b"digest"))
+
+
+def test_another_reader_finds_it() -> None:
+    stream = io.BytesIO()
+    segment = b"Photoshop 3.0\0" + with_iptc(b"", IPTC)
+    extra = b"\xff\xed" + struct.pack(">H", len(segment) + 2) + segment
+    Image.new("L", (8, 8)).save(stream, "JPEG", extra=extra)
+    with Image.open(stream) as picture:
+        assert IptcImagePlugin.getiptcinfo(picture) == {(2, 5): b"Title", (2, 25): b"word"}
+
+
+@pytest.mark.parametrize("size", range(len(RESOURCES)))
+def test_what_is_cut_short_stays_as_it_is(size: int) -> None:
+    cut = RESOURCES[:size]
+    assert set(without_thumbnails(cut)) <= set(cut)
+    assert iptc_of(with_iptc(cut, IPTC)) == IPTC
+
+
+def test_rubbish_stays() -> None:
+    assert without_thumbnails(b"rubbish") == b"rubbish"

@@ -1,0 +1,295 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
+from deshake.operators.shake_blur import ShakeBlur, blur_filters
+from deshake.restore.multiplicative_descent import MultiplicativeDescent
+from deshake.restore.richardson_lucy import richardson_lucy, richardson_lucy_tv
+
+NAMES = ("uniform", "pan", "roll", "all")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_recovers_a_scene(name, lab):
+    sharp = lab.scene()
+    g = lab.noisy(lab.shaken(lab.kernels[name], sharp), 0.003)
+    restored = richardson_lucy(g, lab.kernels[name])
+    assert lab.psnr(restored.pixels, lab.frame(sharp)) > lab.psnr(g, lab.frame(sharp)) + 2
+    assert restored.pixels.dtype == np.float32
+    assert restored.pixels.min() >= 0
+    assert 2 <= restored.iterations <= 40
+    assert 0.5 * 0.003 < restored.residual < 3 * 0.003
+
+
+@pytest.mark.parametrize("accelerated", [True, False])
+@pytest.mark.parametrize(("sigma", "within"), [(0.0005, 1.0), (0.003, 1.0), (0.02, 0.3)])
+def test_stops_near_the_best_iteration(sigma, within, accelerated, lab):
+    sharp = lab.scene(8)
+    g = lab.noisy(lab.shaken(lab.all_axes, sharp), sigma)
+    stopped = richardson_lucy(g, lab.all_axes, accelerated=accelerated)
+    fastest = 0.75 if accelerated else 0.0
+    going = MultiplicativeDescent(g, blur_filters(lab.all_axes), None, fastest=fastest, threads=2)
+    gains = []
+    for done in range(1, 31):
+        going.step()
+        gains.append(lab.psnr(going.frame(), lab.frame(sharp)))
+        if done == stopped.iterations:
+            np.testing.assert_allclose(stopped.pixels, going.frame(), atol=1e-5)
+    assert lab.psnr(stopped.pixels, lab.frame(sharp)) > max(gains) - within
+
+
+def test_more_noise_means_fewer_iterations(lab):
+    blurred = lab.shaken(lab.all_axes, lab.scene())
+    counts = [
+        richardson_lucy(lab.noisy(blurred, s), lab.all_axes).iterations for s in (0.001, 0.01, 0.05)
+    ]
+    assert counts[0] > counts[1] > counts[2]
+
+
+@pytest.mark.parametrize("name", ["uniform", "all"])
+def test_plain_iterations_never_lower_the_likelihood(name, lab):
+    kernel = lab.kernels[name]
+    rng = np.random.default_rng(2)
+    photons = 500
+    g = (rng.poisson(lab.shaken(kernel, lab.scene()) * photons) / photons).astype(np.float32)
+    # all of the scene that the frame saw is needed to blur it again: look where it is known
+    r = 20
+    height, width = lab.shape
+    inner = kernel.camera.cropped(r, r, width - 2 * r, height - 2 * r)
+    blur = ShakeBlur(kernel.for_camera(inner), margin=r)
+    seen = g[r:-r, r:-r].astype(np.float64)
+    going = MultiplicativeDescent(g, blur_filters(kernel), None, fastest=0, threads=2)
+    likelihood = []
+    for _ in range(14):
+        going.step()
+        model = blur.forward(going.frame()).astype(np.float64)
+        likelihood.append(np.sum(seen * np.log(model) - model))
+    assert np.all(np.diff(likelihood) > 0)
+
+
+def test_acceleration_arrives_sooner(lab):
+    g = lab.shaken(lab.all_axes, lab.scene())
+    quick = richardson_lucy(g, lab.all_axes, iterations=10)
+    slow = richardson_lucy(g, lab.all_axes, iterations=10, accelerated=False)
+    slower = richardson_lucy(g, lab.all_axes, iterations=20, accelerated=False)
+    assert quick.residual < slower.residual < slow.residual
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_keeps_the_brightness(name, lab):
+    sharp = lab.colours()
+    g = lab.noisy(lab.shaken(lab.kernels[name], sharp), 0.003)
+    f = richardson_lucy(g, lab.kernels[name]).pixels
+    before, after = (x.mean((0, 1), dtype=float) for x in (g, f))
+    np.testing.assert_allclose(after, before, rtol=2e-3)
+
+
+def test_the_border_is_nearly_as_good_as_the_middle(lab):
+    sharp = lab.scene(3)
+    f = richardson_lucy(lab.noisy(lab.shaken(lab.all_axes, sharp), 0.003), lab.all_axes).pixels
+    error = np.square(f - lab.frame(sharp))
+    middle = np.zeros(error.shape, bool)
+    middle[16:-16, 16:-16] = True
+    assert 10 * np.log10(error[~middle].mean() / error[middle].mean()) < 3
+
+
+def test_clipped_lamps_do_not_ring(lab):
+    sharp, g, clipped, around = lab.lamps()
+    errors = {}
+    for name, mask in (("response", clipped), ("none", None)):
+        f = richardson_lucy(g, lab.all_axes, clipped=mask, iterations=15).pixels
+        errors[name] = np.mean(np.square(np.minimum(f, 1) - lab.frame(sharp))[around])
+        if name == "response":
+            assert f.max() > 3  # lamps shine again
+    assert errors["response"] < 0.75 * errors["none"]
+
+
+def test_photos_without_clipping_get_the_plain_iteration(lab):
+    g = lab.shaken(lab.all_axes, lab.scene())
+    plain = richardson_lucy(g, lab.all_axes, iterations=4)
+    none = richardson_lucy(g, lab.all_axes, iterations=4, clipped=np.zeros(g.shape, bool))
+    np.testing.assert_array_equal(plain.pixels, none.pixels)
+
+
+def test_one_plain_iteration_is_equation_11(lab):
+    kernel = lab.kernels["pan"]
+    g = lab.shaken(kernel, lab.scene())
+    one = richardson_lucy(g, kernel, iterations=1, accelerated=False).pixels
+    two = richardson_lucy(g, kernel, iterations=2, accelerated=False).pixels
+    r = 20  # beyond the reach, twice: away from what the frame does not show
+    blur = ShakeBlur(kernel, kind="warps", margin=0)
+    ratio = g / np.maximum(blur.forward(one), 1e-6)
+    ratio[:r], ratio[-r:], ratio[:, :r], ratio[:, -r:] = 1, 1, 1, 1
+    expected = one * blur.adjoint(ratio) / np.maximum(blur.adjoint(np.ones_like(g)), 1e-6)
+    inside = slice(2 * r, -2 * r), slice(2 * r, -2 * r)
+    np.testing.assert_allclose(two[inside], expected[inside], atol=2e-3)
+    assert np.abs(two - one)[inside].max() > 0.02
+
+
+@pytest.mark.parametrize("level", [0.0, 0.25, 1.0])
+@pytest.mark.parametrize("channels", [(), (3,)])
+def test_a_constant_photo_stays_constant(level, channels, lab):
+    g = np.full((*lab.shape, *channels), level, np.float32)
+    f = richardson_lucy(g, lab.all_axes, iterations=8).pixels
+    assert f.shape == g.shape
+    np.testing.assert_allclose(f, level, atol=1e-4 if level else 0)
+
+
+def test_a_white_photo_stays_white(lab):
+    g = np.ones(lab.shape, np.float32)
+    f = richardson_lucy(g, lab.all_axes, clipped=g > 0).pixels
+    assert f.min() > 0.98
+    assert np.isfinite(f).all()
+
+
+def test_a_still_camera_changes_nothing(lab):
+    g = np.ascontiguousarray(lab.frame(lab.scene()))
+    f = richardson_lucy(g, RotationKernel.delta(lab.camera)).pixels
+    np.testing.assert_allclose(f, g, atol=1e-5)
+
+
+def test_grey_and_colour_agree(lab):
+    g = lab.noisy(lab.shaken(lab.all_axes, lab.scene()), 0.003)
+    grey = richardson_lucy(g, lab.all_axes, iterations=5).pixels
+    colour = richardson_lucy(np.stack([g, g, g], -1), lab.all_axes, iterations=5).pixels
+    assert grey.shape == g.shape
+    np.testing.assert_allclose(colour, np.stack([grey] * 3, -1), atol=1e-5)
+
+
+def test_threads_do_not_change_a_byte(lab):
+    sharp = lab.colours()
+    g = lab.noisy(lab.shaken(lab.all_axes, sharp), 0.003)
+    one, four = (
+        richardson_lucy(g, lab.all_axes, clipped=g[..., 0] > 0.7, threads=t) for t in (1, 4)
+    )
+    assert one.pixels.tobytes() == four.pixels.tobytes()
+    assert one.iterations == four.iterations
+
+
+def test_the_kernel_need_not_be_centred(lab):
+    g = lab.shaken(lab.all_axes, lab.scene())
+    turned = lab.all_axes.shifted((4, -3, 2))
+    f = richardson_lucy(g, lab.all_axes, iterations=6).pixels
+    difference = richardson_lucy(g, turned, iterations=6).pixels - f
+    # pixels are cut elsewhere by fractions; a picture shifted by four pixels would differ by .1
+    assert np.sqrt(np.mean(np.square(difference))) < 0.02
+
+
+def test_the_photo_is_left_alone(lab):
+    g = lab.shaken(lab.all_axes, lab.scene())
+    before = g.copy()
+    g.setflags(write=False)
+    richardson_lucy(g, lab.all_axes, iterations=2)
+    np.testing.assert_array_equal(g, before)
+
+
+@pytest.mark.parametrize("iterations", [None, 5])
+def test_tells_how_far_it_is(iterations, lab):
+    told = []
+    g = lab.noisy(lab.shaken(lab.all_axes, lab.scene()), 0.003)
+    done = richardson_lucy(
+        g,
+        lab.all_axes,
+        iterations=iterations,
+        progress=lambda part, text: told.append((part, text)),
+    )
+    parts = [part for part, _ in told]
+    assert len(parts) == done.iterations
+    assert all(0 < part <= 1 for part in parts)
+    assert parts[-1] == 1
+    assert parts.count(1) == 1
+    assert told[-1][1].endswith(str(done.iterations))
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("sigma", [0.003, 0.02])
+def test_total_variation_does_better(name, sigma, lab):
+    sharp = lab.scene()
+    g = lab.noisy(lab.shaken(lab.kernels[name], sharp), sigma)
+    plain, smooth = (m(g, lab.kernels[name]) for m in (richardson_lucy, richardson_lucy_tv))
+    frame = lab.frame(sharp)
+    assert lab.psnr(smooth.pixels, frame) > lab.psnr(plain.pixels, frame) + 0.3
+    assert smooth.pixels.dtype == np.float32
+    assert smooth.pixels.min() >= 0
+    assert 2 <= smooth.iterations <= 30
+    assert 0.5 * sigma < smooth.residual < 3 * sigma
+
+
+def test_total_variation_needs_no_early_end(lab):
+    sharp = lab.scene()
+    g = lab.noisy(lab.shaken(lab.all_axes, sharp), 0.02)
+    ended, long = (richardson_lucy_tv(g, lab.all_axes, iterations=n).pixels for n in (None, 60))
+    assert lab.psnr(long, lab.frame(sharp)) > lab.psnr(ended, lab.frame(sharp)) - 0.5
+    wild = richardson_lucy(g, lab.all_axes, iterations=60).pixels
+    assert lab.psnr(long, lab.frame(sharp)) > lab.psnr(wild, lab.frame(sharp)) + 3
+
+
+def test_total_variation_ends_at_the_noise_of_smooth_photos(lab):
+    sharp = cv2.GaussianBlur(lab.scene(), (0, 0), 8)
+    g = lab.noisy(lab.shaken(lab.all_axes, sharp), 0.005)
+    ended = richardson_lucy_tv(g, lab.all_axes)
+    more = richardson_lucy_tv(g, lab.all_axes, iterations=4)  # where it would stall
+    assert ended.iterations < 4
+    frame = lab.frame(sharp)
+    assert lab.psnr(ended.pixels, frame) > lab.psnr(more.pixels, frame) + 0.5
+
+
+def test_total_variation_leaves_clipped_lamps_bright(lab):
+    sharp, g, clipped, around = lab.lamps()
+    f = richardson_lucy_tv(g, lab.all_axes, clipped=clipped).pixels
+    plain = richardson_lucy(g, lab.all_axes, clipped=clipped).pixels
+    assert f.max() > 3
+    light = lab.frame(sharp) > 4
+    assert f[light].sum() > 0.9 * plain[light].sum()
+    errors = [np.mean(np.square(x - lab.frame(sharp))[around]) for x in (f, plain)]
+    assert errors[0] < errors[1]
+
+
+def test_total_variation_keeps_grey_photos_grey(lab):
+    g = lab.noisy(lab.shaken(lab.all_axes, lab.scene()), 0.003)
+    f = richardson_lucy_tv(np.stack([g, g, g], -1), lab.all_axes, iterations=6).pixels
+    np.testing.assert_allclose(f, f[..., :1].repeat(3, -1), atol=1e-6)
+
+
+@pytest.mark.parametrize("level", [0.0, 0.25, 1.0])
+def test_total_variation_keeps_a_constant_photo(level, lab):
+    g = np.full((*lab.shape, 3), level, np.float32)
+    f = richardson_lucy_tv(g, lab.all_axes, iterations=8).pixels
+    np.testing.assert_allclose(f, level, atol=1e-4 if level else 0)
+
+
+def test_total_variation_on_the_smallest_photos():
+    for shape in ((1, 1), (1, 40), (7, 5)):
+        g = np.full(shape, 0.5, np.float32)
+        kernel = RotationKernel.delta(Camera.from_focal(50, *shape))
+        np.testing.assert_allclose(richardson_lucy_tv(g, kernel).pixels, g, atol=1e-3)
+
+
+def test_total_variation_threads_do_not_change_a_byte(lab):
+    g = lab.noisy(lab.shaken(lab.all_axes, lab.colours()), 0.003)
+    clipped = g[..., 0] > 0.7
+    one, four = (
+        richardson_lucy_tv(g, lab.all_axes, clipped=clipped, iterations=5, threads=t)
+        for t in (1, 4)
+    )
+    assert one.pixels.tobytes() == four.pixels.tobytes()
+
+
+def test_refuses_what_does_not_fit(lab):
+    g = np.full(lab.shape, 0.5, np.float32)
+    broken = g.copy()
+    broken[3, 4] = np.nan
+    for wrong, options in (
+        (g, {"iterations": 0}),
+        (g[1:], {}),
+        (g[:, :, None, None], {}),
+        (g, {"clipped": np.zeros((lab.shape[0], lab.shape[1] - 1), bool)}),
+        (broken, {}),
+    ):
+        for method in (richardson_lucy, richardson_lucy_tv):
+            with pytest.raises(ValueError, match=r"photo|iteration"):
+                method(wrong, lab.all_axes, **options)

@@ -1,0 +1,27 @@
+"""A small photo and a kernel for it, as files."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from deshake.files.kernel_file import KernelFile, write_kernel
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
+
+
+@pytest.fixture
+def photo(tmp_path):
+    coarse = np.random.default_rng(2).integers(40, 220, (8, 10)).astype(np.uint8)
+    path = tmp_path / "a.png"
+    Image.fromarray(coarse).resize((80, 64), Image.Resampling.BILINEAR).save(path)
+    return path
+
+
+@pytest.fixture
+def kernel(tmp_path):
+    camera = Camera.from_focal(100, 64, 80)
+    turn = RotationKernel.from_path([(0, -0.01, 0), (0, 0.01, 0)], camera)
+    write_kernel(tmp_path / "k.npz", KernelFile(turn))
+    return tmp_path / "k.npz"

@@ -1,0 +1,127 @@
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from deshake.files.kernel_file import KernelFile
+from deshake.formats.photo import read_photo, write_photo
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
+from deshake.lens.straightening import is_straightened
+from deshake.metadata.provenance import read_provenance
+from deshake.pair.registration import Registration
+from deshake.stages.finishing import Finish
+from deshake.stages.methods import RestorationOptions
+from deshake.stages.photo_provenance import photo_provenance, with_photo_provenance
+from deshake.version import __version__
+
+
+@pytest.fixture
+def photo(tmp_path):
+    Image.new("RGB", (12, 8), "teal").save(tmp_path / "a.png")
+    return read_photo(tmp_path / "a.png")
+
+
+def content(provenance):
+    kernel = RotationKernel.from_path([(0, 0, 0)], Camera.from_focal(10, 8, 12))
+    return KernelFile(kernel, 1.0, provenance)
+
+
+def test_it_tells_what_was_done_to_what(photo):
+    told = photo_provenance(
+        photo,
+        content({"camera": "EXIF", "scales": [1, 2]}),
+        RestorationOptions("rl", iterations=3),
+        transfer="linear",
+    )
+    assert told == {
+        "deshake": __version__,
+        "command": "deblur",
+        "options": {
+            "transfer": "linear",
+            "method": "rl",
+            "quality": "default",
+            "iterations": 3,
+        },
+        "input_sha256": hashlib.sha256(photo.source.read_bytes()).hexdigest(),
+        "kernel": {"camera": "EXIF"},
+    }
+    json.dumps(told)
+    silent = Finish(with_provenance=False)
+    assert photo_provenance(photo, content({}), RestorationOptions(), finish=silent) is None
+
+
+def test_a_pair_names_both_photos(photo, tmp_path):
+    Image.new("RGB", (12, 8), "olive").save(tmp_path / "n.png")
+    noisy = read_photo(tmp_path / "n.png")
+    told = photo_provenance(photo, content({}), RestorationOptions("fusion"), noisy=noisy)
+    assert told["noisy_sha256"] == hashlib.sha256(noisy.source.read_bytes()).hexdigest()
+    assert told["options"]["method"] == "fusion"
+
+
+def test_a_registration_is_told_where_the_kernel_does_not_tell_it(photo):
+    camera = Camera.from_focal(10, 8, 12)
+    one, other = (Registration(np.array([0, y, 0.0]), 2.0, 0.9, camera) for y in (0.1, 0.2))
+    found = content({"registration": one.report()})
+    told = [
+        photo_provenance(
+            photo, found, RestorationOptions("fusion"), noisy=photo, registration=given
+        )
+        for given in (None, one, other)
+    ]
+    assert "registration" not in told[0] | told[1]
+    assert told[2]["registration"] == {"theta": [0, 0.2, 0], "scale": 2, "confidence": 0.9}
+
+
+def test_a_straightened_photo_says_so_for_good(photo):
+    pinhole = content({})
+    lens = Camera.from_focal(10, 8, 12).with_lens(np.array([-0.1, 0, 0, 0]))
+    bent = KernelFile(pinhole.kernel.for_camera(lens))
+    options = RestorationOptions()
+    assert "straightened" not in photo_provenance(photo, pinhole, options)
+    kept = photo_provenance(photo, bent, options, finish=Finish(keep_geometry=True))
+    assert "straightened" not in kept
+    told = photo_provenance(photo, bent, options)
+    assert told["straightened"] is True
+    result = with_photo_provenance(photo, told)
+    assert is_straightened(result)
+    assert not is_straightened(photo)
+    assert photo_provenance(result, pinhole, options)["straightened"] is True
+
+
+def test_a_kernel_of_many_words_does_not_swell_the_photo(photo):
+    told = photo_provenance(photo, content({"text": "x" * 100_000}), RestorationOptions())
+    assert told["kernel"] == {}
+
+
+def test_no_path_is_told(photo, tmp_path):
+    told = photo_provenance(photo, content({}), RestorationOptions())
+    write_photo(tmp_path / "out.png", with_photo_provenance(photo, told))
+    assert read_provenance(tmp_path / "out.png") == told
+    assert str(tmp_path).encode() not in (tmp_path / "out.png").read_bytes()
+
+
+def test_damaged_xmp_is_said_to_be(photo, caplog):
+    damaged = with_photo_provenance(photo, {"deshake": "1"})
+    object.__setattr__(damaged.metadata, "xmp", b"<rubbish/>")
+    assert with_photo_provenance(damaged, {"deshake": "2"}).metadata.xmp == b"<rubbish/>"
+    assert "takes no provenance" in caplog.text
+
+
+def test_the_digest_is_that_of_the_bytes_that_were_read(photo):
+    before = hashlib.sha256(photo.source.read_bytes()).hexdigest()
+    photo.source.write_bytes(b"another photo")
+    told = photo_provenance(photo, content({}), RestorationOptions())
+    assert told["input_sha256"] == before
+    photo.source.unlink()
+    assert photo_provenance(photo, content({}), RestorationOptions()) == told
+
+
+def test_a_photo_in_memory_has_no_digest(photo):
+    told = photo_provenance(replace(photo, sha256=None), content({}), RestorationOptions())
+    assert "input_sha256" not in told

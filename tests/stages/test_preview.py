@@ -1,0 +1,78 @@
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from deshake.errors import PhotoError
+from deshake.formats.photo import encode_photo, read_photo
+from deshake.stages.camera_choice import CameraChoice
+from deshake.stages.estimate_options import EstimateOptions
+from deshake.stages.preview import preview_estimate, preview_options, preview_photo
+
+
+@pytest.fixture
+def photo(tmp_path):
+    """A photo of 2720 x 1360 with opacity: blocks of 4 x 4, of which some clip."""
+    rng = np.random.default_rng(3)
+    codes = rng.integers(20, 256, (340, 680, 4)).astype(np.uint8)
+    Image.fromarray(np.kron(codes, np.ones((4, 4, 1), np.uint8))).save(
+        tmp_path / "a.png", compress_level=0
+    )
+    return read_photo(tmp_path / "a.png")
+
+
+def test_is_a_quarter_of_the_size(photo):
+    small = preview_photo(photo)
+    assert small.shape == (340, 680)
+    assert small.pixels == pytest.approx(photo.pixels[::4, ::4], abs=1e-6)
+    assert np.array_equal(small.clipped, photo.clipped[::4, ::4])
+    assert np.array_equal(small.alpha, photo.alpha[::4, ::4])
+    assert Image.open(io.BytesIO(encode_photo(small))).size == (680, 340)
+
+
+def test_small_photos_are_reduced_less_or_not_at_all(photo):
+    assert preview_photo(preview_photo(photo)).shape == (320, 640)
+    least = preview_photo(preview_photo(photo))
+    assert preview_photo(least) is least
+
+
+def test_what_is_in_pixels_is_scaled(photo):
+    small = preview_photo(photo)
+    given = EstimateOptions(
+        camera=CameraChoice(focal_px=2000), blur_size=40, region=(101, 200, 398, 401)
+    )
+    found = preview_options(given, photo, small)
+    assert (found.camera.focal_px, found.blur_size) == (500, 10)
+    assert found.region == (25, 50, 100, 101)
+    assert found.estimator == "edges"
+    assert found.preview
+    assert found.provenance()["preview"]
+    given = EstimateOptions(
+        camera=CameraChoice(focal_35mm=30), max_angle=2, estimator="variational", blur_size=2
+    )
+    found = preview_options(given, photo, small)
+    assert (found.camera.focal_35mm, found.max_angle, found.region) == (30, 2, None)
+    assert (found.blur_size, found.estimator) == (1, "variational")
+
+
+def test_a_region_beyond_the_photo_is_told_in_its_pixels(photo):
+    with pytest.raises(PhotoError, match="2720 x 1360"):
+        preview_options(EstimateOptions(region=(0, 0, 3000, 10)), photo, preview_photo(photo))
+
+
+def test_the_kernel_is_that_of_the_reduced_photo(photo, tmp_path):
+    rows = np.arange(96)[:, None]
+    picture = 120 + 60 * np.sign(np.sin(rows / 5) + np.cos(np.arange(128) / 6))
+    blurred = (picture + np.roll(picture, 1, 1) + np.roll(picture, 2, 1)) / 3
+    Image.fromarray(blurred.astype(np.uint8)).resize((680, 510)).save(tmp_path / "b.png")
+    photo = read_photo(tmp_path / "b.png")
+    small = preview_photo(photo)
+    options = EstimateOptions(camera=CameraChoice(focal_35mm=40), blur_size=30, uniform=True)
+    found = preview_estimate(photo, small, options, threads=1)
+    assert found.content.kernel.camera.shape == small.shape == (480, 640)
+    assert found.camera.camera.shape == small.shape
+    assert found.camera.camera.focal_px == pytest.approx(40 / 43.267 * 800, rel=1e-3)
+    assert found.content.provenance["options"]["preview"] is True
