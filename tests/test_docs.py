@@ -220,7 +220,7 @@ def test_every_benchmark_and_figure_is_documented() -> None:
 
 
 @pytest.fixture
-def folder_of_examples(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder_of_examples(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Files that the Python examples read, in the working directory."""
     picture = Image.fromarray(data.coffee()).resize((150, 100))
     picture.save(tmp_path / "photo.jpg", quality=95)
@@ -230,7 +230,6 @@ def folder_of_examples(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     deshake.write_kernel(tmp_path / "photo.kernel.npz", KernelFile(kernel, 0.9, {}))
     (tmp_path / "notes.txt").write_text("no photo")
     monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 @pytest.mark.parametrize(("document", "code"), PYTHON)
