@@ -16,16 +16,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-import numpy as np
 import pytest
 from PIL import Image
 from skimage import data
 
 import deshake
-from deshake.cli.main import COMMANDS, cli
-from deshake.geometry.camera import Camera
-from deshake.geometry.kernel import RotationKernel
-from deshake.io.kernel_file import KernelFile
+from deshake.cli.main import COMMANDS, cli, main
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -254,14 +250,11 @@ def test_every_benchmark_and_figure_is_documented() -> None:
 @pytest.fixture
 def folder_of_examples(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Files that the Python examples read, in the working directory."""
-    picture = Image.fromarray(data.coffee()).resize((150, 100))
-    picture.save(tmp_path / "photo.jpg", quality=95)
-    camera = Camera.from_focal(150.0, 100, 150)
-    theta = np.radians([[0.0, 0.0, 0.0], [0.3, 0.6, 0.0]])
-    kernel = RotationKernel(theta, np.array([0.5, 0.5]), np.full(3, 0.006), camera)
-    deshake.write_kernel(tmp_path / "photo.kernel.npz", KernelFile(kernel, 0.9, {}))
-    (tmp_path / "notes.txt").write_text("no photo")
     monkeypatch.chdir(tmp_path)
+    Image.fromarray(data.coffee()).resize((150, 100)).save("before.jpg", quality=95)
+    shake = ["--kernel", "photo.kernel.npz", "--blur-size", "4", "--focal-35mm", "28"]
+    assert main(["simulate", "before.jpg", "-o", "photo.jpg", *shake]) == 0
+    Path("notes.txt").write_text("no photo", "utf-8")
 
 
 @pytest.mark.parametrize(("document", "code"), PYTHON)
