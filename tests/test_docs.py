@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import os
+import pkgutil
 import re
 import runpy
 import shlex
@@ -280,6 +281,12 @@ def test_links_lead_somewhere(document: str) -> None:
 @pytest.mark.parametrize("document", TEXTS)
 def test_files_named_in_documents_exist(document: str) -> None:
     assert not missing_files(TEXTS[document])
+
+
+@pytest.mark.parametrize("document", TEXTS)
+def test_python_names_in_sentences_exist(document: str) -> None:
+    for name in re.findall(r"`(deshake(?:\.\w+)+)", TEXTS[document]):
+        assert pkgutil.resolve_name(name) is not None
 
 
 def test_a_dead_link_would_be_seen() -> None:
