@@ -1,30 +1,54 @@
-"""What the documents say is what the commands do."""
+"""What the documents say is what the commands, the scripts and the library do."""
 
 from __future__ import annotations
 
+import argparse
 import importlib.util
 import os
+import pkgutil
 import re
+import runpy
 import shlex
 import shutil
 import subprocess
+import sys
 import tomllib
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 import pytest
+from PIL import Image
+from skimage import data
 
 import deshake
-from deshake.cli.main import COMMANDS, cli
+from deshake.cli.main import COMMANDS, cli, main
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 ROOT = Path(__file__).parent.parent
-README = (ROOT / "README.md").read_text("utf-8")
+PAGES = sorted((ROOT / "docs").glob("*.md"))
+DOCUMENTS = [
+    *(ROOT / name for name in ("README.md", "DESIGN.md", "CONTRIBUTING.md", "CHANGELOG.md")),
+    *PAGES,
+]
+TEXTS = {path.relative_to(ROOT).as_posix(): path.read_text("utf-8") for path in DOCUMENTS}
+README_LINES = 200
+DESIGN_LINES = 100
+PICTURE_BYTES = 150_000
+
+NOT_PLAIN = ("anew", "told by", "is told", "gone by", "gone on with")
+
+
+def blocks(language: str, text: str) -> list[str]:
+    """Code blocks of a document in a language."""
+    return re.findall(rf"^```{language}\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
 
 
 def shell_examples(text: str) -> list[str]:
     """Runs of deshake in the shell blocks of a document, each as one line."""
-    blocks = re.findall(r"^```sh\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
-    lines = "".join(blocks).replace("\\\n", " ").splitlines()
+    lines = "".join(blocks("sh", text)).replace("\\\n", " ").splitlines()
     return [
         run.strip()
         for line in lines
@@ -33,14 +57,51 @@ def shell_examples(text: str) -> list[str]:
     ]
 
 
-EXAMPLES = shell_examples(README)
+def script_runs(text: str) -> list[str]:
+    """Runs of scripts that a document names, in shell blocks, tables and sentences."""
+    return [run.strip() for run in re.findall(r"python (scripts/[^`|\n#]+)", text)]
+
+
+def anchors(text: str) -> set[str]:
+    """Anchors of the headings of a document, as GitHub makes them."""
+    text = re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
+    titles = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+def dead_links(path: Path, text: str) -> list[str]:
+    """Links of a document to files or headings that do not exist."""
+    dead = []
+    for link in re.findall(r"\]\(([^)\s]+)\)", text):
+        if link.startswith("https://"):
+            continue
+        name, _, anchor = link.partition("#")
+        target = path.parent / name if name else path
+        if not target.exists() or (anchor and anchor not in anchors(target.read_text("utf-8"))):
+            dead.append(link)
+    return dead
+
+
+def missing_files(text: str) -> list[str]:
+    """Files of the project that a document names, but that do not exist."""
+    named = re.findall(r"(?<![\w/])((?:deshake|docs|scripts|tests|man)/[\w./-]*\w/?)", text)
+    return [
+        name
+        for name in named
+        if not (ROOT / name).exists()
+    ]
+
+
+EXAMPLES = [(name, run) for name, text in TEXTS.items() for run in shell_examples(text)]
+RUNS = [(name, run) for name, text in TEXTS.items() for run in script_runs(text)]
+PYTHON = [(name, code) for name, text in TEXTS.items() for code in blocks("python", text)]
 
 
 def words(example: str) -> list[str]:
     """Arguments of one run of deshake, without its comment and redirections."""
-    found = shlex.split(re.split(r"\s2?>|\s<", example)[0], comments=True)
-    assert found[0] == "deshake"
-    return found[1:]
+    program, *args = shlex.split(re.split(r"\s2?>|\s<", example)[0], comments=True)
+    assert program == "deshake"
+    return args
 
 
 @pytest.fixture(scope="module")
@@ -90,12 +151,18 @@ def test_man_finds_the_pages_of_an_installation_and_can_set_them(tmp_path: Path)
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_readme_shows_every_command(name: str) -> None:
-    assert any(words(example)[:1] == [name] for example in EXAMPLES)
+def test_the_readme_names_every_command_and_a_page_shows_it(name: str) -> None:
+    assert f"| `{name}` |" in TEXTS["README.md"]
+    assert any(words(run)[:1] == [name] for page, run in EXAMPLES if page == "docs/commands.md")
 
 
-@pytest.mark.parametrize("example", EXAMPLES)
-def test_readme_examples_are_right_usage(example: str) -> None:
+@pytest.mark.parametrize(("document", "example"), EXAMPLES)
+def test_examples_are_right_usage(document: str, example: str) -> None:  # noqa: ARG001
+    check_usage(example)
+
+
+def check_usage(example: str) -> None:
+    """Raise UsageError if an example is wrong usage."""
     name, *args = words(example)
     if name.startswith("-"):
         cli.make_context("deshake", [name, *args], resilient_parsing=True)
@@ -112,23 +179,139 @@ def test_a_wrong_example_would_be_seen() -> None:
     one, two = shell_examples(text)
     assert words(two) == ["fix", "-o", "x"]
     with pytest.raises(click.UsageError, match="--colour"):
-        test_readme_examples_are_right_usage(one)
+        check_usage(one)
 
 
-def test_readme_names_the_exit_codes() -> None:
+class ParsedError(Exception):
+    """The command line of a script was parsed without fault."""
+
+
+def parse(run: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run a script until its command line is parsed.
+
+    Raises
+    ------
+    ParsedError
+        If it is right usage.
+    SystemExit
+        If it is wrong usage, with code 2; with code 0 if it only asks for help.
+
+    """
+    name, *args = shlex.split(run, comments=True)
+    parse_args = argparse.ArgumentParser.parse_args
+
+    def parse_only(parser: argparse.ArgumentParser, args: Sequence[str] | None = None) -> None:
+        parse_args(parser, args)
+        raise ParsedError
+
+    monkeypatch.setattr(argparse.ArgumentParser, "parse_args", parse_only)
+    monkeypatch.setattr(sys, "argv", [name, *args])
+    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    runpy.run_path(str(ROOT / name), run_name="__main__")
+
+
+@pytest.mark.parametrize("run", sorted({run for _, run in RUNS}))
+def test_scripts_in_documents_are_right_usage(
+    run: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    if "--help" in run:
+        with pytest.raises(SystemExit, match="0"):
+            parse(run, monkeypatch)
+    else:
+        with pytest.raises(ParsedError):
+            parse(run, monkeypatch)
+
+
+def test_a_wrong_run_of_a_script_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = "by `python scripts/figure5.py --n 1`\n```sh\npython scripts/figure8.py  # why\n```"
+    usage, missing = script_runs(text)
+    with pytest.raises(SystemExit, match="2"):
+        parse(usage, monkeypatch)
+    with pytest.raises(FileNotFoundError):
+        parse(missing, monkeypatch)
+
+
+def test_every_benchmark_and_figure_is_documented() -> None:
+    measured = [*(ROOT / "scripts").glob("benchmark_*.py"), *(ROOT / "scripts").glob("figure*.py")]
+    known = {run.split()[0] for _, run in RUNS}
+    assert measured
+    assert {f"scripts/{path.name}" for path in measured} <= known
+
+
+@pytest.fixture
+def folder_of_examples(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files that the Python examples read, in the working directory."""
+    monkeypatch.chdir(tmp_path)
+    Image.fromarray(data.coffee()).resize((150, 100)).save("before.jpg", quality=95)
+    shake = ["--kernel", "photo.kernel.npz", "--blur-size", "4", "--focal-35mm", "28"]
+    assert main(["simulate", "before.jpg", "-o", "photo.jpg", *shake]) == 0
+    Path("notes.txt").write_text("no photo", "utf-8")
+
+
+@pytest.mark.parametrize(("document", "code"), PYTHON)
+@pytest.mark.usefixtures("folder_of_examples")
+def test_python_examples_run(document: str, code: str) -> None:
+    exec(compile(code, document, "exec"), {"__name__": "example"})  # noqa: S102 - our own words
+
+
+def test_python_examples_are_seen() -> None:
+    assert {name for name, _ in PYTHON} >= {"README.md", "docs/python.md", "docs/kernel-files.md"}
+
+
+def test_documents_name_the_exit_codes() -> None:
     for code in ("0", "1", "2", "130"):
-        assert re.search(rf"^\| `{code}` \|", README, re.MULTILINE), code
+        assert re.search(rf"^\| `{code}` \|", TEXTS["docs/commands.md"], re.MULTILINE), code
 
 
-@pytest.mark.parametrize("document", ["README.md", "DESIGN.md", "CONTRIBUTING.md"])
+@pytest.mark.parametrize("document", TEXTS)
+def test_links_lead_somewhere(document: str) -> None:
+    assert not dead_links(ROOT / document, TEXTS[document])
+
+
+@pytest.mark.parametrize("document", TEXTS)
 def test_files_named_in_documents_exist(document: str) -> None:
-    text = (ROOT / document).read_text("utf-8")
-    named = re.findall(r"\]\(([\w./-]+)\)", text)
-    named += re.findall(r"`((?:deshake|docs|scripts|tests|man)/[\w./-]+)`", text)
-    missing = [name for name in named if not (ROOT / name).exists()]
-    assert not missing
+    assert not missing_files(TEXTS[document])
+
+
+@pytest.mark.parametrize("document", TEXTS)
+def test_python_names_in_sentences_exist(document: str) -> None:
+    for name in re.findall(r"`(deshake(?:\.\w+)+)", TEXTS[document]):
+        assert pkgutil.resolve_name(name) is not None
+
+
+def test_a_dead_link_would_be_seen() -> None:
+    text = "# One, two\n\n[a](#one-two) [b](#three) [c](LICENSE) [d](LICENCE) `scripts/none.py`"
+    assert anchors(text) == {"one-two"}
+    readme = ROOT / "README.md"
+    assert dead_links(readme, text.replace("#one-two", "#install")) == ["#three", "LICENCE"]
+    assert missing_files(text) == ["scripts/none.py"]
+
+
+def test_the_readme_leads_to_every_page() -> None:
+    linked = set(re.findall(r"\]\(([\w./-]+)\)", TEXTS["README.md"]))
+    assert {name for name in TEXTS if name != "README.md"} <= linked
+
+
+def test_readme_and_design_are_short() -> None:
+    assert len(TEXTS["README.md"].splitlines()) <= README_LINES
+    assert len(TEXTS["DESIGN.md"].splitlines()) <= DESIGN_LINES
+
+
+def test_pictures_of_documents_are_small() -> None:
+    pictures = [*(ROOT / "docs").glob("*.jpg"), *(ROOT / "docs").glob("*.png")]
+    assert pictures
+    shown = " ".join(TEXTS.values())
+    for path in pictures:
+        assert path.stat().st_size <= PICTURE_BYTES, path.name
+        assert path.name in shown, f"{path.name} is shown nowhere"
+
+
+@pytest.mark.parametrize("document", TEXTS)
+def test_documents_use_plain_words(document: str) -> None:
+    used = [word for word in NOT_PLAIN if re.search(rf"\b{word}\b", TEXTS[document], re.IGNORECASE)]
+    assert not used
 
 
 def test_changelog_has_this_version() -> None:
-    changelog = (ROOT / "CHANGELOG.md").read_text("utf-8")
-    assert f"## {deshake.__version__}" in changelog
+    assert f"## {deshake.__version__}" in TEXTS["CHANGELOG.md"]
