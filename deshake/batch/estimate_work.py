@@ -51,6 +51,8 @@ class EstimateBlind:
             latent=job.others.get("latent"),
             tiles=job.others.get("tiles"),
             overwrite=job.overwrite,
+            overwrite_others=job.overwrite_others,
+            keep_result=job.keeps_result,
             threads=threads,
             progress=progress,
         ).report()

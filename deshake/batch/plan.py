@@ -67,8 +67,8 @@ class Job:
     problem : DeshakeError or None
         Why the outputs cannot go there.
     existing : {"refuse", "skip", "replace"}
-        What is done about a result that exists already. Of skipped photos the result counts, and
-        other outputs are replaced where it is missing.
+        What is done about a result that exists already. Skipped are photos all of whose outputs
+        exist; other outputs are replaced where the result is missing.
 
     """
 
@@ -90,10 +90,21 @@ class Job:
         return self.existing != "refuse"
 
     @property
-    def skipped(self) -> bool:
+    def keeps_result(self) -> bool:
         """Whether the result is there already, and is to be left as it is."""
         there = self.output is not None and os.path.lexists(self.output)
         return there and self.existing == "skip" and self.problem is None
+
+    @property
+    def missing(self) -> list[str]:
+        """Which of the other outputs are not there, by what they are."""
+        files = {kind: path for kind, path in self.others.items() if str(path) != STREAM}
+        return [kind for kind, path in files.items() if not os.path.lexists(path)]
+
+    @property
+    def skipped(self) -> bool:
+        """Whether all outputs are there already, and are to be left as they are."""
+        return self.keeps_result and not self.missing
 
     @property
     def place(self) -> Path:

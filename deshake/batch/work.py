@@ -91,9 +91,10 @@ class Fix:
         """Fix the photo of a job."""
         output, kernel = job.place, job.others.get("kernel")
         common: dict[str, Any] = {
-            "overwrite": job.overwrite,
             "finish": _with_mask(self.finish, job),
+            "overwrite": job.overwrite,
             "overwrite_others": job.overwrite_others,
+            "keep_result": job.keeps_result,
             "threads": threads,
             "progress": progress,
         }
@@ -174,6 +175,8 @@ class Deblur:
             "transfer": self.transfer,
             "finish": _with_mask(self.finish, job),
             "overwrite": job.overwrite,
+            "overwrite_others": job.overwrite_others,
+            "keep_result": job.keeps_result,
             "threads": threads,
             "progress": progress,
         }

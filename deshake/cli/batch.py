@@ -93,7 +93,8 @@ def batch_options(command: F) -> F:
         click.option(
             "--skip-existing",
             is_flag=True,
-            help="Leave out the photos whose output exists already.",
+            help="Leave out the photos whose outputs exist already. What is missing beside a "
+            "result (its sheet, its kernel) is made again, and the result stays.",
         ),
         overwrite_option,
         json_option,

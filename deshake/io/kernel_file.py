@@ -37,6 +37,7 @@ __all__ = [
     "MAX_WEIGHTS",
     "CameraFile",
     "KernelFile",
+    "kernel_bytes",
     "read_camera",
     "read_kernel",
     "write_camera",
@@ -149,6 +150,11 @@ def write_kernel(
         If the provenance is not JSON data.
 
     """
+    write_bytes(path, kernel_bytes(content), overwrite=overwrite)
+
+
+def kernel_bytes(content: KernelFile) -> bytes:
+    """Return what a kernel file holds; raise ValueError if the provenance is not JSON data."""
     kernel = content.kernel
     arrays = camera_arrays(kernel.camera) | {
         "theta": np.asarray(kernel.theta, np.float64),
@@ -157,7 +163,7 @@ def write_kernel(
         "confidence": np.float64(content.confidence),
         "provenance": provenance_array(content.provenance),
     }
-    write_bytes(path, pack(arrays), overwrite=overwrite)
+    return pack(arrays)
 
 
 def _parse_camera(data: bytes) -> CameraFile:

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from deshake.io.metadata import Metadata
     from deshake.io.transfer import Codes, TransferName
 
-__all__ = ["Photo", "encode_photo", "read_pair", "read_photo", "write_photo"]
+__all__ = ["Photo", "encode_photo", "photo_bytes", "read_pair", "read_photo", "write_photo"]
 
 _log = logging.getLogger(__name__)
 
@@ -276,11 +276,25 @@ def write_photo(path: str | os.PathLike[str], photo: Photo, *, overwrite: bool =
         If the format cannot hold the photo.
 
     """
-    form = output_format(path, photo)
     check_output(path, photo.source, overwrite=overwrite)
+    write_bytes(path, photo_bytes(path, photo), overwrite=overwrite)
+
+
+def photo_bytes(path: str | os.PathLike[str], photo: Photo) -> bytes:
+    """Return a photo as a file of this name holds it; warn of metadata that it cannot hold.
+
+    Raises
+    ------
+    OutputError
+        If the name's ending means no format that is written.
+    PhotoError
+        If the format cannot hold the photo.
+
+    """
+    form = output_format(path, photo)
     for loss in carried(photo.metadata, form, *photo.shape).losses:
         _log.warning("%s: %s", photo.source, loss)
-    write_bytes(path, encode_photo(photo, form), overwrite=overwrite)
+    return encode_photo(photo, form)
 
 
 def _encoding(decoded: Decoded, transfer: TransferName | None) -> Encoding:

@@ -5,19 +5,19 @@ Outputs are checked before any work is done for them, and appear whole or not at
 
 from __future__ import annotations
 
-import contextlib
 from typing import TYPE_CHECKING
 
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions
 from deshake.errors import OutputError
 from deshake.io.conversion import output_format
-from deshake.io.files import STREAM, check_output, default_output, write_bytes
-from deshake.io.kernel_file import read_kernel, write_kernel
+from deshake.io.files import STREAM, check_output, default_output
+from deshake.io.joint_outputs import joint_outputs
+from deshake.io.kernel_file import kernel_bytes, read_kernel
 from deshake.io.photo import encode_photo, read_photo
 from deshake.pipelines.finishing import AS_IT_IS, Finish
 from deshake.pipelines.fitting import fitting_kernel
 from deshake.pipelines.latent_picture import latent_photo
-from deshake.pipelines.outputs import gone_on_failure, prepared, write_result
+from deshake.pipelines.outputs import prepared, write_result
 from deshake.pipelines.photo_provenance import photo_provenance
 from deshake.pipelines.preview import preview_estimate
 from deshake.pipelines.progress import part
@@ -65,13 +65,16 @@ def estimate_file(
     latent: Path | None = None,
     tiles: Path | None = None,
     overwrite: bool = False,
+    overwrite_others: bool = False,
+    keep_result: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
     """Estimate the kernel of a photo, and write its kernel file.
 
     The latent picture of the estimate, if `latent` is given, and the picture of its tiles, if
-    `tiles` is, are kept only together with it.
+    `tiles` is, appear only together with it. With `keep_result` the kernel file is there already,
+    and stays as it is.
 
     Raises
     ------
@@ -81,28 +84,27 @@ def estimate_file(
         If an output cannot be written.
 
     """
-    check_output(output, source, overwrite=overwrite)
+    check_output(output, source, overwrite=overwrite or keep_result)
     pictures = [path for path in (latent, tiles) if path is not None]
     for number, path in enumerate(pictures):
-        check_output(path, source, output, *pictures[:number], overwrite=overwrite)
+        check_output(path, source, output, *pictures[:number], overwrite=overwrite_others)
     photo = read_photo(source, transfer=options.transfer)
     for path in pictures:
         _picture_format(path, photo)
     found = estimate(photo, options, threads=threads, progress=progress)
-    with contextlib.ExitStack() as outputs:
+    with joint_outputs() as add:
 
         def keep(path: Path, picture: Photo) -> None:
-            outputs.enter_context(gone_on_failure(path))
-            write_bytes(
-                path, encode_photo(picture, _picture_format(path, photo)), overwrite=overwrite
-            )
+            data = encode_photo(picture, _picture_format(path, photo))
+            add(path, data, overwrite=overwrite_others)
 
         if latent is not None:
             keep(latent, latent_photo(photo, found.latent, options.region))
         if tiles is not None:
             kernel, camera = found.content.kernel, found.camera.camera
             keep(tiles, tile_photo(photo, kernel, camera, options.region))
-        write_kernel(output, found.content, overwrite=overwrite)
+        if not keep_result:
+            add(output, kernel_bytes(found.content), overwrite=overwrite)
     return found
 
 
@@ -115,13 +117,16 @@ def deblur_file(
     restoration: RestorationOptions = BY_DEFAULT,
     finish: Finish = AS_IT_IS,
     overwrite: bool = False,
+    overwrite_others: bool = False,
+    keep_result: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Path:
     """Deblur a photo with the kernel of a file, write the result, and return where.
 
     Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. The
-    sheet of `finish` is kept only together with it.
+    sheet of `finish` appears only together with it. With `keep_result` the result is there
+    already, and stays as it is.
 
     Raises
     ------
@@ -133,9 +138,9 @@ def deblur_file(
     """
     if output is not None and str(output) == STREAM:
         raise OutputError("photos are not written to standard output", hint="name a file with -o")
-    path = default_output(source, output, overwrite=overwrite)
-    check_output(path, kernel_file, overwrite=overwrite)
-    finish.check(path, source, kernel_file, overwrite=overwrite)
+    path = default_output(source, output, overwrite=overwrite or keep_result)
+    check_output(path, kernel_file, overwrite=overwrite or keep_result)
+    finish.check(path, source, kernel_file, overwrite=overwrite_others)
     content = read_kernel(kernel_file)
     photo = read_photo(source, transfer=transfer)
     photo, mask = finish.prepare(prepared(photo, path, finish))
@@ -158,7 +163,8 @@ def deblur_file(
         finish=finish,
         provenance=told,
         overwrite=overwrite,
-        overwrite_others=overwrite,
+        overwrite_others=overwrite_others,
+        keep_result=keep_result,
     )
     return path
 
@@ -173,13 +179,14 @@ def fix_file(
     finish: Finish = AS_IT_IS,
     overwrite: bool = False,
     overwrite_others: bool = False,
+    keep_result: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
     """Estimate the kernel of a photo, deblur the photo with it, and write both.
 
-    The kernel file, if `kernel_file` is given, and the sheet of `finish` are kept only together
-    with the photo.
+    The kernel file, if `kernel_file` is given, and the sheet of `finish` appear only together
+    with the photo. With `keep_result` the photo is there already, and stays as it is.
 
     Raises
     ------
@@ -189,7 +196,7 @@ def fix_file(
         If an output cannot be written.
 
     """
-    check_output(output, source, overwrite=overwrite)
+    check_output(output, source, overwrite=overwrite or keep_result)
     if kernel_file is not None:
         check_output(kernel_file, source, output, overwrite=overwrite_others)
     finish.check(output, source, *filter(None, [kernel_file]), overwrite=overwrite_others)
@@ -227,6 +234,7 @@ def fix_file(
         kept=None if kernel_file is None else (kernel_file, found.content),
         overwrite=overwrite,
         overwrite_others=overwrite_others,
+        keep_result=keep_result,
     )
     return found
 

@@ -78,13 +78,16 @@ def deblur_pair_file(
     transfer: TransferName | None = None,
     finish: Finish = AS_IT_IS,
     overwrite: bool = False,
+    overwrite_others: bool = False,
+    keep_result: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Path:
     """Deblur a photo with a noisy one and the kernel of a file; write the result, return where.
 
     Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. The
-    sheet of `finish` is kept only together with it.
+    sheet of `finish` appears only together with it. With `keep_result` the result is there
+    already, and stays as it is.
 
     Raises
     ------
@@ -96,10 +99,10 @@ def deblur_pair_file(
     """
     if output is not None and str(output) == STREAM:
         raise OutputError("photos are not written to standard output", hint="name a file with -o")
-    path = default_output(source, output, overwrite=overwrite)
+    path = default_output(source, output, overwrite=overwrite or keep_result)
     inputs = [item for item in (noisy_file, kernel_file, registration) if item is not None]
-    check_output(path, *inputs, overwrite=overwrite)
-    finish.check(path, source, *inputs, overwrite=overwrite)
+    check_output(path, *inputs, overwrite=overwrite or keep_result)
+    finish.check(path, source, *inputs, overwrite=overwrite_others)
     content = read_kernel(kernel_file)
     known = None if registration is None else known_registration(registration)
     photo, noisy = read_pair(source, noisy_file, transfer=transfer)
@@ -139,7 +142,8 @@ def deblur_pair_file(
         finish=finish,
         provenance=told,
         overwrite=overwrite,
-        overwrite_others=overwrite,
+        overwrite_others=overwrite_others,
+        keep_result=keep_result,
     )
     return path
 
@@ -155,6 +159,7 @@ def fix_pair_file(
     finish: Finish = AS_IT_IS,
     overwrite: bool = False,
     overwrite_others: bool = False,
+    keep_result: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> FixedPair:
@@ -167,15 +172,17 @@ def fix_pair_file(
     output : Path
         Where the result goes.
     kernel_file : Path or None
-        Where the kernel goes, which is kept only together with the result.
+        Where the kernel goes, which appears only together with the result.
     options : EstimateOptions
         What the estimate goes by; region and estimator do not count, and the angle is the blur's.
     restoration : PairRestorationOptions
         How the photo is deblurred.
     finish : Finish
-        What is wanted beside it; its sheet, too, is kept only together with the result.
+        What is wanted beside it; its sheet, too, appears only together with the result.
     overwrite, overwrite_others : bool
         Whether an existing result, or other existing outputs, may be replaced.
+    keep_result : bool
+        Whether the result is there already, and stays as it is.
     threads : int, optional
         Threads to use; by default all processors. The result does not depend on it.
     progress : callable, optional
@@ -189,7 +196,7 @@ def fix_pair_file(
         If an output cannot be written.
 
     """
-    check_output(output, blurred, noisy, overwrite=overwrite)
+    check_output(output, blurred, noisy, overwrite=overwrite or keep_result)
     if kernel_file is not None:
         check_output(kernel_file, blurred, noisy, output, overwrite=overwrite_others)
     inputs = blurred, noisy, *filter(None, [kernel_file])
@@ -243,5 +250,6 @@ def fix_pair_file(
         kept=None if kernel_file is None else (kernel_file, kernel.content),
         overwrite=overwrite,
         overwrite_others=overwrite_others,
+        keep_result=keep_result,
     )
     return FixedPair(found, kernel)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import math
 from dataclasses import dataclass, replace
@@ -17,17 +16,17 @@ from deshake.errors import CalibrationError, DeshakeError, PhotoError
 from deshake.estimation.registration import MAX_ANGLE, Registration, register, registered
 from deshake.io.conversion import output_format
 from deshake.io.encoding import Encoding
-from deshake.io.files import STREAM, check_output, sha256, write_bytes
+from deshake.io.files import STREAM, check_output, sha256
+from deshake.io.joint_outputs import joint_outputs
 from deshake.io.metadata import Metadata
 from deshake.io.photo import encode_photo, read_pair
 from deshake.io.registration_file import (
     RegistrationFile,
     read_registration,
-    write_registration,
+    registration_bytes,
 )
 from deshake.pipelines.calibration import calibrate, camera_for
 from deshake.pipelines.lens import straight_pair
-from deshake.pipelines.outputs import gone_on_failure
 from deshake.pipelines.stages import EstimateOptions, luminance
 
 if TYPE_CHECKING:
@@ -216,14 +215,13 @@ def register_file(
         registration.confidence,
         _provenance(g, f_N, options, found),
     )
-    with contextlib.ExitStack() as outputs:
+    with joint_outputs() as add:
         if preview is not None:
             straight, other, seen = straight_pair(g, f_N, registration.camera)
             seams = checkerboard(straight, other, replace(registration, camera=seen))
             data = encode_photo(seams, form)
-            outputs.enter_context(gone_on_failure(preview))
-            write_bytes(preview, data, overwrite=overwrite)
-        write_registration(output, content, overwrite=overwrite)
+            add(preview, data, overwrite=overwrite)
+        add(output, registration_bytes(content), overwrite=overwrite)
     return found
 
 

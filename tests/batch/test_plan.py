@@ -129,6 +129,9 @@ def test_existing_results_are_skipped():
     Path("k").mkdir()
     Path("k/b.kernel.npz").touch()
     one, two = plan(paths("a.jpg", "b.PNG"), extras=kernels("k"), existing="skip")
+    assert (one.keeps_result, two.keeps_result) == (True, False)
+    assert (one.skipped, one.missing) == (False, ["kernel"])
+    Path("k/a.kernel.npz").touch()
     assert (one.skipped, two.skipped) == (True, False)
     assert (two.problem, two.overwrite, two.overwrite_others) == (None, False, True)
 

@@ -114,6 +114,52 @@ def test_results_of_other_options_are_said_and_kept(deshake, folder, pan, tmp_pa
     assert "warning" not in deshake(*args).err
 
 
+def test_two_runs_into_one_folder_leave_each_others_sheets(folder, pan, tmp_path):
+    (folder / "p10.jpg").unlink()
+    for number in range(4):
+        shutil.copy(folder / "p2.jpg", folder / f"q{number}.jpg")
+    out = tmp_path / "out"
+    words = ("deblur", folder, "--kernel", pan, "-o", out, "--compare", "--skip-existing", "-j", 1)
+    runs = [
+        subprocess.Popen([sys.executable, "-m", "deshake", *map(str, words), "-q"])
+        for _ in range(2)
+    ]
+    assert [run.wait(120) for run in runs] == [0, 0]
+    names = {f"{path.stem}.deshaken" for path in folder.glob("*.jpg")}
+    made = {f"{name}.jpg" for name in names} | {f"{name}.compare.png" for name in names}
+    assert {path.name for path in out.iterdir()} == made
+
+
+def test_a_missing_sheet_is_made_again_and_the_result_stays(deshake, folder, pan, tmp_path):
+    photo, out = folder / "p2.jpg", tmp_path / "p.jpg"
+    sheet = tmp_path / "p.compare.png"
+    args = ("deblur", photo, "--kernel", pan, "-o", out, "--method", "rl", "--compare", "--json")
+    assert deshake(*args, "--iterations", 2).code == 0
+    drawn, made = sheet.read_bytes(), (out.stat().st_mtime_ns, out.read_bytes())
+    sheet.unlink()
+    again = (*args, "--skip-existing", "--iterations")
+    assert json.loads(deshake(*again, 3).out)["status"] == "skipped"  # not what made the result
+    assert not sheet.exists()
+    assert json.loads(deshake(*again, 2).out)["status"] == "done"
+    assert sheet.read_bytes() == drawn
+    assert (out.stat().st_mtime_ns, out.read_bytes()) == made
+    assert json.loads(deshake(*again, 2).out)["status"] == "skipped"
+    out.unlink()  # a sheet alone is of no use
+    assert json.loads(deshake(*again, 3).out)["status"] == "done"
+    assert sheet.read_bytes() != drawn
+
+
+def test_a_sheet_is_not_made_for_a_result_that_tells_nothing(deshake, folder, pan, tmp_path):
+    photo, out = folder / "p2.jpg", tmp_path / "p.jpg"
+    shutil.copy(photo, out)
+    args = ("deblur", photo, "--kernel", pan, "-o", out, "--compare", "--skip-existing")
+    outcome = deshake(*args)
+    assert outcome.code == 0
+    assert "does not tell whether its missing sheet would belong to it" in outcome.err
+    assert not (tmp_path / "p.compare.png").exists()
+    assert out.read_bytes() == photo.read_bytes()
+
+
 def test_too_little_memory_is_told_for_the_photo(deshake, folder):
     outcome = deshake("fix", folder / "p2.jpg", "--memory", "20M", *FAST)
     assert outcome.code == 1
