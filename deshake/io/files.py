@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, BinaryIO
 from deshake.errors import OutputError
 from deshake.io.encoding import READ_ONLY, WRITTEN_AS
 from deshake.io.part_files import create_part
+from deshake.io.permissions import output_mode
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from deshake.errors import DeshakeError
 
@@ -132,7 +133,12 @@ def check_output(
 
 
 @contextlib.contextmanager
-def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = False) -> Iterator[BinaryIO]:
+def atomic_write(
+    path: str | os.PathLike[str],
+    *,
+    overwrite: bool = False,
+    made_from: Sequence[str | os.PathLike[str]] = (),
+) -> Iterator[BinaryIO]:
     """Open a binary file that appears under its name whole, or not at all.
 
     The bytes go to a hidden temporary file in the same folder, are flushed to the disk, and the
@@ -146,6 +152,8 @@ def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = False) -> It
         The file to write. A symbolic link is replaced, not followed.
     overwrite : bool, keyword-only
         Whether an existing file may be replaced; checked again at the last moment.
+    made_from : sequence of path, keyword-only
+        The inputs, whose permissions the file takes; the temporary file is its owner's alone.
 
     Raises
     ------
@@ -167,6 +175,8 @@ def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = False) -> It
         stream.flush()
         os.fsync(handle)
         stream.close()
+        with contextlib.suppress(OSError):  # a file system without permissions
+            os.chmod(part, output_mode(made_from))  # noqa: PTH101
         _take_name(part, target, overwrite=overwrite)
     except BaseException as error:
         with contextlib.suppress(OSError):
@@ -178,8 +188,16 @@ def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = False) -> It
         raise
 
 
-def write_bytes(path: str | os.PathLike[str], data: bytes, *, overwrite: bool = False) -> None:
+def write_bytes(
+    path: str | os.PathLike[str],
+    data: bytes,
+    *,
+    overwrite: bool = False,
+    made_from: Sequence[str | os.PathLike[str]] = (),
+) -> None:
     """Write a whole file, or to standard output for ``-``.
+
+    The parameters are those of `atomic_write`.
 
     Raises
     ------
@@ -188,7 +206,7 @@ def write_bytes(path: str | os.PathLike[str], data: bytes, *, overwrite: bool = 
 
     """
     if os.fspath(path) != STREAM:
-        with atomic_write(path, overwrite=overwrite) as stream:
+        with atomic_write(path, overwrite=overwrite, made_from=made_from) as stream:
             stream.write(data)
         return
     if sys.stdout.isatty():

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import os
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, BinaryIO, Protocol
 
 from deshake.io.files import STREAM, atomic_write, write_bytes
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
 __all__ = ["AddOutput", "joint_outputs"]
 
@@ -34,13 +34,18 @@ class AddOutput(Protocol):
 
 
 @contextlib.contextmanager
-def joint_outputs() -> Iterator[AddOutput]:
+def joint_outputs(*made_from: str | os.PathLike[str]) -> Iterator[AddOutput]:
     """Write files that appear together or not at all.
 
     All of them are on the disk before the first takes its name. The file that is added last takes
     its name first: if another process has taken that name meanwhile, none of these files appears,
     and those of the other process stay. Standard output comes after the files. On any exception
     the files go that have their names already, but only those that this call created.
+
+    Parameters
+    ----------
+    *made_from : path
+        The inputs, whose permissions the files take.
 
     Yields
     ------
@@ -63,7 +68,12 @@ def joint_outputs() -> Iterator[AddOutput]:
                     streamed.append(data)
                 else:
                     target = os.fspath(path)
-                    files.enter_context(_written(target, data, created, overwrite=overwrite))
+                    stream = files.enter_context(
+                        _named_at_the_end(target, created, made_from, overwrite=overwrite)
+                    )
+                    stream.write(data)
+                    stream.flush()
+                    os.fsync(stream.fileno())
 
             yield add
         for data in streamed:
@@ -75,15 +85,16 @@ def joint_outputs() -> Iterator[AddOutput]:
 
 
 @contextlib.contextmanager
-def _written(
-    path: str, data: bytes, created: list[tuple[str, _Identity]], *, overwrite: bool
-) -> Iterator[None]:
-    """Hold a file whole under its temporary name; give it its own at the end."""
-    with atomic_write(path, overwrite=overwrite) as stream:
-        stream.write(data)
-        stream.flush()
-        os.fsync(stream.fileno())
-        yield
+def _named_at_the_end(
+    path: str,
+    created: list[tuple[str, _Identity]],
+    made_from: Sequence[str | os.PathLike[str]],
+    *,
+    overwrite: bool,
+) -> Iterator[BinaryIO]:
+    """Open a file under a temporary name; give it its own at the end, and note if it is new."""
+    with atomic_write(path, overwrite=overwrite, made_from=made_from) as stream:
+        yield stream
         status = os.fstat(stream.fileno())
         if not os.path.lexists(path):
             created.append((path, _identity(status)))

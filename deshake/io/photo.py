@@ -259,6 +259,8 @@ def encode_photo(photo: Photo, form: Format | None = None) -> bytes:
 def write_photo(path: str | os.PathLike[str], photo: Photo, *, overwrite: bool = False) -> None:
     """Write a photo to a file, whole or not at all; warn of metadata that it cannot hold.
 
+    The file takes the permissions of the photo's source.
+
     Parameters
     ----------
     path : path
@@ -277,7 +279,8 @@ def write_photo(path: str | os.PathLike[str], photo: Photo, *, overwrite: bool =
 
     """
     check_output(path, photo.source, overwrite=overwrite)
-    write_bytes(path, photo_bytes(path, photo), overwrite=overwrite)
+    data = photo_bytes(path, photo)
+    write_bytes(path, data, overwrite=overwrite, made_from=[photo.source])
 
 
 def photo_bytes(path: str | os.PathLike[str], photo: Photo) -> bytes:

@@ -92,7 +92,7 @@ def estimate_file(
     for path in pictures:
         _picture_format(path, photo)
     found = estimate(photo, options, threads=threads, progress=progress)
-    with joint_outputs() as add:
+    with joint_outputs(source) as add:
 
         def keep(path: Path, picture: Photo) -> None:
             data = encode_photo(picture, _picture_format(path, photo))

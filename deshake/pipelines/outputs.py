@@ -70,6 +70,7 @@ def write_result(
     overwrite: bool = False,
     overwrite_others: bool = False,
     keep_result: bool = False,
+    noisy: Path | None = None,
 ) -> None:
     """Finish a deblurred photo and write it, with its sheet and its kernel file if wanted.
 
@@ -95,6 +96,8 @@ def write_result(
         Whether an existing photo, or other existing outputs, may be replaced.
     keep_result : bool
         Whether the photo is there already and stays as it is; only the others are written.
+    noisy : Path, optional
+        The noisy photo that helped: who may not read it may not read the result.
 
     Raises
     ------
@@ -106,7 +109,7 @@ def write_result(
     result = finish.blend(photo, result, mask)
     if provenance is not None:
         result = with_photo_provenance(result, provenance)
-    with joint_outputs() as add:
+    with joint_outputs(photo.source, *filter(None, [noisy])) as add:
         if kept is not None:
             add(kept[0], kernel_bytes(kept[1]), overwrite=overwrite_others)
         sheet = finish.sheet(output)

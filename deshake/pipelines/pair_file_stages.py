@@ -144,6 +144,7 @@ def deblur_pair_file(
         overwrite=overwrite,
         overwrite_others=overwrite_others,
         keep_result=keep_result,
+        noisy=noisy_file,
     )
     return path
 
@@ -251,5 +252,6 @@ def fix_pair_file(
         overwrite=overwrite,
         overwrite_others=overwrite_others,
         keep_result=keep_result,
+        noisy=noisy,
     )
     return FixedPair(found, kernel)

@@ -217,7 +217,7 @@ def estimate_pair_file(
         threads=threads,
         progress=progress,
     )
-    write_kernel(output, found.content, overwrite=overwrite)
+    write_kernel(output, found.content, overwrite=overwrite, made_from=[blurred, noisy])
     return found
 
 

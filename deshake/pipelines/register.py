@@ -215,7 +215,7 @@ def register_file(
         registration.confidence,
         _provenance(g, f_N, options, found),
     )
-    with joint_outputs() as add:
+    with joint_outputs(blurred, noisy) as add:
         if preview is not None:
             straight, other, seen = straight_pair(g, f_N, registration.camera)
             seams = checkerboard(straight, other, replace(registration, camera=seen))
