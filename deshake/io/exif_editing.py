@@ -6,6 +6,7 @@ bytes are overwritten or appended, never moved.
 
 from __future__ import annotations
 
+import contextlib
 import struct
 from typing import Final
 
@@ -24,7 +25,6 @@ __all__ = [
 _SIZES_BELOW: Final = (0xA002, 0xA003)  # PixelXDimension, PixelYDimension
 _SIZES: Final = (256, 257)  # ImageWidth, ImageLength
 _THUMBNAIL: Final = (513, 514)  # JPEGInterchangeFormat, and its length
-_WHOLE: Final = {1: "B", 3: "H", 4: "I"}  # types of one whole number
 
 
 def maker_note_at(block: bytes) -> int | None:
@@ -160,11 +160,15 @@ def pointers(block: bytes) -> exif.Values | None:
 
 
 def _set(out: bytearray, directory: exif.Directory, tag: int, number: int) -> None:
-    """Overwrite a tag that is one whole number, if it has room for the new one."""
-    kind, count, raw = directory.values.get(tag, (0, 0, b""))
-    if kind in _WHOLE and count == 1 and number < 1 << 8 * len(raw):
+    """Overwrite a tag that is one number, of whatever type, if it has room for the new one."""
+    kind, count, _ = directory.values.get(tag, (0, 0, b""))
+    if count != 1 or kind not in exif.NUMBERS:
+        return
+    code = exif.NUMBERS[kind]
+    with contextlib.suppress(struct.error):  # too large for the type
+        raw = struct.pack(f"{directory.order}{code}", number, *[1] * (len(code) - 1))
         place = directory.places[tag]
-        out[place : place + len(raw)] = struct.pack(f"{directory.order}{_WHOLE[kind]}", number)
+        out[place : place + len(raw)] = raw
 
 
 def _is_used(block: bytes, start: int, end: int) -> bool:

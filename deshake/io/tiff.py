@@ -147,7 +147,8 @@ def _with_metadata(written: bytes, metadata: Metadata) -> bytes:
         first.values[_STRIPS] = 4, count, struct.pack(f"{tree.order}{count}I", *places)
         written = block.ljust(shift, b"\0") + written
         tree = exif.Tree(tree.order, tree.main | lies)
-    tree.main = first.values | tree.main
+    stated = {} if metadata.density is None else metadata.density.tags(tree.order)
+    tree.main = first.values | stated | tree.main
     for tag, kind, value in (
         (exif.XMP, 1, metadata.xmp),
         (exif.IPTC, 1, metadata.iptc),
