@@ -116,7 +116,8 @@ class Encoding:
         By how much the channels of a RAW file were amplified, the least by 1: the white balance.
     carried : bytes
         Blocks of the same format that are copied as they are: JPEG segments (IPTC, comments,
-        extended XMP) or PNG chunks (texts, chromaticities).
+        extended XMP) or PNG chunks (texts, chromaticities);
+        of a TIFF in RGB its reference black and white.
 
     """
 

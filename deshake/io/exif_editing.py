@@ -11,8 +11,10 @@ import struct
 from typing import Final
 
 from deshake.io import exif
+from deshake.io.density import Density
 
 __all__ = [
+    "complete",
     "maker_note_at",
     "pointers",
     "shortened",
@@ -42,6 +44,41 @@ def upright(block: bytes) -> bytes:
     out = bytearray(block)
     _set(out, first, exif.ORIENTATION, 1)
     return bytes(out)
+
+
+def complete(block: bytes, density: Density | None, size: tuple[int, int], *, icc: bool) -> bytes:
+    """Return an EXIF block that has the tags which the standard asks of every JPEG.
+
+    A camera's block is returned as it is: only what holds nothing but Software, as
+    `with_software` makes it, is completed.
+
+    Parameters
+    ----------
+    block : bytes
+        The block.
+    density : Density or None
+        Of the photo; None: 72 pixels an inch, as the standard says.
+    size : (int, int)
+        Height and width of the picture.
+    icc : bool
+        Whether a profile tells the colours; else they are sRGB's.
+
+    """
+    first = exif.read_first(block)
+    if first is None or set(first.values) != {exif.SOFTWARE}:
+        return block
+    order, (height, width) = first.order, size
+    known = density or Density(72, 72)
+    main = first.values | known.tags(order) | {531: (3, 1, struct.pack(f"{order}H", 1))}
+    below: exif.Values = {
+        0x9000: (7, 4, b"0232"),  # ExifVersion
+        0x9101: (7, 4, b"\1\2\3\0"),  # ComponentsConfiguration
+        0xA000: (7, 4, b"0100"),  # FlashpixVersion
+        0xA001: (3, 1, struct.pack(f"{order}H", 0xFFFF if icc else 1)),  # ColorSpace
+    }
+    for tag, side in zip(_SIZES_BELOW, (width, height), strict=True):
+        below[tag] = 4, 1, struct.pack(f"{order}I", side)
+    return exif.new_block(exif.Tree(order, main, below))
 
 
 def with_size(block: bytes, height: int, width: int) -> bytes:
