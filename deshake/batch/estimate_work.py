@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from deshake.batch.footprint import estimate_memory, photo_memory
-from deshake.io.files import sha256
+from deshake.errors import KernelFileError, PhotoError
+from deshake.io.conversion import check_ending
+from deshake.io.files import STREAM, check_input, sha256
 from deshake.pipelines.calibration import calibrate_file
 from deshake.pipelines.file_stages import estimate_file
 
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
 
     Progress = Callable[[float, str], None]
 
-__all__ = ["Calibrate", "EstimateBlind", "kernel_origin"]
+__all__ = ["Calibrate", "EstimateBlind", "check_inputs", "kernel_origin"]
 
 _log = logging.getLogger(__name__)
 
@@ -60,6 +62,14 @@ class EstimateBlind:
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:  # noqa: ARG002
         """Predict the memory that it takes."""
         return estimate_memory(size, threads)
+
+    def check(self, job: Job) -> None:
+        """Check the photo, and the names of the pictures."""
+        check_inputs(job)
+        for kind in ("latent", "tiles"):
+            path = job.others.get(kind)
+            if path is not None and str(path) != STREAM:
+                check_ending(path, job.source)
 
     def origin(self, job: Job) -> dict[str, Any]:
         """Return the input and the options."""
@@ -111,9 +121,20 @@ class Calibrate:
         """Predict the memory that it takes."""
         return photo_memory(size)
 
+    def check(self, job: Job) -> None:
+        """Check the photo."""
+        check_inputs(job)
+
     def origin(self, job: Job) -> dict[str, Any]:  # noqa: ARG002
         """Return nothing: camera files tell no more than what they hold."""
         return {}
+
+
+def check_inputs(job: Job) -> None:
+    """Check that the inputs of a job are there and may be read; raise DeshakeError if not."""
+    check_input(job.source, PhotoError)
+    for kind, path in job.needs.items():
+        check_input(path, KernelFileError if kind in {"kernel", "registration"} else PhotoError)
 
 
 def kernel_origin(options: EstimateOptions) -> dict[str, Any]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import stat
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -205,7 +207,10 @@ def plan(
                 given |= {} if path is None else {kind: path}
         jobs.append(Job(source, result, others, given, problem, existing=existing))
     _check_collisions(jobs)
-    if not dry:
+    if dry:
+        for top in tops:
+            _check_folder(top)
+    else:
         _prepare_folders(tops, jobs)
     known = {
         mark: path
@@ -213,7 +218,7 @@ def plan(
         for path in (job.source, *job.needs.values())
         if (mark := identity(path))
     }
-    return [_checked(job, known, dry=dry) for job in jobs]
+    return [_checked(job, known, tops if dry else []) for job in jobs]
 
 
 def _check_places(output: Path | None, extras: Mapping[str, Extra], *, several: bool) -> None:
@@ -232,13 +237,13 @@ def _check_places(output: Path | None, extras: Mapping[str, Extra], *, several: 
 def _check_collisions(jobs: Sequence[Job]) -> None:
     """Refuse two outputs of one name."""
     taken: dict[str, Job] = {}
-    folders: dict[Path, Path] = {}
+    folders: dict[Path, str] = {}
     for job in jobs:
         for path in job.outputs:
             if path.parent not in folders:
-                folders[path.parent] = path.parent.resolve()
+                folders[path.parent] = os.path.realpath(path.parent)  # also of links in circles
             # A symbolic link is replaced, not followed: its folder counts, and its own name.
-            key = os.path.normcase(folders[path.parent] / path.name)
+            key = os.path.normcase(os.path.join(folders[path.parent], path.name))  # noqa: PTH118
             other = taken.setdefault(key, job)
             if other is not job:
                 raise PlanError(
@@ -263,24 +268,45 @@ def _make_folder(path: Path, *, parents: bool = False) -> None:
         return
     try:
         path.mkdir(parents=parents)
-    except FileExistsError as error:
-        raise OutputError("is not a folder", hint="name a folder", file=path) from error
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise OutputError(
-            f"the folder cannot be made: {reason}",
-            hint="make it first, or choose another",
-            file=path,
-        ) from error
+        raise _no_folder(path, error.errno or 0) from error
 
 
-def _checked(job: Job, known: Mapping[tuple[int, int], Path], *, dry: bool) -> Job:
-    """Return a job with what is wrong with its outputs."""
+def _check_folder(path: Path) -> None:
+    """Check that a folder is there, or can be made."""
+    if path.is_dir():
+        return
+    if os.path.lexists(path):
+        raise _no_folder(path, errno.EEXIST)
+    try:
+        above = path.parent.stat()
+    except OSError as error:
+        raise _no_folder(path, error.errno or 0) from error
+    if not stat.S_ISDIR(above.st_mode):
+        raise _no_folder(path, errno.ENOTDIR)
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        raise _no_folder(path, errno.EACCES)
+
+
+def _no_folder(path: Path, number: int) -> OutputError:
+    """Say why a folder cannot be made, by the number of the system's error."""
+    if number == errno.EEXIST:
+        return OutputError("is not a folder", hint="name a folder", file=path)
+    return OutputError(
+        f"the folder cannot be made: {os.strerror(number).lower()}",
+        hint="make it first, or choose another",
+        file=path,
+    )
+
+
+def _checked(job: Job, known: Mapping[tuple[int, int], Path], to_be_made: Sequence[Path]) -> Job:
+    """Return a job with what is wrong with its outputs; some folders are made only later."""
     if job.problem is not None:
         return job
     for path in job.outputs:
-        if dry and not path.parent.exists():
-            continue  # it would be made
+        folder = path.parent
+        if not folder.exists() and any(folder.is_relative_to(top) for top in to_be_made):
+            continue
         try:
             other = known.get(identity(path) or (0, 0), job.source)
             check_output(path, job.source, other, overwrite=job.overwrite_others)

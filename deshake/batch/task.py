@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     Progress = Callable[[float, str], None]
 
-__all__ = ["Result", "failure", "run_job"]
+__all__ = ["Result", "failure", "problem", "run_job"]
 
 _OURS = logging.getLogger("deshake")
 
@@ -102,6 +102,17 @@ def run_job(
     # What was noted was warned of as well, unless nothing but errors is wanted.
     told = dict.fromkeys([*warnings, *figures.pop("notes", [])])
     return Result(job, "done", time.perf_counter() - start, figures, tuple(told))
+
+
+def problem(job: Job, work: Work) -> DeshakeError | None:
+    """Return why a job would fail before any work is done; None: it would not."""
+    if job.problem is not None or job.skipped:
+        return job.problem
+    try:
+        work.check(job)
+    except DeshakeError as error:
+        return error
+    return None
 
 
 def failure(

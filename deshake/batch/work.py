@@ -7,10 +7,11 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
-from deshake.batch.estimate_work import kernel_origin
+from deshake.batch.estimate_work import check_inputs, kernel_origin
 from deshake.batch.footprint import estimate_memory, restoration_memory, worked_size
 from deshake.deconvolution.methods import BY_DEFAULT, RestorationOptions
 from deshake.errors import DeshakeError
+from deshake.io.conversion import check_ending
 from deshake.io.files import STREAM
 from deshake.io.kernel_file import read_kernel
 from deshake.pipelines.file_stages import deblur_file, fix_file
@@ -52,6 +53,17 @@ class Work(Protocol):
 
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:
         """Predict the bytes that a process takes for it, itself included."""
+        ...
+
+    def check(self, job: Job) -> None:
+        """Check what is checked before any work, without reading a photo: for a dry run.
+
+        Raises
+        ------
+        DeshakeError
+            If it cannot be done.
+
+        """
         ...
 
     def origin(self, job: Job) -> dict[str, Any]:
@@ -131,6 +143,11 @@ class Fix:
             bends=self.options.undoes_lens,
         )
         return max(estimate_memory(seen, threads), needed)
+
+    def check(self, job: Job) -> None:
+        """Check the inputs, and the name of the result."""
+        check_inputs(job)
+        check_ending(job.place, job.source)
 
     def origin(self, job: Job) -> dict[str, Any]:
         """Return the inputs and the options of both stages."""
@@ -217,6 +234,13 @@ class Deblur:
             masked=job.needs.get("mask") is not None,
             bends=bends,
         )
+
+    def check(self, job: Job) -> None:
+        """Check the inputs, the kernel, and the name of the result."""
+        check_inputs(job)
+        if str(job.needs["kernel"]) != STREAM:  # which can be read but once
+            read_kernel(job.needs["kernel"])
+        check_ending(job.place, job.source)
 
     def origin(self, job: Job) -> dict[str, Any]:
         """Return the inputs and the options, and those of the kernel."""

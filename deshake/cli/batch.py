@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import click
 
 from deshake.cli.messages import print_error, print_note
-from deshake.cli.options import FILE, json_option, overwrite_option
+from deshake.cli.options import FILE, json_option, no_stdin, overwrite_option
 from deshake.cli.values import Size
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ _NAMED = 10
 """Failed photos that the summary names."""
 
 photos_argument = click.argument(
-    "photos", type=FILE, nargs=-1, required=True, metavar="PHOTO|DIR..."
+    "photos", type=FILE, nargs=-1, required=True, metavar="PHOTO|DIR...", callback=no_stdin
 )
 
 
@@ -87,7 +87,9 @@ def batch_options(command: F) -> F:
 
     for option in (
         click.option(
-            "--dry-run", is_flag=True, help="Say what would be done for each photo; do nothing."
+            "--dry-run",
+            is_flag=True,
+            help="Check the names and say what would be done for each photo; do nothing.",
         ),
         click.option("--fail-fast", is_flag=True, help="Stop at the first photo that fails."),
         click.option(
@@ -193,7 +195,7 @@ def run_batch(
     from deshake.batch.run import Resources, run_jobs
 
     if batch.dry_run:
-        return _tell_plan(jobs, batch)
+        return _tell_plan(jobs, work, batch)
     start = time.monotonic()
     if batch.scheduler is not None:
         _check_files(jobs)
@@ -227,13 +229,16 @@ def _check_files(jobs: Sequence[Job]) -> None:
             raise click.UsageError("--scheduler does not go with standard input or output.")
 
 
-def _tell_plan(jobs: Sequence[Job], batch: Batch) -> int:
-    """Print what would be done for each photo."""
-    from deshake.batch.task import failure
+def _tell_plan(jobs: Sequence[Job], work: Work, batch: Batch) -> int:
+    """Print what would be done for each photo, or why it cannot be."""
+    from deshake.batch.task import failure, problem
 
+    code = 0
     for job in jobs:
         status = "skip" if job.skipped else "do"
-        failed = None if job.problem is None else failure(job, job.problem)
+        found = problem(job, work)
+        failed = None if found is None else failure(job, found)
+        code = code if failed is None else 1
         if batch.as_json:
             report = {"status": status} | job.files() if failed is None else failed.report()
             click.echo(json.dumps(report))
@@ -242,7 +247,7 @@ def _tell_plan(jobs: Sequence[Job], batch: Batch) -> int:
             click.echo(f"{status} {job.source}{to}")
         if failed is not None:
             print_error(failed.error or "", hint=failed.hint)
-    return 1 if any(job.problem for job in jobs) else 0
+    return code
 
 
 def _tell_failure(result: Result, context: Context) -> None:

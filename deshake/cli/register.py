@@ -14,6 +14,7 @@ from deshake.cli.options import (
     general_options,
     json_option,
     lens_options,
+    no_stdin,
     one_to_stdout,
     output_option,
     overwrite_option,
@@ -30,8 +31,8 @@ __all__ = ["command"]
 
 
 @click.command("register")
-@click.argument("blurred", type=FILE)
-@click.argument("noisy", type=FILE)
+@click.argument("blurred", type=FILE, callback=no_stdin)
+@click.argument("noisy", type=FILE, callback=no_stdin)
 @output_option("BLURRED's name with .registration.npz", metavar="FILE.npz")
 @click.option(
     "--preview",

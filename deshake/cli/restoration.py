@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from deshake.cli.options import FILE
+from deshake.cli.options import FILE, no_stdin
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -24,6 +24,7 @@ _PAIR_METHODS = ("fusion", "residual")
 noisy_option = click.option(
     "--noisy",
     type=FILE,
+    callback=no_stdin,
     help="A sharp but noisy photo of the same scene, to deblur with the help of.",
 )
 

@@ -6,6 +6,7 @@ import contextlib
 import errno
 import hashlib
 import os
+import stat
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 __all__ = [
     "STREAM",
     "atomic_write",
+    "check_input",
     "check_output",
     "default_output",
     "output_name",
@@ -238,24 +240,51 @@ def read_bytes(path: str | os.PathLike[str], limit: int, error: type[DeshakeErro
 
     """
     name = os.fspath(path)
-    try:
-        if name == STREAM:
-            name = "standard input"
+    if name == STREAM:
+        name = "standard input"
+    with _reading(name, error):
+        if name != os.fspath(path):
             if sys.stdin.isatty():
                 raise error("nothing to read: it is a terminal", hint="name a file", file=name)
             data = _read_at_most(sys.stdin.buffer, limit)
         else:
             with Path(name).open("rb") as stream:
                 data = _read_at_most(stream, limit)
+    if data is None:
+        raise error(f"larger than {limit / 1e6:.0f} MB", file=name)
+    return data
+
+
+def check_input(path: str | os.PathLike[str], error: type[DeshakeError]) -> None:
+    """Check that a file is there and may be read, ``-`` being standard input, which is.
+
+    Raises
+    ------
+    DeshakeError
+        Of the class `error`, as `read_bytes` does.
+
+    """
+    name = os.fspath(path)
+    if name == STREAM:
+        return
+    with _reading(name, error):
+        if stat.S_ISFIFO(os.stat(name).st_mode):  # noqa: PTH116 - opening it would wait
+            return
+        with Path(name).open("rb"):
+            pass
+
+
+@contextlib.contextmanager
+def _reading(name: str, error: type[DeshakeError]) -> Iterator[None]:
+    """Say in one line why the system refused to read."""
+    try:
+        yield
     except FileNotFoundError as cause:
         raise error("no such file", hint="check the name", file=name) from cause
     except IsADirectoryError as cause:
         raise error("is a folder, not a file", hint="name a file in it", file=name) from cause
     except OSError as cause:
         raise error(_reason(cause), file=name) from cause
-    if data is None:
-        raise error(f"larger than {limit / 1e6:.0f} MB", file=name)
-    return data
 
 
 _PIECE = 1 << 20

@@ -87,6 +87,8 @@ class Photo:
         What the file holds that a result will lack, in plain words.
     frame : Frame, optional
         The compressed picture of a JPEG that was stored upright.
+    stored_turned : bool
+        Whether width and height have changed places since it was read.
 
     """
 
@@ -98,6 +100,7 @@ class Photo:
     source: Path
     notes: tuple[str, ...] = ()
     frame: Frame | None = None
+    stored_turned: bool = False
 
     @property
     def is_sensors(self) -> bool:
@@ -108,6 +111,12 @@ class Photo:
     def shape(self) -> tuple[int, int]:
         """Height and width in pixels."""
         return self.pixels.shape[0], self.pixels.shape[1]
+
+    @property
+    def described_size(self) -> str:
+        """Width and height in words, of the upright photo."""
+        size = f"{self.shape[1]} x {self.shape[0]} pixels"
+        return f"{size} upright (it is stored turned)" if self.stored_turned else size
 
     def with_pixels(self, pixels: NDArray[np.floating]) -> Photo:
         """Return the photo with other pixels of the same shape.
@@ -190,6 +199,7 @@ def read_photo(path: str | os.PathLike[str], *, transfer: TransferName | None = 
         source=Path(path),
         notes=decoded.notes,
         frame=Frame(decoded.frame, pixels) if decoded.frame and turn == 1 else None,
+        stored_turned=turn >= 5,
     )
 
 

@@ -195,3 +195,45 @@ def test_a_run_of_many_ends_at_once_and_leaves_nothing(folder, tmp_path, number)
         assert process.wait(60) == 128 + number
         assert b"Traceback" not in process.stderr.read()
     assert [path for path in out.rglob("*") if path.is_file()] == []
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        (("fix", "p2.jpg", "-o", "out.bmp"), "out.bmp: no photo format ends in '.bmp'"),
+        (("fix", "p2.jpg", "-o", "out"), "out: the name has no ending"),
+        (("fix", "p2.jpg", "-o", "none/out.jpg"), "none: no such folder"),
+        (
+            ("fix", "p2.jpg", "sub", "-o", "none/out"),
+            "none/out: the folder cannot be made",
+        ),
+        (("fix", "p2.jpg", "sub", "-o", "p10.jpg/out"), "p10.jpg/out: the folder cannot be made"),
+        (("fix", "gone.jpg"), "gone.jpg: no such file"),
+        (("fix", "p2.jpg", "--noisy", "gone.jpg"), "gone.jpg: no such file"),
+        (("fix", "p2.jpg", "--mask", "gone.png"), "gone.png: no such file"),
+        (("deblur", "p2.jpg", "gone.npz"), "gone.npz: no such file"),
+        (("deblur", "p2.jpg", "p2.jpg"), "p2.jpg: no usable kernel file"),
+        (("deblur", "p2.jpg", "sub"), "sub: is a folder, not a file"),
+        (("estimate-blind", "p2.jpg", "--latent", "l.bmp"), "no photo format ends in '.bmp'"),
+        (("calibrate", "gone.jpg"), "gone.jpg: no such file"),
+    ],
+    ids=str,
+)
+def test_a_dry_run_and_the_run_refuse_the_same(deshake, folder, contents, monkeypatch, case):
+    words, what = case
+    monkeypatch.chdir(folder)
+    before = contents(folder)
+    dry = deshake(*words, "--dry-run")
+    assert (dry.code, dry.out) == (1, "")
+    assert what in dry.err
+    assert deshake(*words, *(() if words[0] != "fix" else FAST)).err == dry.err
+    assert contents(folder) == before
+
+
+def test_a_dry_run_knows_what_would_be_made(deshake, folder, tmp_path):
+    out = tmp_path / "out"
+    outcome = deshake("fix", folder, "-r", "--dry-run", "-o", out)
+    assert outcome.code == 0
+    assert f"do {folder}/sub/q.jpg -> {out}/sub/q.deshaken.jpg" in outcome.out
+    assert not out.exists()
+    assert deshake("estimate-blind", folder / "p2.jpg", "--dry-run", "--latent", "-").code == 0
