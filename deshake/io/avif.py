@@ -19,7 +19,7 @@ from PIL.AvifImagePlugin import AvifImageFile
 from deshake.errors import PhotoError
 from deshake.io import exif
 from deshake.io.boxes import item_properties, metadata_items
-from deshake.io.encoding import Decoded, Encoding, check_size, decoding, turned
+from deshake.io.encoding import Decoded, Encoding, check_stated_size, decoding, turned
 from deshake.io.metadata import Metadata
 from deshake.io.opencv import imdecode, imencode
 from deshake.io.profiles import cicp_profile
@@ -47,7 +47,7 @@ def decode_avif(data: bytes) -> Decoded:
     """
     with decoding("AVIF"):
         picture = AvifImageFile(io.BytesIO(data))
-        check_size(picture.height, picture.width, len(data))
+        check_stated_size(picture.height, picture.width, len(data))
         if getattr(picture, "n_frames", 1) > 1:
             raise PhotoError("an animated AVIF", hint="take one still picture out of it")
         properties = item_properties(data)
