@@ -207,6 +207,7 @@ def plan(
                 given |= {} if path is None else {kind: path}
         jobs.append(Job(source, result, others, given, problem, existing=existing))
     _check_collisions(jobs)
+    jobs = [_staying(job, tops) for job in jobs]
     if dry:
         for top in tops:
             _check_folder(top)
@@ -252,11 +253,33 @@ def _check_collisions(jobs: Sequence[Job]) -> None:
                 )
 
 
+def _staying(job: Job, tops: Sequence[Path]) -> Job:
+    """Return a job whose problem is a link that leads an output out of its folder, if one does.
+
+    The folder itself may be a link: it was named.
+    """
+    for path in job.outputs:
+        above = [top for top in tops if path.parent.is_relative_to(top)]
+        top = max(above, key=lambda top: len(top.parts), default=None)
+        if top is None or job.problem is not None:
+            continue
+        real = os.path.realpath(path.parent)
+        if os.path.commonpath([real, os.path.realpath(top)]) != os.path.realpath(top):
+            problem = OutputError(
+                f"leads out of {top}, to {real}",
+                hint="take the link away, or name that folder with -o",
+                file=path.parent,
+            )
+            return replace(job, problem=problem)
+    return job
+
+
 def _prepare_folders(tops: Sequence[Path], jobs: Sequence[Job]) -> None:
     """Make the folders that are missing; clear the others of what killed runs left."""
     for top in tops:
         _make_folder(top)
-    outputs = [path for job in jobs for path in job.outputs if str(path) != STREAM]
+    good = [job for job in jobs if job.problem is None]
+    outputs = [path for job in good for path in job.outputs if str(path) != STREAM]
     for folder in dict.fromkeys(path.parent for path in outputs):
         if any(folder.is_relative_to(top) for top in tops):
             _make_folder(folder, parents=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import time
 from collections import Counter
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
+from deshake.cli.json_output import print_json
 from deshake.cli.messages import print_error, print_note
 from deshake.cli.options import FILE, json_option, no_stdin, overwrite_option
 from deshake.cli.values import Size
@@ -119,7 +119,10 @@ def batch_options(command: F) -> F:
             help="Photos at once, memory permitting.  [default: processors / threads]",
         ),
         click.option(
-            "-r", "--recursive", is_flag=True, help="Also take the photos of folders in folders."
+            "-r",
+            "--recursive",
+            is_flag=True,
+            help="Also take the photos of folders in folders; links to folders are followed.",
         ),
     ):
         collected = option(collected)
@@ -210,7 +213,7 @@ def run_batch(
         for result in running:
             results.append(result)
             if batch.as_json:
-                click.echo(json.dumps(result.report()))
+                print_json(result.report())
             elif line is not None and result.status == "done":
                 click.echo(line(result))
             if result.status == "failed":
@@ -241,7 +244,7 @@ def _tell_plan(jobs: Sequence[Job], work: Work, batch: Batch) -> int:
         code = code if failed is None else 1
         if batch.as_json:
             report = {"status": status} | job.files() if failed is None else failed.report()
-            click.echo(json.dumps(report))
+            print_json(report)
         elif failed is None:
             to = "" if job.output is None else f" -> {job.output}"
             click.echo(f"{status} {job.source}{to}")

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from deshake.cli.json_output import print_json
 from deshake.cli.options import (
     FILE,
     blur_options,
@@ -100,4 +100,4 @@ def command(
         )
     if as_json:
         files = {"input": str(blurred), "noisy": str(noisy), "output": str(path)}
-        click.echo(json.dumps(files | found.report()))
+        print_json(files | found.report())

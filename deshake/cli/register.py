@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from deshake.cli.json_output import print_json
 from deshake.cli.options import (
     FILE,
     camera_option,
@@ -97,7 +97,7 @@ def command(
         files = {"input": str(blurred), "noisy": str(noisy), "output": str(path)}
         if preview is not None:
             files["preview"] = str(preview)
-        click.echo(json.dumps(files | found.report()))
+        print_json(files | found.report())
     elif not to_stdout and context.verbosity >= 0:
         x, y, z = found.report()["theta_degrees"]
         scale, confidence = found.registration.scale, found.registration.confidence

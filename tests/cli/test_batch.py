@@ -237,3 +237,18 @@ def test_a_dry_run_knows_what_would_be_made(deshake, folder, tmp_path):
     assert f"do {folder}/sub/q.jpg -> {out}/sub/q.deshaken.jpg" in outcome.out
     assert not out.exists()
     assert deshake("estimate-blind", folder / "p2.jpg", "--dry-run", "--latent", "-").code == 0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs names that are no text")
+@pytest.mark.parametrize("dry", [(), ("--dry-run",)])
+def test_json_has_no_lone_surrogates(deshake, tmp_path, dry):
+    place = os.fsencode(tmp_path) + b"/in"
+    os.mkdir(place)  # noqa: PTH102
+    with open(place + b"/p\xff\xe4.jpg", "wb"):  # noqa: PTH123
+        pass
+    outcome = deshake("calibrate", tmp_path / "in", "--json", *dry)
+    line = json.loads(outcome.out)
+    assert line["input"] == f"{tmp_path}/in/p\ufffd\ufffd.jpg"
+    outcome.out.encode("utf-8")
+    for value in line.values():
+        str(value).encode("utf-8")
