@@ -86,7 +86,7 @@ def _without_guesses(error: NoSuchOption) -> str:
         name
         for name in error.possibilities or []
         if name.startswith(error.option_name)
-        or SequenceMatcher(None, name.strip("-"), error.option_name.strip("-")).ratio() > _ALIKE
+        or SequenceMatcher(None, name.strip("-"), error.option_name.strip("-")).ratio() >= _ALIKE
     ]
     return NoSuchOption(error.option_name, error.message, meant).format_message()
 

@@ -156,21 +156,21 @@ def test_other_inputs_are_never_replaced():
 @pytest.mark.skipif(sys.platform == "win32", reason="needs symbolic links")
 @pytest.mark.parametrize("dry", [False, True])
 def test_an_output_tree_does_not_follow_a_link_out_of_itself(dry):
-    for folder in ("in/sub/deep", "out", "elsewhere"):
+    for folder in ("tree/sub/deep", "out", "elsewhere"):
         Path(folder).mkdir(parents=True)
-    for photo in ("in/a.jpg", "in/sub/b.jpg", "in/sub/deep/c.jpg"):
+    for photo in ("tree/a.jpg", "tree/sub/b.jpg", "tree/sub/deep/c.jpg"):
         Path(photo).touch()
     Path("out/sub").symlink_to(Path("elsewhere").absolute())
-    one, two, three = plan(paths("in"), Path("out"), recursive=True, dry=dry)
+    one, two, three = plan(paths("tree"), Path("out"), recursive=True, dry=dry)
     assert one.problem is None
     for job in (two, three):
         assert f"leads out of out, to {Path('elsewhere').resolve()}" in str(job.problem)
     assert list(Path("elsewhere").iterdir()) == []
-    [asked] = plan(paths("in/sub/b.jpg"), Path("out/sub"), dry=dry)
+    [asked] = plan(paths("tree/sub/b.jpg"), Path("out/sub"), dry=dry)
     assert asked.problem is None
     Path("out/sub").unlink()
     Path("out/other").mkdir()
     Path("out/sub").symlink_to("other")
-    assert [job.problem for job in plan(paths("in"), Path("out"), recursive=True, dry=dry)] == [
+    assert [job.problem for job in plan(paths("tree"), Path("out"), recursive=True, dry=dry)] == [
         None
     ] * 3

@@ -213,7 +213,7 @@ def test_a_run_of_many_ends_at_once_and_leaves_nothing(folder, tmp_path, number)
         (("fix", "p2.jpg", "--mask", "gone.png"), "gone.png: no such file"),
         (("deblur", "p2.jpg", "gone.npz"), "gone.npz: no such file"),
         (("deblur", "p2.jpg", "p2.jpg"), "p2.jpg: no usable kernel file"),
-        (("deblur", "p2.jpg", "sub"), "sub: is a folder, not a file"),
+        (("deblur", "p2.jpg", "sub"), "sub/p2.kernel.npz: no such file"),
         (("estimate-blind", "p2.jpg", "--latent", "l.bmp"), "no photo format ends in '.bmp'"),
         (("calibrate", "gone.jpg"), "gone.jpg: no such file"),
     ],
