@@ -144,9 +144,10 @@ def same_proportions(one: tuple[int, int], other: tuple[int, int]) -> bool:
 def _misfit(what: str, camera: Camera, photo: Photo, file: Path | None) -> KernelFileError:
     made_for = f"the {what} is for pictures of {camera.width} x {camera.height} pixels"
     turned = same_proportions(camera.shape[::-1], photo.shape)
+    why = "photos count upright" if photo.stored_turned else "the photo has been turned since"
     return KernelFileError(
         f"{made_for}, and {photo.source} has {photo.described_size}",
-        hint=f"make the {what} from the photo as it is now: upright, it has other sides"
+        hint=f"{why}: make the {what} from the photo as it is now"
         if turned
         else "the photo must not be cropped",
         file=file,

@@ -149,7 +149,7 @@ def test_a_photo_that_is_stored_turned_is_said_to_be(deshake, shaken, pan, tmp_p
     kernel = deshake("deblur", photo, pan)
     assert kernel.code == 1
     assert f"the kernel is for pictures of 100 x 80 pixels, and {upright}\n" in kernel.err
-    assert "hint: make the kernel from the photo as it is now" in kernel.err
+    assert "hint: photos count upright: make the kernel from the photo as it is now" in kernel.err
     masked = deshake("fix", photo, "--mask", mask)
     assert masked.code == 1
     assert f"the mask has 100 x 80 pixels, and {upright}\n" in masked.err
