@@ -272,7 +272,7 @@ def simulate_file(
     if sharp is not None:
         write_photo(sharp, replace(framed, pixels=result.sharp), overwrite=overwrite)
     content = KernelFile(result.kernel, provenance=provenance)
-    write_kernel(kernel, content, overwrite=overwrite)
+    write_kernel(kernel, content, overwrite=overwrite, made_from=[photo.source])
     if str(kernel) != STREAM:
         extent = result.kernel.extent_px()
         _log.info("%s: %d x %d pixels, blur of %.1f pixels", output, width, height, extent)
