@@ -43,7 +43,7 @@ def doubt(job: Job, work: Work) -> str | None:
 
 
 def made_by(job: Job, work: Work) -> bool:
-    """Say whether the result of a job that exists tells that the work would make the same."""
+    """Say whether the provenance of an existing result is what the work would write."""
     told = None if job.output is None else _told(job.output)
     return told is not None and not differences(told, work.origin(job))
 

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from deshake.errors import DeshakeError, OutputError
 from deshake.files.disk import STREAM, check_output, sha256
-from deshake.files.kernel_file import KernelFile, read_camera, write_kernel
+from deshake.files.joint_outputs import joint_outputs
+from deshake.files.kernel_file import KernelFile, kernel_bytes, read_camera
 from deshake.formats.conversion import output_format
-from deshake.formats.photo import read_photo, write_photo
+from deshake.formats.photo import photo_bytes, read_photo
 from deshake.geometry.distortion import bent_camera
 from deshake.lens.frame_tags import reframed
 from deshake.lens.lens_warp import LensWarp
@@ -268,11 +269,13 @@ def simulate_file(
         alpha=alpha,
         metadata=reframed(photo.metadata, height, width, camera_then.focal_px),
     )
-    write_photo(output, framed, overwrite=overwrite)
-    if sharp is not None:
-        write_photo(sharp, replace(framed, pixels=result.sharp), overwrite=overwrite)
     content = KernelFile(result.kernel, provenance=provenance)
-    write_kernel(kernel, content, overwrite=overwrite, made_from=[photo.source])
+    with joint_outputs(photo.source) as add:
+        add(kernel, kernel_bytes(content), overwrite=overwrite)
+        if sharp is not None:
+            unshaken = replace(framed, pixels=result.sharp)
+            add(sharp, photo_bytes(sharp, unshaken), overwrite=overwrite)
+        add(output, photo_bytes(output, framed), overwrite=overwrite)
     if str(kernel) != STREAM:
         extent = result.kernel.extent_px()
         _log.info("%s: %d x %d pixels, blur of %.1f pixels", output, width, height, extent)
