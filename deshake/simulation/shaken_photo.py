@@ -23,8 +23,8 @@ from deshake.lens.frame_tags import reframed
 from deshake.lens.lens_warp import LensWarp
 from deshake.operators.filter_flow import reach
 from deshake.operators.warps import Warps
-from deshake.simulate.exposure import expose
-from deshake.simulate.shake_path import random_path, read_path
+from deshake.simulation.exposure import expose
+from deshake.simulation.shake_path import random_path, read_path
 from deshake.stages.calibration import camera_for
 from deshake.stages.camera_choice import CameraChoice
 from deshake.version import __version__
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from deshake.formats.transfer import TransferName
     from deshake.geometry.camera import Camera
     from deshake.geometry.kernel import RotationKernel
-    from deshake.simulate.shake_path import CameraPath
+    from deshake.simulation.shake_path import CameraPath
 
 __all__ = ["Shaken", "shake", "simulate_file"]
 

@@ -10,8 +10,8 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.distortion import pinhole
 from deshake.lens.lens_warp import LensWarp
 from deshake.operators.shake_blur import ShakeBlur
-from deshake.simulate.shake_path import CameraPath, random_path
-from deshake.simulate.shaken_photo import shake
+from deshake.simulation.shake_path import CameraPath, random_path
+from deshake.simulation.shaken_photo import shake
 
 
 @pytest.fixture(scope="module")
