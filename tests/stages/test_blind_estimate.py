@@ -151,7 +151,7 @@ def test_the_focal_length_that_explains_the_photo_best_is_kept(shaken, monkeypat
     told = []
     auto = estimate_blind(
         photo,
-        replace(options, focal="auto"),
+        replace(options, camera=CameraChoice(focal="auto")),
         threads=1,
         progress=lambda share, _: told.append(share),
     )
