@@ -34,6 +34,7 @@ ALLOWED = {
     "stages": STAGES,
     "simulation": {"stages", *STAGES},
     "batch": {"stages", *STAGES},
+    "api": {"simulation", "stages", *STAGES},
     "cli": {"batch", "simulation", "stages", *STAGES},
 }
 ANYWHERE = {"errors", "version", ""}
