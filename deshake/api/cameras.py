@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import TYPE_CHECKING
 
 from deshake.api.arguments import check_above_zero, check_kind
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 
 __all__ = ["calibrate", "chosen_camera"]
 
+_log = logging.getLogger(__name__)
+
 _SOURCE = "the camera that was given"
 
 
@@ -30,7 +33,8 @@ def calibrate(
 ) -> Camera:
     """Return the camera of a photo: its focal length, and its lens's distortion on request.
 
-    The principal point is the middle of the frame. ``deshake calibrate`` gives the same camera.
+    The principal point is the middle of the frame (Sec. 2.2 of [1]_). ``deshake calibrate`` gives
+    the same camera. What is doubtful about it is logged as a warning.
 
     Parameters
     ----------
@@ -60,6 +64,11 @@ def calibrate(
     ValueError
         If two focal lengths are given, or one is not above 0.
 
+    References
+    ----------
+    .. [1] O. Whyte, J. Sivic, A. Zisserman, J. Ponce, "Non-uniform deblurring for shaken images",
+       CVPR 2010, DOI 10.1109/CVPR.2010.5540175
+
     Examples
     --------
     >>> import numpy as np
@@ -75,9 +84,12 @@ def calibrate(
     given = as_photo(photo)
     if lens or lens_model is not None:
         check_unstraightened(given)
-    return calibrate_photo(
+    calibration = calibrate_photo(
         given, focal_px=focal_px, focal_35mm=focal_35mm, lens=lens, lens_model=lens_model
-    ).camera
+    )
+    for note in calibration.notes:
+        _log.warning("%s: %s", given.source, note)
+    return calibration.camera
 
 
 def chosen_camera(camera: Camera | None) -> CameraChoice:

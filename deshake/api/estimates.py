@@ -133,7 +133,7 @@ def register(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Registration:
-    """Register a noisy, sharp photo to a blurred one of the same scene.
+    """Register a noisy, sharp photo to a blurred one of the same scene (Sec. 6 of [1]_).
 
     ``deshake register`` gives the same registration. What is only assumed of the camera is logged
     as a warning.
@@ -171,6 +171,11 @@ def register(
         If the camera is for pictures of other proportions.
     ValueError
         If the angle is out of range.
+
+    References
+    ----------
+    .. [1] O. Whyte, J. Sivic, A. Zisserman, J. Ponce, "Non-uniform deblurring for shaken images",
+       CVPR 2010, DOI 10.1109/CVPR.2010.5540175
 
     Examples
     --------

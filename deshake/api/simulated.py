@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
 
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     Progress = Callable[[float, str], None]
 
 __all__ = ["Simulation", "simulate"]
+
+_log = logging.getLogger(__name__)
 
 P_co = TypeVar("P_co", bound="Photo | NDArray[np.float32]", covariant=True)
 
@@ -95,8 +98,8 @@ def simulate(
 ) -> Simulation[Any]:
     """Shake a sharp photo by a known rotation of the camera.
 
-    ``deshake simulate`` gives the same picture. The light is blurred, then exposed with noise and
-    clipping.
+    ``deshake simulate`` gives the same picture. The light is blurred by Eq. (7) of [1]_, at every
+    half pixel of the camera's path, then exposed with noise and clipping.
 
     Parameters
     ----------
@@ -140,6 +143,11 @@ def simulate(
     ValueError
         If an option is out of range, or the path is not a (T, 3) array of finite angles.
 
+    References
+    ----------
+    .. [1] O. Whyte, J. Sivic, A. Zisserman, J. Ponce, "Non-uniform deblurring for shaken images",
+       CVPR 2010, DOI 10.1109/CVPR.2010.5540175
+
     Examples
     --------
     >>> import numpy as np
@@ -160,7 +168,10 @@ def simulate(
     if seed < 0:
         raise ValueError(f"seed is {seed!r}: it must be at least 0")
     given = as_photo(photo)
-    known = camera_for(given, chosen_camera(camera))[0].camera
+    content, notes = camera_for(given, chosen_camera(camera))
+    for note in notes:
+        _log.warning("%s: %s", given.source, note)
+    known = content.camera
     try:
         shaken = shake_photo(
             given,

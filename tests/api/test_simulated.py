@@ -59,6 +59,13 @@ def test_a_path_is_taken(scene, camera):
     assert turn.kernel.extent_px() > 4
 
 
+def test_an_assumed_camera_is_a_warning(scene, caplog):
+    shaken = simulate(scene, path=[(0, 0, 0)])
+    assert "the array: " in caplog.text
+    assert "50 mm-equivalent is assumed" in caplog.text
+    assert shaken.kernel.camera.focal_px == pytest.approx(160 / 43.2666 * 50, rel=1e-3)
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
