@@ -25,13 +25,13 @@ def examples(name: str) -> list[doctest.Example]:
 @pytest.mark.parametrize("name", NAMES)
 def test_the_examples_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    found = examples(name)
-    assert found or name in RESULTS
-    test = doctest.DocTest(found, {}, name, None, None, None)
-    said: list[str] = []
-    outcome = doctest.DocTestRunner().run(test, out=said.append)
-    assert outcome.failed == 0, "".join(said)
-    assert outcome.attempted == len(found)
+    steps = examples(name)
+    assert steps or name in RESULTS
+    test = doctest.DocTest(steps, {}, name, None, None, None)
+    report: list[str] = []
+    outcome = doctest.DocTestRunner().run(test, out=report.append)
+    assert outcome.failed == 0, "".join(report)
+    assert outcome.attempted == len(steps)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -42,8 +42,8 @@ def test_the_docstring_names_its_parameters(name: str) -> None:
 
 
 def test_a_wrong_example_would_be_seen() -> None:
-    found = doctest.DocTestParser().get_examples(">>> 1 + 1\n3\n")
-    test = doctest.DocTest(found, {}, "wrong", None, None, None)
+    steps = doctest.DocTestParser().get_examples(">>> 1 + 1\n3\n")
+    test = doctest.DocTest(steps, {}, "wrong", None, None, None)
     assert doctest.DocTestRunner().run(test, out=lambda _: None).failed == 1
 
 
@@ -65,18 +65,18 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.usefixtures("folder")
 def test_the_session_in_the_document_runs(capsys: pytest.CaptureFixture[str]) -> None:
     text = WALK.read_text("utf-8")
-    found = doctest.DocTestParser().get_examples(text)
+    steps = doctest.DocTestParser().get_examples(text)
     flags = doctest.ELLIPSIS
-    test = doctest.DocTest(found, {}, WALK.name, None, None, None)
-    said: list[str] = []
-    outcome = doctest.DocTestRunner(optionflags=flags).run(test, out=said.append)
-    assert outcome.failed == 0, "".join(said)
+    test = doctest.DocTest(steps, {}, WALK.name, None, None, None)
+    report: list[str] = []
+    outcome = doctest.DocTestRunner(optionflags=flags).run(test, out=report.append)
+    assert outcome.failed == 0, "".join(report)
     assert outcome.attempted > 30
     for code in re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
         exec(compile(code, WALK.name, "exec"), {"__name__": "example"})  # noqa: S102 - our own words
-    told = capsys.readouterr().out
-    assert "notes.txt: " in told
-    assert "the array: has the type uint8" in told
+    printed = capsys.readouterr().out
+    assert "notes.txt: " in printed
+    assert "the array: has the type uint8" in printed
 
 
 def test_the_session_shows_every_function() -> None:

@@ -83,7 +83,7 @@ class Photo:
     metadata : Metadata
         EXIF, XMP and ICC, with the orientation set to 1.
     source : Path
-        The file.
+        The file; of a photo that was made in memory, what messages call it.
     notes : tuple of str
         What the file holds that a result will lack, in plain words.
     frame : Frame, optional

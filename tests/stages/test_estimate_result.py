@@ -33,6 +33,6 @@ def test_a_pair_reports_its_registration():
 
 
 def test_an_estimate_has_the_kernel_and_the_confidence_of_its_content():
-    found = Estimate(CONTENT, GIVEN, [])
-    assert found.kernel is CONTENT.kernel
-    assert found.confidence == CONTENT.confidence
+    estimate = Estimate(CONTENT, GIVEN, [])
+    assert estimate.kernel is CONTENT.kernel
+    assert estimate.confidence == CONTENT.confidence
