@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from deshake.formats.transfer import Codes, TransferName
     from deshake.metadata.metadata import Metadata
 
-__all__ = ["Photo", "encode_photo", "read_pair", "read_photo", "write_photo"]
+__all__ = ["Photo", "balanced", "encode_photo", "read_pair", "read_photo", "write_photo"]
 
 _log = logging.getLogger(__name__)
 
@@ -83,7 +83,7 @@ class Photo:
     metadata : Metadata
         EXIF, XMP and ICC, with the orientation set to 1.
     source : Path
-        The file.
+        The file; of a photo that was made in memory, what messages call it.
     notes : tuple of str
         What the file holds that a result will lack, in plain words.
     frame : Frame, optional
@@ -91,6 +91,16 @@ class Photo:
     sha256 : str, optional
         The SHA-256 of the file's bytes as they were read, in hexadecimal; a photo that was made in
         memory has none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import deshake
+    >>> deshake.write_photo("grey.png", np.full((40, 60), 0.2))
+    >>> photo = deshake.read_photo("grey.png")
+    >>> brighter = photo.with_pixels(2 * photo.pixels)  # format and metadata stay
+    >>> photo.shape, round(float(brighter.pixels.max()), 3)
+    ((40, 60), 0.4)
 
     """
 
@@ -171,6 +181,15 @@ def read_photo(path: str | os.PathLike[str], *, transfer: TransferName | None = 
         If there is no such file, it is of no known format, damaged or cut short, has more
         than one picture, more than `encoding.MAX_PIXELS` pixels, or no grey or RGB integers.
 
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import deshake
+    >>> deshake.write_photo("grey.png", np.full((40, 60), 0.2))
+    >>> photo = deshake.read_photo("grey.png")
+    >>> photo.pixels.dtype, photo.pixels.shape, round(float(photo.pixels[0, 0]), 3)
+    (dtype('float32'), (40, 60), 0.2)
+
     """
     if os.path.exists(path) and not os.path.isfile(path) and not os.path.isdir(path):  # noqa: PTH110, PTH112, PTH113
         raise PhotoError("is not a regular file", file=path)
@@ -210,10 +229,17 @@ def read_pair(
     Of two RAW files, the second is taken to the first one's white balance.
     """
     one, other = (read_photo(path, transfer=transfer) for path in (first, second))
-    if one.encoding.balance and len(one.encoding.balance) == len(other.encoding.balance):
-        gains = np.divide(one.encoding.balance, other.encoding.balance)
-        other = other.with_pixels(other.pixels * gains.astype(np.float32))
-    return one, other
+    return one, balanced(other, one)
+
+
+def balanced(photo: Photo, reference: Photo) -> Photo:
+    """Return a RAW photo in the white balance of another one; any other photo as it is."""
+    own, wanted = photo.encoding.balance, reference.encoding.balance
+    if not wanted or len(wanted) != len(own) or wanted == own:
+        return photo
+    gains = np.divide(wanted, own).astype(np.float32)
+    encoding = replace(photo.encoding, balance=wanted)
+    return replace(photo.with_pixels(photo.pixels * gains), encoding=encoding)
 
 
 def encode_photo(photo: Photo, form: Format | None = None) -> bytes:
