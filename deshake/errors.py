@@ -39,6 +39,15 @@ class DeshakeError(Exception):
     file : path, optional
         The file that the message is about.
 
+    Examples
+    --------
+    >>> import deshake
+    >>> try:
+    ...     deshake.read_photo("nothing.jpg")
+    ... except deshake.DeshakeError as error:
+    ...     print(error)
+    nothing.jpg: no such file
+
     """
 
     def __init__(

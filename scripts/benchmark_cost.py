@@ -50,7 +50,7 @@ from deshake.operators.local_filters import LocalFilters
 from deshake.operators.patch_inverse import PatchInverse
 from deshake.operators.strips import available_threads
 from deshake.restore.sparse_gradients import sparse_gradients
-from deshake.simulate.shake_path import random_path
+from deshake.simulation.shake_path import random_path
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -30,14 +30,14 @@ from deshake.geometry.distortion import distorted, pinhole
 from deshake.lens.lens_profiles import find_profile
 from deshake.lens.lens_warp import LensWarp
 from deshake.metadata.metadata import CameraTags
-from deshake.simulate.shake_path import random_path
-from deshake.simulate.shaken_photo import shake
+from deshake.simulation.shake_path import random_path
+from deshake.simulation.shaken_photo import shake
 from deshake.stages.methods import restore
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from deshake.simulate.shaken_photo import Shaken
+    from deshake.simulation.shaken_photo import Shaken
 
 Image = NDArray[np.float32]
 

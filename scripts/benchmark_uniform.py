@@ -37,7 +37,7 @@ from deshake.operators.planes import channels_first, image_like
 from deshake.restore.richardson_lucy import richardson_lucy
 from deshake.restore.sparse_gradients import sparse_gradients
 from deshake.restore.wiener import point_spread
-from deshake.simulate.shake_path import CameraPath, random_path
+from deshake.simulation.shake_path import CameraPath, random_path
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -27,7 +27,7 @@ from deshake.formats.transfer import Srgb, decode, encode, is_clipped
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps, homographies
-from deshake.simulate.shake_path import CameraPath, random_path
+from deshake.simulation.shake_path import CameraPath, random_path
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -32,9 +32,10 @@ ALLOWED = {
     "pictures": {"blind", "lens", *ESTIMATORS, *SIDE},
     "pair": PAIR,
     "stages": STAGES,
-    "simulate": {"stages", *STAGES},
+    "simulation": {"stages", *STAGES},
     "batch": {"stages", *STAGES},
-    "cli": {"batch", "simulate", "stages", *STAGES},
+    "api": {"simulation", "stages", *STAGES},
+    "cli": {"batch", "simulation", "stages", *STAGES},
 }
 ANYWHERE = {"errors", "version", ""}
 # Modules that name a value or a type and nothing else.

@@ -42,7 +42,6 @@ _WIDEST_OF_MOST = 0.9  # quantile, for photos of which the energy says nothing
 _SILENT = 0.015  # margin that no kernel reaches there
 _MOST_LOSS = 0.05  # of energy
 _SHARPENING_WORTH = 0.6  # of margin, for a gain of 1 in -ln nsp
-_WIDTH_WORTH = 0.015  # of margin, for a doubling
 _WIDEST = 48.0  # px at that scale: wider kernels are out
 _REFINED = 3  # starts
 _COMPARED = 6  # kernels, side by side
@@ -235,14 +234,12 @@ class _Course:
     def by_sharpness(self, entries: Sequence[Entry]) -> NDArray[np.float64]:
         """How much sharper kernels make the photo, at one scale; a loss of energy counts little.
 
-        For photos of which the energy says nothing: fine texture costs the true kernel some. A wide
-        kernel is seldom found by chance.
+        For photos of which the energy says nothing: fine texture costs the true kernel some.
         """
 
         def score(judge: Judge, entry: Entry) -> float:
             lost = max(judge.margin(entry.kernel), -_MOST_LOSS)
-            wide = _WIDTH_WORTH * float(np.log2(max(_width(entry), 1.0)))
-            return lost + _SHARPENING_WORTH * judge.sharpening(entry.kernel) + wide
+            return lost + _SHARPENING_WORTH * judge.sharpening(entry.kernel)
 
         def scores(fitting: Sequence[Entry], level: int) -> NDArray[np.float64]:
             judge = Judge.of(self.pyramid, level, [entry.kernel for entry in fitting])

@@ -117,7 +117,7 @@ def command(
     """
     if path is not None and blur_px is not None:
         raise click.UsageError("--path and --blur-size cannot both be given.")
-    from deshake.simulate.shaken_photo import simulate_file
+    from deshake.simulation.shaken_photo import simulate_file
 
     with context.bar("shaking") as progress:
         simulate_file(

@@ -110,14 +110,33 @@ def read_camera(path: str | os.PathLike[str]) -> CameraFile:
 
 
 def read_kernel(path: str | os.PathLike[str]) -> KernelFile:
-    """Read a kernel file, ``-`` for standard input.
+    """Read a kernel file.
 
     Weights that sum to 1 within 1e-6 are scaled to sum to 1.
+
+    Parameters
+    ----------
+    path : path
+        The file; ``-`` for standard input.
+
+    Returns
+    -------
+    KernelFile
+        With ``kernel``, ``confidence`` (0..1) and ``provenance``.
 
     Raises
     ------
     KernelFileError
         If it cannot be read or is not a kernel file of this version.
+
+    Examples
+    --------
+    >>> import deshake
+    >>> camera = deshake.Camera.from_focal(900.0, height=480, width=720)
+    >>> deshake.write_kernel("still.npz", deshake.RotationKernel.delta(camera))
+    >>> content = deshake.read_kernel("still.npz")
+    >>> content.kernel.camera.shape, content.confidence, content.provenance
+    ((480, 720), 1.0, {})
 
     """
     return read_arrays(path, "kernel", _parse_kernel, _MAX_BYTES)

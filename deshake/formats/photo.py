@@ -31,7 +31,7 @@ from deshake.formats.webp import decode_webp, encode_webp
 from deshake.metadata.profiles import linear_profile, power_profile
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
@@ -39,7 +39,15 @@ if TYPE_CHECKING:
     from deshake.formats.transfer import Codes, TransferName
     from deshake.metadata.metadata import Metadata
 
-__all__ = ["Photo", "encode_photo", "photo_bytes", "read_pair", "read_photo", "write_photo"]
+__all__ = [
+    "Photo",
+    "balanced",
+    "encode_photo",
+    "photo_bytes",
+    "read_pair",
+    "read_photo",
+    "write_photo",
+]
 
 _log = logging.getLogger(__name__)
 
@@ -83,7 +91,7 @@ class Photo:
     metadata : Metadata
         EXIF, XMP and ICC, with the orientation set to 1.
     source : Path
-        The file.
+        The file; of a photo that was made in memory, what messages call it.
     notes : tuple of str
         What the file holds that a result will lack, in plain words.
     frame : Frame, optional
@@ -93,6 +101,16 @@ class Photo:
         memory has none.
     stored_turned : bool
         Whether width and height have changed places since it was read.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import deshake
+    >>> deshake.write_photo("grey.png", np.full((40, 60), 0.2))
+    >>> photo = deshake.read_photo("grey.png")
+    >>> brighter = photo.with_pixels(2 * photo.pixels)  # format and metadata stay
+    >>> photo.shape, round(float(brighter.pixels.max()), 3)
+    ((40, 60), 0.4)
 
     """
 
@@ -180,6 +198,15 @@ def read_photo(path: str | os.PathLike[str], *, transfer: TransferName | None = 
         If there is no such file, it is of no known format, damaged or cut short, has more
         than one picture, more than `encoding.MAX_PIXELS` pixels, or no grey or RGB integers.
 
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import deshake
+    >>> deshake.write_photo("grey.png", np.full((40, 60), 0.2))
+    >>> photo = deshake.read_photo("grey.png")
+    >>> photo.pixels.dtype, photo.pixels.shape, round(float(photo.pixels[0, 0]), 3)
+    (dtype('float32'), (40, 60), 0.2)
+
     """
     if os.path.exists(path) and not os.path.isfile(path) and not os.path.isdir(path):  # noqa: PTH110, PTH112, PTH113
         raise PhotoError("is not a regular file", file=path)
@@ -220,10 +247,17 @@ def read_pair(
     Of two RAW files, the second is taken to the first one's white balance.
     """
     one, other = (read_photo(path, transfer=transfer) for path in (first, second))
-    if one.encoding.balance and len(one.encoding.balance) == len(other.encoding.balance):
-        gains = np.divide(one.encoding.balance, other.encoding.balance)
-        other = other.with_pixels(other.pixels * gains.astype(np.float32))
-    return one, other
+    return one, balanced(other, one)
+
+
+def balanced(photo: Photo, reference: Photo) -> Photo:
+    """Return a RAW photo in the white balance of another one; any other photo as it is."""
+    own, wanted = photo.encoding.balance, reference.encoding.balance
+    if not wanted or len(wanted) != len(own) or wanted == own:
+        return photo
+    gains = np.divide(wanted, own).astype(np.float32)
+    encoding = replace(photo.encoding, balance=wanted)
+    return replace(photo.with_pixels(photo.pixels * gains), encoding=encoding)
 
 
 def encode_photo(photo: Photo, form: Format | None = None) -> bytes:
@@ -272,10 +306,14 @@ def encode_photo(photo: Photo, form: Format | None = None) -> bytes:
         raise
 
 
-def write_photo(path: str | os.PathLike[str], photo: Photo, *, overwrite: bool = False) -> None:
+def write_photo(
+    path: str | os.PathLike[str],
+    photo: Photo,
+    *,
+    overwrite: bool = False,
+    made_from: Sequence[str | os.PathLike[str]] | None = None,
+) -> None:
     """Write a photo to a file, whole or not at all; warn of metadata that it cannot hold.
-
-    The file takes the permissions of the photo's source.
 
     Parameters
     ----------
@@ -285,6 +323,9 @@ def write_photo(path: str | os.PathLike[str], photo: Photo, *, overwrite: bool =
         The photo.
     overwrite : bool, keyword-only
         Whether an existing file may be replaced. The photo's source never is.
+    made_from : sequence of path, keyword-only
+        The inputs, whose permissions the file takes; by default the photo's source. Without inputs
+        the system decides.
 
     Raises
     ------
@@ -296,7 +337,8 @@ def write_photo(path: str | os.PathLike[str], photo: Photo, *, overwrite: bool =
     """
     check_output(path, photo.source, overwrite=overwrite)
     data = photo_bytes(path, photo)
-    write_bytes(path, data, overwrite=overwrite, made_from=[photo.source])
+    inputs = [photo.source] if made_from is None else made_from
+    write_bytes(path, data, overwrite=overwrite, made_from=inputs)
 
 
 def photo_bytes(path: str | os.PathLike[str], photo: Photo) -> bytes:

@@ -55,6 +55,15 @@ class Camera:
         If the matrix is not a finite, invertible camera matrix, the size is not positive, or the
         distortion not 0, 4, 5, 8 or 12 finite numbers.
 
+    Examples
+    --------
+    >>> from deshake import Camera
+    >>> camera = Camera.from_focal(900.0, height=480, width=720)
+    >>> camera.focal_px, camera.shape
+    (900.0, (480, 720))
+    >>> camera.scaled(240, 360).focal_px  # of the same photo at half the size
+    450.0
+
     """
 
     matrix: NDArray[np.float64]

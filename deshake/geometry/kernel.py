@@ -42,6 +42,21 @@ class RotationKernel:
     ValueError
         If a shape, a value or the sum of the weights is not as said above.
 
+    Examples
+    --------
+    A camera that turns by 0.02 radians about its vertical axis moves the picture sideways: by 18
+    pixels in the middle, if its focal length is 900 pixels, and by more at the corners.
+
+    >>> from deshake import Camera, RotationKernel
+    >>> camera = Camera.from_focal(900.0, height=480, width=720)
+    >>> kernel = RotationKernel.from_path([(0, -0.01, 0), (0, 0.01, 0)], camera)
+    >>> kernel.theta.shape[1], round(float(kernel.weights.sum()), 6)
+    (3, 1.0)
+    >>> round(kernel.extent_px())
+    22
+    >>> RotationKernel.delta(camera).weights  # a camera that stood still
+    array([1.])
+
     """
 
     theta: NDArray[np.float64]

@@ -63,7 +63,21 @@ def render_kernel(kernel: RotationKernel, *, size: int = 640) -> Picture:
         RGB on white. Points are rotations, larger and darker the heavier they are; the sums of
         the weights lie on the three faces behind; ticks are pixels at the edge of the frame.
 
+    Raises
+    ------
+    ValueError
+        If the size is below 1.
+
+    Examples
+    --------
+    >>> import deshake
+    >>> camera = deshake.Camera.from_focal(900.0, height=480, width=720)
+    >>> kernel = deshake.RotationKernel.from_path([(0, -0.01, 0), (0, 0.01, 0)], camera)
+    >>> deshake.render_kernel(kernel, size=320).shape
+    (320, 320, 3)
+
     """
+    _check_size(size)
     canvas = Canvas(size, size)
     draw_cuboid(canvas, kernel, Axes.around([kernel]), size=size)
     return canvas.finished()
@@ -87,9 +101,19 @@ def render_comparison(kernels: Mapping[str, RotationKernel], *, size: int = 640)
     Raises
     ------
     ValueError
-        If there is no kernel.
+        If there is no kernel, or the size is below 1.
+
+    Examples
+    --------
+    >>> import deshake
+    >>> camera = deshake.Camera.from_focal(900.0, height=480, width=720)
+    >>> kernel = deshake.RotationKernel.from_path([(0, -0.01, 0), (0, 0.01, 0)], camera)
+    >>> still = deshake.RotationKernel.delta(camera)
+    >>> deshake.render_comparison({"true": kernel, "estimate": still}, size=320).shape
+    (320, 640, 3)
 
     """
+    _check_size(size)
     if not kernels:
         msg = "there is no kernel to draw"
         raise ValueError(msg)
@@ -122,7 +146,23 @@ def render_filters(kernel: RotationKernel, rows: int, cols: int, *, size: int = 
         RGB: light on black, all cells at one scale and each as bright as its brightest spot
         allows; below the frame a bar that tells the scale.
 
+    Raises
+    ------
+    ValueError
+        If there are no rows or columns, or the size is below 1.
+
+    Examples
+    --------
+    >>> import deshake
+    >>> camera = deshake.Camera.from_focal(900.0, height=480, width=720)
+    >>> kernel = deshake.RotationKernel.from_path([(0, -0.01, 0), (0, 0.01, 0)], camera)
+    >>> deshake.render_filters(kernel, 2, 3, size=360).shape[1:]
+    (360, 3)
+
     """
+    _check_size(size)
+    if rows < 1 or cols < 1:
+        raise ValueError(f"{rows} rows and {cols} columns of filters: there is nothing to draw")
     camera = kernel.camera
     scale = max(
         size / max(camera.shape),
@@ -165,6 +205,11 @@ def render_filters(kernel: RotationKernel, rows: int, cols: int, *, size: int = 
     canvas.rectangle((start, middle - 1.5), (start + span * zoom, middle + 1.5), _INK)
     canvas.text((2 * text + span * zoom, middle), f"{span:g} px", text, _INK, anchor="left")
     return canvas.finished()
+
+
+def _check_size(size: int) -> None:
+    if size < 1:
+        raise ValueError(f"a picture of {size} pixels: it has at least one")
 
 
 def render_file(

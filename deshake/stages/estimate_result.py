@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from deshake.files.kernel_file import CameraFile, KernelFile
+    from deshake.geometry.kernel import RotationKernel
     from deshake.pair.registration import Registration
 
 __all__ = ["TRUSTED", "Estimate"]
@@ -49,6 +50,16 @@ class Estimate:
     noise: float | None = None
     registration: Registration | None = None
     scale: float = 1.0
+
+    @property
+    def kernel(self) -> RotationKernel:
+        """The blur kernel, for the camera of the whole photo."""
+        return self.content.kernel
+
+    @property
+    def confidence(self) -> float:
+        """How far the kernel is to be trusted, 0..1."""
+        return self.content.confidence
 
     @property
     def trusted(self) -> bool:

@@ -31,7 +31,7 @@ _WIDEST_TURN: Final = math.radians(45)
 _WIDEST_BLUR: Final = 0.5  # longer sides
 
 
-def fitting_kernel(content: KernelFile, photo: Photo, file: Path) -> RotationKernel:
+def fitting_kernel(content: KernelFile, photo: Photo, file: Path | None = None) -> RotationKernel:
     """Return a kernel for a photo, which may have another size than the one it was made for.
 
     Parameters
@@ -40,7 +40,7 @@ def fitting_kernel(content: KernelFile, photo: Photo, file: Path) -> RotationKer
         The kernel.
     photo : Photo
         The photo.
-    file : Path
+    file : Path, optional
         The kernel's file, for messages.
 
     Raises
@@ -56,7 +56,7 @@ def fitting_kernel(content: KernelFile, photo: Photo, file: Path) -> RotationKer
         kernel = kernel.at_size(*photo.shape)
     if _sweep(kernel) > _WIDEST_BLUR * max(photo.shape):
         raise KernelFileError(
-            "its rotations sweep more than half of the frame",
+            "the kernel's rotations sweep more than half of the frame",
             hint="no photo can be restored from such a blur: estimate the kernel again",
             file=file,
         )

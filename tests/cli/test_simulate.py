@@ -12,7 +12,7 @@ from PIL import Image
 from deshake.files.kernel_file import CameraFile, read_kernel, write_camera
 from deshake.formats.photo import read_photo
 from deshake.geometry.camera import Camera
-from deshake.simulate import shaken_photo
+from deshake.simulation import shaken_photo
 
 FOCAL_35MM = ("--focal-35mm", 40)
 

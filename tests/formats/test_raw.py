@@ -11,7 +11,7 @@ from PIL import Image, ImageCms
 
 from deshake.errors import OutputError, PhotoError
 from deshake.formats.conversion import output_format
-from deshake.formats.photo import encode_photo, read_pair, read_photo, write_photo
+from deshake.formats.photo import balanced, encode_photo, read_pair, read_photo, write_photo
 from deshake.formats.raw import decode_raw
 from deshake.formats.transfer import LINEAR, SRGB
 
@@ -159,6 +159,10 @@ def test_two_photos_of_a_scene_share_one_white_balance(
     assert np.abs(read_photo(second).pixels - read_photo(first).pixels).max() > 0.05
     one, other = read_pair(first, second)
     assert np.abs(one.pixels - other.pixels)[WITHIN, WITHIN].max() < 2e-3
+    own = balanced(read_photo(second), one)
+    assert np.array_equal(own.pixels, other.pixels)
+    assert balanced(own, one) is own  # once is enough
+    assert own.encoding.balance == one.encoding.balance
 
 
 def test_the_profile_is_true(tmp_path: Path, make_dng: Callable[..., bytes]) -> None:

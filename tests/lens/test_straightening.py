@@ -22,8 +22,8 @@ from deshake.lens.straightening import (
     straightened,
 )
 from deshake.metadata.metadata import Metadata
-from deshake.simulate.shake_path import random_path
-from deshake.simulate.shaken_photo import shake
+from deshake.simulation.shake_path import random_path
+from deshake.simulation.shaken_photo import shake
 from deshake.stages.deblurring import deblur
 from deshake.stages.methods import RestorationOptions
 

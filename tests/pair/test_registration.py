@@ -13,7 +13,7 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.rotations import homographies
 from deshake.pair.registration import Registration, register, registered
 from deshake.pair.rotation_search import distance_px
-from deshake.simulate.shake_path import random_path
+from deshake.simulation.shake_path import random_path
 
 HEIGHT, WIDTH, MARGIN = 240, 320, 90
 CAMERA = Camera.from_focal(320, HEIGHT, WIDTH)

@@ -155,3 +155,17 @@ def test_what_is_no_kernel_leaves_no_picture(tmp_path):
     with pytest.raises(KernelFileError):
         render_file(tmp_path / "k.npz")
     assert [path.name for path in tmp_path.iterdir()] == ["k.npz"]
+
+
+def test_pictures_have_a_size_and_filters_rows_and_columns(kernels):
+    kernel = kernels["flat"]
+    for size in (0, -5):
+        with pytest.raises(ValueError, match=f"a picture of {size} pixels"):
+            render_kernel(kernel, size=size)
+        with pytest.raises(ValueError, match=f"a picture of {size} pixels"):
+            render_comparison({"one": kernel}, size=size)
+        with pytest.raises(ValueError, match=f"a picture of {size} pixels"):
+            render_filters(kernel, 2, 2, size=size)
+    for rows, cols in ((0, 1), (2, -1)):
+        with pytest.raises(ValueError, match=f"{rows} rows and {cols} columns"):
+            render_filters(kernel, rows, cols)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,8 @@ from deshake.lens.frame_tags import reframed
 from deshake.lens.lens_warp import LensWarp
 from deshake.operators.filter_flow import reach
 from deshake.operators.warps import Warps
-from deshake.simulate.exposure import expose
-from deshake.simulate.shake_path import random_path, read_path
+from deshake.simulation.exposure import expose
+from deshake.simulation.shake_path import random_path, read_path
 from deshake.stages.calibration import camera_for
 from deshake.stages.camera_choice import CameraChoice
 from deshake.version import __version__
@@ -34,12 +34,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from deshake.formats.photo import Photo
     from deshake.formats.transfer import TransferName
     from deshake.geometry.camera import Camera
     from deshake.geometry.kernel import RotationKernel
-    from deshake.simulate.shake_path import CameraPath
+    from deshake.simulation.shake_path import CameraPath
 
-__all__ = ["Shaken", "shake", "simulate_file"]
+__all__ = ["Shaken", "ShakenPhoto", "shake", "shake_photo", "simulate_file"]
 
 _log = logging.getLogger(__name__)
 
@@ -152,6 +153,56 @@ def _bent_camera(camera: Camera, lens: Camera) -> Camera:
         raise DeshakeError(f"the lens cannot be simulated: {error}") from error
 
 
+@dataclass(frozen=True, eq=False)
+class ShakenPhoto:
+    """A shaken photo as a `Photo`, with the truth about it.
+
+    Parameters
+    ----------
+    photo : Photo
+        The shaken photo; its EXIF describes its frame.
+    sharp : Photo
+        The sharp photo in the same frame and exposure; above 1 where it would clip.
+    kernel : RotationKernel
+        As in `Shaken`.
+
+    """
+
+    photo: Photo
+    sharp: Photo
+    kernel: RotationKernel
+
+
+def shake_photo(photo: Photo, camera: Camera, path: CameraPath, **options: Any) -> ShakenPhoto:  # noqa: ANN401
+    """Shake a photo, its opacity and its EXIF; parameters and errors are those of `shake`."""
+    result = shake(photo.pixels, camera, path, **options)
+    top, left = result.offset
+    height, width = result.pixels.shape[:2]
+    inside = slice(top, top + height), slice(left, left + width)
+    camera_then = result.kernel.camera
+    alpha = None if photo.alpha is None else np.ascontiguousarray(photo.alpha[inside])
+    if alpha is not None and not camera_then.is_pinhole:
+        whole = camera.cropped(left, top, width, height)
+        alpha = LensWarp(camera_then, replace(whole, distortion=np.zeros(0))).bend_codes(alpha)
+    framed = replace(
+        photo,
+        pixels=result.pixels,
+        clipped=_at_white(result.pixels),
+        alpha=alpha,
+        metadata=reframed(photo.metadata, height, width, camera_then.focal_px),
+        frame=None,
+        sha256=None,
+    )
+    sharp = replace(framed, pixels=result.sharp, clipped=_at_white(result.sharp))
+    return ShakenPhoto(framed, sharp, result.kernel)
+
+
+def _at_white(pixels: Image) -> NDArray[np.bool_]:
+    """Return where any channel is at white."""
+    white = pixels >= 1
+    return white if pixels.ndim == 2 else np.any(white, axis=-1)
+
+
 def simulate_file(
     source: Path,
     output: Path | None,
@@ -231,8 +282,8 @@ def simulate_file(
     for note in notes:
         _log.warning("%s: %s", photo.source, note)
     try:
-        result = shake(
-            photo.pixels,
+        result = shake_photo(
+            photo,
             found.camera,
             read_path(path) if path else random_path(found.camera, blur_px, seed=seed),
             crop=crop,
@@ -254,28 +305,13 @@ def simulate_file(
         "input_sha256": photo.sha256,
         "camera": found.source,
     }
-    top, left = result.offset
-    height, width = result.pixels.shape[:2]
-    inside = slice(top, top + height), slice(left, left + width)
-    camera_then = result.kernel.camera
-    alpha = None if photo.alpha is None else np.ascontiguousarray(photo.alpha[inside])
-    if alpha is not None and not camera_then.is_pinhole:
-        whole = found.camera.cropped(left, top, width, height)
-        alpha = LensWarp(camera_then, replace(whole, distortion=np.zeros(0))).bend_codes(alpha)
-    framed = replace(
-        photo,
-        pixels=result.pixels,
-        clipped=photo.clipped[inside],
-        alpha=alpha,
-        metadata=reframed(photo.metadata, height, width, camera_then.focal_px),
-    )
     content = KernelFile(result.kernel, provenance=provenance)
     with joint_outputs(photo.source) as add:
         add(kernel, kernel_bytes(content), overwrite=overwrite)
         if sharp is not None:
-            unshaken = replace(framed, pixels=result.sharp)
-            add(sharp, photo_bytes(sharp, unshaken), overwrite=overwrite)
-        add(output, photo_bytes(output, framed), overwrite=overwrite)
+            add(sharp, photo_bytes(sharp, result.sharp), overwrite=overwrite)
+        add(output, photo_bytes(output, result.photo), overwrite=overwrite)
     if str(kernel) != STREAM:
         extent = result.kernel.extent_px()
+        height, width = result.photo.shape
         _log.info("%s: %d x %d pixels, blur of %.1f pixels", output, width, height, extent)

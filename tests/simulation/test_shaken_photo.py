@@ -1,17 +1,22 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
 from skimage import data
 
 from deshake.errors import DeshakeError
+from deshake.formats.encoding import Encoding
+from deshake.formats.photo import Photo
 from deshake.geometry.camera import Camera
 from deshake.geometry.distortion import pinhole
 from deshake.lens.lens_warp import LensWarp
+from deshake.metadata.metadata import Metadata
 from deshake.operators.shake_blur import ShakeBlur
-from deshake.simulate.shake_path import CameraPath, random_path
-from deshake.simulate.shaken_photo import shake
+from deshake.simulation.shake_path import CameraPath, random_path
+from deshake.simulation.shaken_photo import shake, shake_photo
 
 
 @pytest.fixture(scope="module")
@@ -130,3 +135,20 @@ def test_a_lens_bends_after_the_shake(photo, camera):
     x0, y0 = (x - middle[0]) / zoom + middle[0], (y - middle[1]) / zoom + middle[1]
     expected = cv2.remap(plain.pixels, x0.astype("f4"), y0.astype("f4"), cv2.INTER_CUBIC)
     np.testing.assert_allclose(straight[20 : height - 20, 20 : width - 20], expected, atol=0.02)
+
+
+def test_a_photo_is_shaken_with_its_opacity_and_its_own_clipping(photo, camera):
+    alpha = np.arange(200 * 300, dtype=np.uint16).reshape(200, 300)
+    nowhere = np.zeros(photo.shape[:2], bool)
+    encoding = Encoding("PNG", depth=16)
+    whole = Photo(photo, nowhere, alpha, encoding, Metadata(), Path("a.png"), sha256="0" * 64)
+    path = random_path(camera, 8, seed=2)
+    plain = shake(photo, camera, path, gain=2)
+    shaken = shake_photo(whole, camera, path, gain=2)
+    assert np.array_equal(shaken.photo.pixels, plain.pixels)
+    assert np.array_equal(shaken.sharp.pixels, plain.sharp)
+    top = plain.offset[0]
+    assert np.array_equal(shaken.photo.alpha, alpha[top:-top, top:-top])
+    assert np.array_equal(shaken.photo.clipped, (plain.pixels >= 1).any(-1))
+    assert np.array_equal(shaken.sharp.clipped, (plain.sharp >= 1).any(-1))
+    assert shaken.photo.sha256 is None  # no file has these pixels

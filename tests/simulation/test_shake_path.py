@@ -5,7 +5,7 @@ import pytest
 
 from deshake.errors import DeshakeError
 from deshake.geometry.camera import Camera
-from deshake.simulate.shake_path import CameraPath, random_path, read_path
+from deshake.simulation.shake_path import CameraPath, random_path, read_path
 
 CAMERA = Camera.from_focal(700, 480, 640)
 

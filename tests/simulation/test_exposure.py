@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deshake.simulate.exposure import expose
+from deshake.simulation.exposure import expose
 
 
 @pytest.mark.parametrize("level", [0.1, 0.5])

@@ -1,0 +1,1 @@
+"""The functions of ``import deshake``: arrays or photos in, arrays or photos out."""

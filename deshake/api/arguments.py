@@ -1,0 +1,48 @@
+"""Checks of numbers and objects that a caller hands over: one clear line for what is wrong."""
+
+from __future__ import annotations
+
+import math
+from typing import TypeVar
+
+from deshake.errors import DeshakeError
+
+__all__ = ["check_above_zero", "check_kind"]
+
+T = TypeVar("T")
+
+
+def check_above_zero(*, most: float = math.inf, **numbers: float | None) -> None:
+    """Check that numbers are finite and above 0; None passes.
+
+    Parameters
+    ----------
+    most : float
+        The largest that is allowed.
+    **numbers : float or None
+        The numbers by their names.
+
+    Raises
+    ------
+    ValueError
+        If one is not.
+
+    """
+    for name, number in numbers.items():
+        if number is not None and not (math.isfinite(number) and 0 < number <= most):
+            limit = "" if math.isinf(most) else f" and at most {most:g}"
+            raise ValueError(f"{name} is {number!r}: it must be above 0{limit}")
+
+
+def check_kind(value: object, kind: type[T], hint: str) -> T:
+    """Return an object if it is of a kind.
+
+    Raises
+    ------
+    DeshakeError
+        If it is not.
+
+    """
+    if not isinstance(value, kind):
+        raise DeshakeError(f"not a {kind.__name__}: {type(value).__name__}", hint=hint)
+    return value
