@@ -307,10 +307,10 @@ def simulate_file(
     }
     content = KernelFile(result.kernel, provenance=provenance)
     with joint_outputs(photo.source) as add:
-        add(kernel, kernel_bytes(content), overwrite=overwrite)
+        add(output, photo_bytes(output, result.photo), overwrite=overwrite)
         if sharp is not None:
             add(sharp, photo_bytes(sharp, result.sharp), overwrite=overwrite)
-        add(output, photo_bytes(output, result.photo), overwrite=overwrite)
+        add(kernel, kernel_bytes(content), overwrite=overwrite)
     if str(kernel) != STREAM:
         extent = result.kernel.extent_px()
         height, width = result.photo.shape

@@ -228,7 +228,7 @@ def test_photo_and_kernel_appear_together_or_not_at_all(deshake, photo, tmp_path
     def fail(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(shaken_photo, "photo_bytes", fail)
+    monkeypatch.setattr(shaken_photo, "kernel_bytes", fail)
     outcome = deshake("simulate", photo, "--sharp", tmp_path / "sharp.jpg", *FOCAL_35MM)
     assert outcome.code == 130
     assert [path.name for path in tmp_path.iterdir()] == ["photo.jpg"]
