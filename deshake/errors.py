@@ -23,6 +23,10 @@ __all__ = [
 ]
 
 
+_LOADER_WORDS = ("failed to map segment", "cannot allocate memory")
+"""What the loader says where there is no room for a library."""
+
+
 class DeshakeError(Exception):
     """Something that the user can understand and perhaps mend.
 
@@ -85,7 +89,21 @@ def describe(error: Exception) -> tuple[str, str | None]:
             return str(error), error.hint
         case MemoryError():
             return "not enough memory", "try a smaller photo, or close other programs"
+        case ImportError() if _lacks_memory(error):
+            return (
+                "not enough memory to load the libraries that deshake needs",
+                "close other programs, or raise the limit (ulimit -v)",
+            )
         case OSError(strerror=str(reason)):
             return (reason if error.filename is None else f"{error.filename}: {reason}"), None
         case _:
             return f"{type(error).__name__}: {error}", "this is a bug; run again with -vv"
+
+
+def _lacks_memory(error: BaseException) -> bool:
+    """Tell whether a library was not loaded for want of memory, as the system's loader says it."""
+    text = str(error).lower()
+    if any(words in text for words in _LOADER_WORDS):
+        return True
+    before = error.__cause__ or error.__context__
+    return isinstance(before, ImportError | OSError) and _lacks_memory(before)

@@ -102,7 +102,7 @@ def _anywhere(job: Job) -> Job:
         output=None if job.output is None else job.output.absolute(),
         others=absolute(job.others),
         needs=absolute(job.needs),
-        existing="skip" if job.skipped else "replace",
+        existing="skip" if job.keeps_result else "replace",
     )
 
 

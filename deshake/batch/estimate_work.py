@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from deshake.batch.footprint import estimate_memory, photo_memory
-from deshake.files.disk import STREAM, sha256
+from deshake.errors import KernelFileError, PhotoError
+from deshake.files.disk import STREAM, check_input, sha256
+from deshake.formats.conversion import check_ending
 from deshake.stages.calibration import calibrate_file
 from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.estimating import estimate_file
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
 
     Progress = Callable[[float, str], None]
 
-__all__ = ["Calibrate", "EstimateKernel", "Register", "kernel_origin"]
+__all__ = ["Calibrate", "EstimateKernel", "Register", "check_inputs", "kernel_origin"]
 
 _log = logging.getLogger(__name__)
 
@@ -56,6 +58,8 @@ class EstimateKernel:
             latent=job.others.get("latent"),
             tiles=job.others.get("tiles"),
             overwrite=job.overwrite,
+            overwrite_others=job.overwrite_others,
+            keep_result=job.keeps_result,
             threads=threads,
             progress=progress,
         ).report()
@@ -63,6 +67,14 @@ class EstimateKernel:
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:
         """Predict the memory that it takes."""
         return estimate_memory(size, threads, photos=2 if "noisy" in job.needs else 1)
+
+    def check(self, job: Job) -> None:
+        """Check the photos, the registration, and the names of the pictures."""
+        check_inputs(job)
+        registration = job.needs.get("registration")
+        if registration is not None and str(registration) != STREAM:  # which can be read but once
+            known_registration(registration)
+        _check_pictures(job)
 
     def origin(self, job: Job) -> dict[str, Any]:
         """Return the inputs and the options."""
@@ -102,6 +114,8 @@ class Register:
             self.options,
             preview=job.others.get("preview"),
             overwrite=job.overwrite,
+            overwrite_others=job.overwrite_others,
+            keep_result=job.keeps_result,
             threads=threads,
             progress=progress,
         ).report()
@@ -109,6 +123,11 @@ class Register:
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:  # noqa: ARG002
         """Predict the memory that it takes."""
         return estimate_memory(size, threads, photos=2)
+
+    def check(self, job: Job) -> None:
+        """Check the photos, and the name of the preview."""
+        check_inputs(job)
+        _check_pictures(job)
 
     def origin(self, job: Job) -> dict[str, Any]:
         """Return the inputs and the options."""
@@ -161,9 +180,27 @@ class Calibrate:
         """Predict the memory that it takes."""
         return photo_memory(size)
 
+    def check(self, job: Job) -> None:
+        """Check the photo."""
+        check_inputs(job)
+
     def origin(self, job: Job) -> dict[str, Any]:  # noqa: ARG002
         """Return nothing: camera files tell no more than what they hold."""
         return {}
+
+
+def check_inputs(job: Job) -> None:
+    """Check that the inputs of a job are there and may be read.
+
+    Raises
+    ------
+    PhotoError, KernelFileError
+        If one is not there, or may not be read.
+
+    """
+    check_input(job.source, PhotoError)
+    for kind, path in job.needs.items():
+        check_input(path, KernelFileError if kind in {"kernel", "registration"} else PhotoError)
 
 
 def kernel_origin(options: EstimateOptions, *, pair: bool = False) -> dict[str, Any]:
@@ -171,3 +208,10 @@ def kernel_origin(options: EstimateOptions, *, pair: bool = False) -> dict[str, 
     known: dict[str, Any] = {"options": options.provenance(pair=pair)}
     source = options.camera.source
     return known if source is None else known | {"camera": source}
+
+
+def _check_pictures(job: Job) -> None:
+    """Check that the names of the pictures beside the result mean formats that are written."""
+    for path in job.others.values():
+        if str(path) != STREAM:
+            check_ending(path, job.source)

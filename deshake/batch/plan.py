@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import stat
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -68,8 +70,8 @@ class Job:
     problem : DeshakeError or None
         Why the outputs cannot go there.
     existing : {"refuse", "skip", "replace"}
-        What is done about a result that exists already. Of skipped photos the result counts, and
-        other outputs are replaced where it is missing.
+        What is done about a result that exists already. Skipped are photos all of whose outputs
+        exist; other outputs are replaced where the result is missing.
 
     """
 
@@ -91,10 +93,21 @@ class Job:
         return self.existing != "refuse"
 
     @property
-    def skipped(self) -> bool:
+    def keeps_result(self) -> bool:
         """Whether the result is there already, and is to be left as it is."""
         there = self.output is not None and os.path.lexists(self.output)
         return there and self.existing == "skip" and self.problem is None
+
+    @property
+    def missing(self) -> list[str]:
+        """Which of the other outputs are not there, by what they are."""
+        files = {kind: path for kind, path in self.others.items() if str(path) != STREAM}
+        return [kind for kind, path in files.items() if not os.path.lexists(path)]
+
+    @property
+    def skipped(self) -> bool:
+        """Whether all outputs are there already, and are to be left as they are."""
+        return self.keeps_result and not self.missing
 
     @property
     def place(self) -> Path:
@@ -195,7 +208,11 @@ def plan(
                 given |= {} if path is None else {kind: path}
         jobs.append(Job(source, result, others, given, problem, existing=existing))
     _check_collisions(jobs)
-    if not dry:
+    jobs = [_staying(job, tops) for job in jobs]
+    if dry:
+        for top in tops:
+            _check_folder(top)
+    else:
         _prepare_folders(tops, jobs)
     known = {
         mark: path
@@ -203,7 +220,7 @@ def plan(
         for path in (job.source, *job.needs.values())
         if (mark := identity(path))
     }
-    return [_checked(job, known, dry=dry) for job in jobs]
+    return [_checked(job, known, tops if dry else []) for job in jobs]
 
 
 def _check_places(output: Path | None, extras: Mapping[str, Extra], *, several: bool) -> None:
@@ -222,13 +239,13 @@ def _check_places(output: Path | None, extras: Mapping[str, Extra], *, several: 
 def _check_collisions(jobs: Sequence[Job]) -> None:
     """Refuse two outputs of one name."""
     taken: dict[str, Job] = {}
-    folders: dict[Path, Path] = {}
+    folders: dict[Path, str] = {}
     for job in jobs:
         for path in job.outputs:
             if path.parent not in folders:
-                folders[path.parent] = path.parent.resolve()
+                folders[path.parent] = os.path.realpath(path.parent)  # also of links in circles
             # A symbolic link is replaced, not followed: its folder counts, and its own name.
-            key = os.path.normcase(folders[path.parent] / path.name)
+            key = os.path.normcase(os.path.join(folders[path.parent], path.name))  # noqa: PTH118
             other = taken.setdefault(key, job)
             if other is not job:
                 raise PlanError(
@@ -237,11 +254,33 @@ def _check_collisions(jobs: Sequence[Job]) -> None:
                 )
 
 
+def _staying(job: Job, tops: Sequence[Path]) -> Job:
+    """Return a job whose problem is a link that leads an output out of its folder, if one does.
+
+    The folder itself may be a link: it was named.
+    """
+    for path in job.outputs:
+        above = [top for top in tops if path.parent.is_relative_to(top)]
+        top = max(above, key=lambda top: len(top.parts), default=None)
+        if top is None or job.problem is not None:
+            continue
+        real = os.path.realpath(path.parent)
+        if os.path.commonpath([real, os.path.realpath(top)]) != os.path.realpath(top):
+            problem = OutputError(
+                f"leads out of {top}, to {real}",
+                hint="take the link away, or name that folder with -o",
+                file=path.parent,
+            )
+            return replace(job, problem=problem)
+    return job
+
+
 def _prepare_folders(tops: Sequence[Path], jobs: Sequence[Job]) -> None:
     """Make the folders that are missing; clear the others of what killed runs left."""
     for top in tops:
         _make_folder(top)
-    outputs = [path for job in jobs for path in job.outputs if str(path) != STREAM]
+    good = [job for job in jobs if job.problem is None]
+    outputs = [path for job in good for path in job.outputs if str(path) != STREAM]
     for folder in dict.fromkeys(path.parent for path in outputs):
         if any(folder.is_relative_to(top) for top in tops):
             _make_folder(folder, parents=True)
@@ -253,24 +292,45 @@ def _make_folder(path: Path, *, parents: bool = False) -> None:
         return
     try:
         path.mkdir(parents=parents)
-    except FileExistsError as error:
-        raise OutputError("is not a folder", hint="name a folder", file=path) from error
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise OutputError(
-            f"the folder cannot be made: {reason}",
-            hint="make it first, or choose another",
-            file=path,
-        ) from error
+        raise _no_folder(path, error.errno or 0) from error
 
 
-def _checked(job: Job, known: Mapping[tuple[int, int], Path], *, dry: bool) -> Job:
-    """Return a job with what is wrong with its outputs."""
+def _check_folder(path: Path) -> None:
+    """Check that a folder is there, or can be made."""
+    if path.is_dir():
+        return
+    if os.path.lexists(path):
+        raise _no_folder(path, errno.EEXIST)
+    try:
+        above = path.parent.stat()
+    except OSError as error:
+        raise _no_folder(path, error.errno or 0) from error
+    if not stat.S_ISDIR(above.st_mode):
+        raise _no_folder(path, errno.ENOTDIR)
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        raise _no_folder(path, errno.EACCES)
+
+
+def _no_folder(path: Path, number: int) -> OutputError:
+    """Say why a folder cannot be made, by the number of the system's error."""
+    if number == errno.EEXIST:
+        return OutputError("is not a folder", hint="name a folder", file=path)
+    return OutputError(
+        f"the folder cannot be made: {os.strerror(number).lower()}",
+        hint="make it first, or choose another",
+        file=path,
+    )
+
+
+def _checked(job: Job, known: Mapping[tuple[int, int], Path], to_be_made: Sequence[Path]) -> Job:
+    """Return a job with what is wrong with its outputs; some folders are made only later."""
     if job.problem is not None:
         return job
     for path in job.outputs:
-        if dry and not path.parent.exists():
-            continue  # it would be made
+        folder = path.parent
+        if not folder.exists() and any(folder.is_relative_to(top) for top in to_be_made):
+            continue
         try:
             other = known.get(identity(path) or (0, 0), job.source)
             check_output(path, job.source, other, overwrite=job.overwrite_others)

@@ -8,11 +8,12 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from deshake.batch.estimate_work import kernel_origin
+from deshake.batch.estimate_work import check_inputs, kernel_origin
 from deshake.batch.footprint import estimate_memory, restoration_memory, worked_size
 from deshake.errors import DeshakeError
 from deshake.files.disk import STREAM, sha256
 from deshake.files.kernel_file import read_kernel
+from deshake.formats.conversion import check_ending
 from deshake.stages.deblurring import deblur_file
 from deshake.stages.finishing import AS_IT_IS, Finish
 from deshake.stages.fixing import fix_file
@@ -67,6 +68,7 @@ class Fix:
             finish=_with_mask(self.finish, job),
             overwrite=job.overwrite,
             overwrite_others=job.overwrite_others,
+            keep_result=job.keeps_result,
             threads=threads,
             progress=progress,
         )
@@ -88,6 +90,11 @@ class Fix:
             bends=self.options.camera.undoes_lens,
         )
         return max(estimate_memory(seen, threads), needed)
+
+    def check(self, job: Job) -> None:
+        """Check the inputs, and the name of the result."""
+        check_inputs(job)
+        check_ending(job.place, job.source)
 
     def origin(self, job: Job) -> dict[str, Any]:
         """Return the inputs and the options of both stages."""
@@ -144,6 +151,8 @@ class Deblur:
             restoration=self.restoration,
             finish=_with_mask(self.finish, job),
             overwrite=job.overwrite,
+            overwrite_others=job.overwrite_others,
+            keep_result=job.keeps_result,
             threads=threads,
             progress=progress,
         )
@@ -171,6 +180,16 @@ class Deblur:
             masked=job.needs.get("mask") is not None,
             bends=bends,
         )
+
+    def check(self, job: Job) -> None:
+        """Check the inputs, the kernel, the registration, and the name of the result."""
+        check_inputs(job)
+        if str(job.needs["kernel"]) != STREAM:  # which can be read but once
+            read_kernel(job.needs["kernel"])
+        registration = job.needs.get("registration")
+        if registration is not None and str(registration) != STREAM:
+            known_registration(registration)
+        check_ending(job.place, job.source)
 
     def origin(self, job: Job) -> dict[str, Any]:
         """Return the inputs and the options, and those of the kernel."""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from deshake.batch.plan import Job
     from deshake.batch.work import Work
 
-__all__ = ["differences", "doubt"]
+__all__ = ["differences", "doubt", "made_by"]
 
 _INPUTS = {
     "input_sha256": "from another input",
@@ -33,15 +33,19 @@ def doubt(job: Job, work: Work) -> str | None:
 
     What does not tell how it was made is not doubted.
     """
-    if job.output is None:
-        return None
-    told = _told(job.output)
+    told = None if job.output is None else _told(job.output)
     if told is None:
         return None
     found = differences(told, work.origin(job))
     if not found:
         return None
     return f"{job.output} exists already, but was made {' and '.join(found)}"
+
+
+def made_by(job: Job, work: Work) -> bool:
+    """Say whether the provenance of an existing result is what the work would write."""
+    told = None if job.output is None else _told(job.output)
+    return told is not None and not differences(told, work.origin(job))
 
 
 def differences(told: Mapping[str, Any], expected: Mapping[str, Any]) -> list[str]:

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
-from deshake.batch.resume import doubt
+from deshake.batch.resume import doubt, made_by
 from deshake.errors import DeshakeError, OutputError, describe
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     Progress = Callable[[float, str], None]
 
-__all__ = ["Result", "failure", "run_job"]
+__all__ = ["Result", "failure", "problem", "run_job"]
 
 _OURS = logging.getLogger("deshake")
 
@@ -88,18 +88,31 @@ def run_job(
     with _warnings(job) as warnings:
         if job.problem is not None:
             return failure(job, job.problem)
+        there = job.keeps_result
         try:
-            if job.skipped:
+            if there and (job.skipped or not made_by(job, work)):
                 _tell_skipped(job, work)
                 return Result(job, "skipped", time.perf_counter() - start, {}, tuple(warnings))
             figures = work(job, threads=threads, progress=progress)
         except Exception as error:  # noqa: BLE001  one bad photo never stops the rest
-            if isinstance(error, OutputError) and job.skipped:  # another run has made it meanwhile
+            if isinstance(error, OutputError) and job.keeps_result and not there:
+                # Another run has made it meanwhile.
                 return Result(job, "skipped", time.perf_counter() - start, {}, tuple(warnings))
             return failure(job, error, time.perf_counter() - start, warnings)
     # What was noted was warned of as well, unless nothing but errors is wanted.
     told = dict.fromkeys([*warnings, *figures.pop("notes", [])])
     return Result(job, "done", time.perf_counter() - start, figures, tuple(told))
+
+
+def problem(job: Job, work: Work) -> DeshakeError | None:
+    """Return why a job would fail before any work is done; None: it would not."""
+    if job.problem is not None or job.skipped:
+        return job.problem
+    try:
+        work.check(job)
+    except DeshakeError as error:
+        return error
+    return None
 
 
 def failure(
@@ -118,6 +131,9 @@ def failure(
 def _tell_skipped(job: Job, work: Work) -> None:
     """Say that the result is there already, and warn if it is not what the work would make."""
     found = doubt(job, work)
+    if found is None and job.missing:
+        found = f"{job.output} exists already, but does not tell whether its missing "
+        found += f"{' and '.join(job.missing)} would belong to it"
     if found is None:
         _OURS.info("%s: skipped, %s exists already", job.source, job.output)
     else:

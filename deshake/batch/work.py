@@ -35,6 +35,17 @@ class Work(Protocol):
         """Predict the bytes that a process takes for it, itself included."""
         ...
 
+    def check(self, job: Job) -> None:
+        """Check what is checked before any work, without reading a photo: for a dry run.
+
+        Raises
+        ------
+        DeshakeError
+            If it cannot be done.
+
+        """
+        ...
+
     def origin(self, job: Job) -> dict[str, Any]:
         """Return what its result will tell of where it comes from, as far as that is known before.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import time
 from collections import Counter
@@ -13,8 +12,9 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
+from deshake.cli.json_output import print_json
 from deshake.cli.messages import print_error, print_note
-from deshake.cli.options import FILE, json_option, overwrite_option
+from deshake.cli.options import FILE, json_option, no_stdin, overwrite_option
 from deshake.cli.values import Size
 
 if TYPE_CHECKING:
@@ -46,18 +46,21 @@ _NAMED = 10
 """Failed photos that the summary names."""
 
 photos_argument = click.argument(
-    "photos", type=FILE, nargs=-1, required=True, metavar="PHOTO|DIR..."
+    "photos", type=FILE, nargs=-1, required=True, metavar="PHOTO|DIR...", callback=no_stdin
 )
 
 
 _DRY_RUN = click.option(
-    "--dry-run", is_flag=True, help="Say what would be done for each photo; do nothing."
+    "--dry-run",
+    is_flag=True,
+    help="Check the names and say what would be done for each photo; do nothing.",
 )
 _FAIL_FAST = click.option("--fail-fast", is_flag=True, help="Stop at the first photo that fails.")
 _SKIP_EXISTING = click.option(
     "--skip-existing",
     is_flag=True,
-    help="Leave out the photos whose output exists already.",
+    help="Leave out the photos whose outputs exist already. What is missing beside a result (its "
+    "sheet, its kernel) is made again, and the result stays.",
 )
 _FRAME_OPTIONS = (_DRY_RUN, _SKIP_EXISTING, overwrite_option, json_option)
 _BATCH_OPTIONS = (
@@ -85,7 +88,10 @@ _BATCH_OPTIONS = (
         help="Photos at once, memory permitting.  [default: processors / threads]",
     ),
     click.option(
-        "-r", "--recursive", is_flag=True, help="Also take the photos of folders in folders."
+        "-r",
+        "--recursive",
+        is_flag=True,
+        help="Also take the photos of folders in folders; links to folders are followed.",
     ),
 )
 
@@ -211,7 +217,7 @@ def run_batch(
     from deshake.batch.run import Resources, run_jobs
 
     if batch.dry_run:
-        return _tell_plan(jobs, batch)
+        return _tell_plan(jobs, work, batch)
     start = time.monotonic()
     if batch.scheduler is not None:
         _check_files(jobs)
@@ -226,7 +232,7 @@ def run_batch(
         for result in running:
             results.append(result)
             if batch.as_json:
-                click.echo(json.dumps(result.report()))
+                print_json(result.report())
             elif line is not None and result.status == "done":
                 click.echo(line(result))
             if result.status == "failed":
@@ -245,22 +251,25 @@ def _check_files(jobs: Sequence[Job]) -> None:
             raise click.UsageError("--scheduler does not go with standard input or output.")
 
 
-def _tell_plan(jobs: Sequence[Job], batch: Batch) -> int:
-    """Print what would be done for each photo."""
-    from deshake.batch.task import failure
+def _tell_plan(jobs: Sequence[Job], work: Work, batch: Batch) -> int:
+    """Print what would be done for each photo, or why it cannot be."""
+    from deshake.batch.task import failure, problem
 
+    code = 0
     for job in jobs:
         status = "skip" if job.skipped else "do"
-        failed = None if job.problem is None else failure(job, job.problem)
+        found = problem(job, work)
+        failed = None if found is None else failure(job, found)
+        code = code if failed is None else 1
         if batch.as_json:
             report = {"status": status} | job.files() if failed is None else failed.report()
-            click.echo(json.dumps(report))
+            print_json(report)
         elif failed is None:
             to = "" if job.output is None else f" -> {job.output}"
             click.echo(f"{status} {job.source}{to}")
         if failed is not None:
             print_error(failed.error or "", hint=failed.hint)
-    return 1 if any(job.problem for job in jobs) else 0
+    return code
 
 
 def _tell_failure(result: Result, context: Context) -> None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING
 
 import click
 
 from deshake.cli.batch import batch_options, photos_argument, planned, run_batch
+from deshake.cli.json_output import print_json
 from deshake.cli.options import (
     focal_options,
     general_options,
@@ -119,7 +119,7 @@ def _from_chessboards(
     found = result.found
     if batch.as_json:
         files = {"output": None if output is None else str(output)}
-        click.echo(json.dumps(result.report() | files))
+        print_json(result.report() | files)
     elif not to_stdout and context.verbosity >= 0:
         click.echo(f"{output}: {found.camera.focal_px:.1f} pixels ({result.content.source})")
 

@@ -17,11 +17,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from deshake.cli.values import Number, Region, Share
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
 __all__ = ["read_config"]
+
+_LONGEST = 40
+"""Characters of a value that a message repeats."""
 
 
 def read_config(ctx: click.Context, path: Path) -> dict[str, Any]:
@@ -42,7 +47,8 @@ def read_config(ctx: click.Context, path: Path) -> dict[str, Any]:
     Raises
     ------
     click.UsageError
-        If the file cannot be read, is not TOML, or has a key that is no option.
+        If the file cannot be read, is not TOML, or has a key that is no option, or whose value is
+        of the wrong kind.
 
     """
     group = ctx.command
@@ -57,6 +63,10 @@ def read_config(ctx: click.Context, path: Path) -> dict[str, Any]:
         raise click.UsageError(f"{path}: not a text file in UTF-8", ctx) from None
     except tomllib.TOMLDecodeError as error:
         raise click.UsageError(f"{path}: not TOML: {error}", ctx) from None
+    except ValueError:
+        raise click.UsageError(f"{path}: a number in it has too many digits", ctx) from None
+    except RecursionError:
+        raise click.UsageError(f"{path}: too many brackets within brackets", ctx) from None
     tables = {name: value for name, value in content.items() if isinstance(value, dict)}
     general = {name: value for name, value in content.items() if name not in tables}
     defaults: dict[str, Any] = _defaults(group, general, f"{path}: ", ctx)
@@ -75,7 +85,7 @@ def _defaults(
 ) -> dict[str, Any]:
     """Turn a table's keys into the names of the command's parameters."""
     known = {
-        name[2:]: param.name
+        name[2:]: param
         for param in command.params
         # What a command only passes to the general options is set before its name.
         if isinstance(param, click.Option) and (param.expose_value or command is ctx.command)
@@ -86,4 +96,43 @@ def _defaults(
     if unknown:
         msg = f"{where}{', '.join(unknown)}: no such option; there are {', '.join(known)}"
         raise click.UsageError(msg, ctx)
-    return {known[key] or key: value for key, value in table.items()}
+    for key, value in table.items():
+        if not _is_of_kind(known[key], value):
+            expected = _kind(known[key])
+            raise click.UsageError(f"{where}{key} = {_said(value)}: is not {expected}", ctx)
+    return {known[key].name or key: value for key, value in table.items()}
+
+
+def _kind(option: click.Option) -> str:
+    """Say what kind of value an option takes in the file."""
+    if option.is_flag or option.count:
+        return "a whole number" if option.count else "true or false"
+    if isinstance(option.type, type(click.INT)):
+        return "a whole number"
+    if isinstance(option.type, Number | Share | type(click.FLOAT)):
+        return "a number"
+    if isinstance(option.type, Region):
+        return "four whole numbers"
+    return "a text in quotes"
+
+
+def _is_of_kind(option: click.Option, value: object) -> bool:
+    """Tell whether a value is of the kind that an option takes, or a text, as it is typed."""
+    match _kind(option):
+        case "true or false":
+            return isinstance(value, bool)
+        case "a whole number":
+            whole = isinstance(value, int) and not isinstance(value, bool)
+            return whole or (isinstance(value, str) and not option.count)
+        case "a number":
+            return isinstance(value, int | float | str) and not isinstance(value, bool)
+        case "four whole numbers" if isinstance(value, list):
+            return len(value) == 4 and all(type(item) is int for item in value)
+        case _:
+            return isinstance(value, str)
+
+
+def _said(value: object) -> str:
+    """Return a value of the file in one short line."""
+    text = str(value).lower() if isinstance(value, bool) else str(value)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."

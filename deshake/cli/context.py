@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Never, Self
@@ -16,6 +17,14 @@ __all__ = ["Context", "Progress"]
 
 def _stderr_is_terminal() -> bool:
     return sys.stderr.isatty()
+
+
+def _tells_its_size() -> bool:
+    """Whether stderr is no terminal of no columns or rows, as some serial lines and CI logs are."""
+    try:
+        return all(os.get_terminal_size(sys.stderr.fileno()))
+    except (OSError, ValueError):  # no terminal at all
+        return True
 
 
 @dataclass
@@ -73,7 +82,7 @@ class Progress:
                 file=sys.stderr,
                 leave=False,
                 miniters=0,  # work goes on in uneven steps: time alone decides what is shown
-                dynamic_ncols=True,
+                **({"dynamic_ncols": True} if _tells_its_size() else {"ncols": 79, "nrows": 24}),
                 bar_format="{desc} {percentage:3.0f}%|{bar}| {elapsed}, {remaining} left",
             )
         return self

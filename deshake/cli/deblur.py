@@ -113,6 +113,8 @@ def command(
             raise click.UsageError("name one photo and its kernel, or the kernels with --kernel")
         *photos_only, kernel = photos
         photos = tuple(photos_only)
+    if "-" in map(str, photos):
+        raise click.UsageError("photos are not read from standard input: name a file.")
     chosen = restoration(noisy, **choices)
     refuse_stdout(output)
     needs: dict[str, Callable[[Found], Path | None]] = {"kernel": _kernels(kernel)}

@@ -15,6 +15,7 @@ from deshake.cli.options import (
     focal_options,
     general_options,
     lens_options,
+    no_stdin,
     one_pair,
     one_to_stdout,
     output_option,
@@ -35,8 +36,8 @@ _NOT_WITH_REGISTRATION = ("camera", "focal_px", "focal_35mm", "lens", "lens_mode
 
 
 @click.command("estimate-pair")
-@click.argument("blurred", type=FILE)
-@click.argument("noisy", type=FILE)
+@click.argument("blurred", type=FILE, callback=no_stdin)
+@click.argument("noisy", type=FILE, callback=no_stdin)
 @output_option("BLURRED's name with .kernel.npz", metavar="FILE.npz")
 @click.option(
     "--registration",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
-from deshake.cli.options import FILE
+from deshake.cli.options import FILE, no_stdin
 from deshake.cli.values import Share
 
 if TYPE_CHECKING:
@@ -67,6 +67,7 @@ def finish_options(command: F) -> F:
         click.option(
             "--mask",
             type=FILE,
+            callback=no_stdin,
             metavar="FILE|DIR",
             help="A grey picture of the photo's size: white where the photo is to stay as it is; "
             "for several photos, a folder of such pictures, of the photos' names.  "

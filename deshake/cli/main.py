@@ -20,7 +20,7 @@ from click.exceptions import NoSuchCommand
 
 from deshake.cli.config import read_config
 from deshake.cli.context import Context
-from deshake.cli.messages import log_to_stderr, print_exception
+from deshake.cli.messages import log_to_stderr, print_exception, print_note
 from deshake.cli.options import FILE, general_options
 from deshake.version import __version__
 
@@ -141,7 +141,8 @@ def main(args: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        The exit code: 0 done, 1 failed, 2 wrong usage, 130 interrupted.
+        The exit code: 0 done, 1 failed, 2 wrong usage, 130 interrupted. SIGTERM ends the process
+        with 143.
 
     """
     context = Context()
@@ -154,6 +155,7 @@ def main(args: Sequence[str] | None = None) -> int:
             code = _run(args, context)
             sys.stdout.flush()
         except (KeyboardInterrupt, click.Abort):
+            print_note("interrupted")
             return EXIT_INTERRUPTED
         except Exception as error:  # noqa: BLE001  the last to hear of any error
             if isinstance(error.__cause__ or error, BrokenPipeError):

@@ -10,10 +10,11 @@ import os
 import sys
 import warnings
 from contextlib import contextmanager
+from difflib import SequenceMatcher
 from typing import TYPE_CHECKING, TextIO
 
 import click
-from click.exceptions import NoArgsIsHelpError
+from click.exceptions import NoArgsIsHelpError, NoSuchOption
 
 from deshake import errors
 
@@ -34,6 +35,8 @@ _OURS = logging.getLogger("deshake")
 _WARNINGS = logging.getLogger("deshake.libraries")
 _PILLOW = logging.getLogger("PIL")
 _LEVELS = {-1: logging.ERROR, 0: logging.WARNING, 1: logging.INFO}
+_ALIKE = 0.75
+"""How much of two names is the same, where one is a slip of the other."""
 _NATIVE_LOGS = "OPENCV_LOG_LEVEL"
 """OpenCV writes to the terminal by itself, past Python, unless this says otherwise."""
 
@@ -62,13 +65,30 @@ def print_exception(error: Exception) -> None:
 def describe(error: Exception) -> tuple[str, str | None]:
     """Return what went wrong, and what to try."""
     match error:
+        case NoSuchOption():
+            return _without_guesses(error), _usage_hint(error)
         case click.UsageError():
-            path = error.ctx.command_path if error.ctx else "deshake"
-            return error.format_message(), f"see {path} --help"
+            return error.format_message(), _usage_hint(error)
         case click.ClickException():
             return error.format_message(), None
         case _:
             return errors.describe(error)
+
+
+def _usage_hint(error: click.UsageError) -> str:
+    path = error.ctx.command_path if error.ctx else "deshake"
+    return f"see {path} --help"
+
+
+def _without_guesses(error: NoSuchOption) -> str:
+    """Return the message, with those options alone that may have been meant: a slip away."""
+    meant = [
+        name
+        for name in error.possibilities or []
+        if name.startswith(error.option_name)
+        or SequenceMatcher(None, name.strip("-"), error.option_name.strip("-")).ratio() >= _ALIKE
+    ]
+    return NoSuchOption(error.option_name, error.message, meant).format_message()
 
 
 def set_verbosity(verbosity: int) -> None:

@@ -35,6 +35,7 @@ __all__ = [
     "json_option",
     "kernel_argument",
     "lens_options",
+    "no_stdin",
     "one_pair",
     "one_to_stdout",
     "output_option",
@@ -99,6 +100,14 @@ def _only_one_of(*names: str) -> Callable[[click.Context, click.Parameter, Any],
         return value
 
     return check
+
+
+def no_stdin(ctx: click.Context, param: click.Parameter, value: Any) -> Any:  # noqa: ANN401, ARG001
+    """Refuse ``-`` for a photo, or among photos: a photo has a name, which its result takes."""
+    names = value if isinstance(value, tuple) else (value,)
+    if "-" in map(str, names):
+        raise click.UsageError("photos are not read from standard input: name a file.", ctx)
+    return value
 
 
 def general_options(command: F) -> F:
@@ -231,7 +240,7 @@ def blur_options(command: F) -> F:
     return angle(size(command))
 
 
-photo_argument = click.argument("photo", type=FILE)
+photo_argument = click.argument("photo", type=FILE, callback=no_stdin)
 kernel_argument = click.argument("kernel", type=FILE)
 
 overwrite_option = click.option(

@@ -14,6 +14,7 @@ from deshake.cli.options import (
     focal_options,
     general_options,
     lens_options,
+    no_stdin,
     one_pair,
     one_to_stdout,
     output_option,
@@ -32,8 +33,8 @@ __all__ = ["command"]
 
 
 @click.command("register")
-@click.argument("blurred", type=FILE)
-@click.argument("noisy", type=FILE)
+@click.argument("blurred", type=FILE, callback=no_stdin)
+@click.argument("noisy", type=FILE, callback=no_stdin)
 @output_option("BLURRED's name with .registration.npz", metavar="FILE.npz")
 @click.option(
     "--preview",

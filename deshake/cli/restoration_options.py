@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 import click
 
-from deshake.cli.options import FILE
+from deshake.cli.options import FILE, no_stdin
 from deshake.restore.quality import Quality
 from deshake.stages.methods import METHODS, RestorationOptions, default_method
 
@@ -21,6 +21,7 @@ F = TypeVar("F", bound="Callable[..., Any]")
 noisy_option = click.option(
     "--noisy",
     type=FILE,
+    callback=no_stdin,
     help="A sharp but noisy photo of the same scene, to deblur with the help of.",
 )
 

@@ -12,6 +12,9 @@ __all__ = ["Grid", "Number", "Region", "Share", "Size"]
 
 T = TypeVar("T")
 
+_MAX_DIGITS = 9
+"""Digits of the longest number of pixels."""
+
 
 class _Typed(click.ParamType[T]):
     """A value that the help shows as its name, in the name's own letters."""
@@ -81,9 +84,11 @@ class Region(_Typed[tuple[int, int, int, int]]):
         if isinstance(value, tuple):
             return value  # converted before
         text = ",".join(map(str, value)) if isinstance(value, list) else str(value)
-        found = re.fullmatch(r"(\d{1,9}),(\d{1,9}),(\d{1,9}),(\d{1,9})", text.replace(" ", ""))
+        found = re.fullmatch(r"(\d+),(\d+),(\d+),(\d+)", text.replace(" ", ""))
         if not found:
             self.fail(f"{value!r} is not four whole numbers X,Y,W,H", param, ctx)
+        if max(map(len, found.groups())) > _MAX_DIGITS:
+            self.fail("it reaches beyond any photo", param, ctx)
         x, y, width, height = (int(part) for part in found.groups())
         if width == 0 or height == 0:
             self.fail(f"{value!r} holds no pixel", param, ctx)

@@ -6,21 +6,24 @@ import contextlib
 import errno
 import hashlib
 import os
+import stat
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from deshake.errors import OutputError
 from deshake.files.part_files import create_part
+from deshake.files.permissions import output_mode
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from deshake.errors import DeshakeError
 
 __all__ = [
     "STREAM",
     "atomic_write",
+    "check_input",
     "check_output",
     "read_bytes",
     "sha256",
@@ -79,7 +82,12 @@ def check_output(
 
 
 @contextlib.contextmanager
-def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = False) -> Iterator[BinaryIO]:
+def atomic_write(
+    path: str | os.PathLike[str],
+    *,
+    overwrite: bool = False,
+    made_from: Sequence[str | os.PathLike[str]] = (),
+) -> Iterator[BinaryIO]:
     """Open a binary file that appears under its name whole, or not at all.
 
     The bytes go to a hidden temporary file in the same folder, are flushed to the disk, and the
@@ -93,6 +101,8 @@ def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = False) -> It
         The file to write. A symbolic link is replaced, not followed.
     overwrite : bool, keyword-only
         Whether an existing file may be replaced; checked again at the last moment.
+    made_from : sequence of path, keyword-only
+        The inputs, whose permissions the file takes; the temporary file is its owner's alone.
 
     Raises
     ------
@@ -114,6 +124,8 @@ def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = False) -> It
         stream.flush()
         os.fsync(handle)
         stream.close()
+        with contextlib.suppress(OSError):  # a file system without permissions
+            os.chmod(part, output_mode(made_from))  # noqa: PTH101
         _take_name(part, target, overwrite=overwrite)
     except BaseException as error:
         with contextlib.suppress(OSError):
@@ -125,8 +137,16 @@ def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = False) -> It
         raise
 
 
-def write_bytes(path: str | os.PathLike[str], data: bytes, *, overwrite: bool = False) -> None:
+def write_bytes(
+    path: str | os.PathLike[str],
+    data: bytes,
+    *,
+    overwrite: bool = False,
+    made_from: Sequence[str | os.PathLike[str]] = (),
+) -> None:
     """Write a whole file, or to standard output for ``-``.
+
+    The parameters are those of `atomic_write`.
 
     Raises
     ------
@@ -135,7 +155,7 @@ def write_bytes(path: str | os.PathLike[str], data: bytes, *, overwrite: bool = 
 
     """
     if os.fspath(path) != STREAM:
-        with atomic_write(path, overwrite=overwrite) as stream:
+        with atomic_write(path, overwrite=overwrite, made_from=made_from) as stream:
             stream.write(data)
         return
     if sys.stdout.isatty():
@@ -167,24 +187,51 @@ def read_bytes(path: str | os.PathLike[str], limit: int, error: type[DeshakeErro
 
     """
     name = os.fspath(path)
-    try:
-        if name == STREAM:
-            name = "standard input"
+    if name == STREAM:
+        name = "standard input"
+    with _reading(name, error):
+        if name != os.fspath(path):
             if sys.stdin.isatty():
                 raise error("nothing to read: it is a terminal", hint="name a file", file=name)
             data = _read_at_most(sys.stdin.buffer, limit)
         else:
             with Path(name).open("rb") as stream:
                 data = _read_at_most(stream, limit)
+    if data is None:
+        raise error(f"larger than {limit / 1e6:.0f} MB", file=name)
+    return data
+
+
+def check_input(path: str | os.PathLike[str], error: type[DeshakeError]) -> None:
+    """Check that a file is there and may be read, ``-`` being standard input, which is.
+
+    Raises
+    ------
+    DeshakeError
+        Of the class `error`, as `read_bytes` does.
+
+    """
+    name = os.fspath(path)
+    if name == STREAM:
+        return
+    with _reading(name, error):
+        if stat.S_ISFIFO(os.stat(name).st_mode):  # noqa: PTH116 - opening it would wait
+            return
+        with Path(name).open("rb"):
+            pass
+
+
+@contextlib.contextmanager
+def _reading(name: str, error: type[DeshakeError]) -> Iterator[None]:
+    """Say in one line why the system refused to read."""
+    try:
+        yield
     except FileNotFoundError as cause:
         raise error("no such file", hint="check the name", file=name) from cause
     except IsADirectoryError as cause:
         raise error("is a folder, not a file", hint="name a file in it", file=name) from cause
     except OSError as cause:
         raise error(_reason(cause), file=name) from cause
-    if data is None:
-        raise error(f"larger than {limit / 1e6:.0f} MB", file=name)
-    return data
 
 
 _PIECE = 1 << 20

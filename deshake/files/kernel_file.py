@@ -29,6 +29,7 @@ from deshake.geometry.kernel import RotationKernel
 
 if TYPE_CHECKING:
     import os
+    from collections.abc import Sequence
 
     from deshake.geometry.camera import Camera
 
@@ -37,6 +38,7 @@ __all__ = [
     "MAX_WEIGHTS",
     "CameraFile",
     "KernelFile",
+    "kernel_bytes",
     "read_camera",
     "read_kernel",
     "write_camera",
@@ -141,9 +143,13 @@ def read_kernel(path: str | os.PathLike[str]) -> KernelFile:
 
 
 def write_camera(
-    path: str | os.PathLike[str], content: CameraFile, *, overwrite: bool = False
+    path: str | os.PathLike[str],
+    content: CameraFile,
+    *,
+    overwrite: bool = False,
+    made_from: Sequence[str | os.PathLike[str]] = (),
 ) -> None:
-    """Write a camera file, ``-`` for standard output.
+    """Write a camera file, ``-`` for standard output; it takes the permissions of its inputs.
 
     Raises
     ------
@@ -152,13 +158,17 @@ def write_camera(
 
     """
     arrays = camera_arrays(content.camera) | {"source": np.array(content.source)}
-    write_bytes(path, pack(arrays), overwrite=overwrite)
+    write_bytes(path, pack(arrays), overwrite=overwrite, made_from=made_from)
 
 
 def write_kernel(
-    path: str | os.PathLike[str], content: KernelFile, *, overwrite: bool = False
+    path: str | os.PathLike[str],
+    content: KernelFile,
+    *,
+    overwrite: bool = False,
+    made_from: Sequence[str | os.PathLike[str]] = (),
 ) -> None:
-    """Write a kernel file, ``-`` for standard output.
+    """Write a kernel file, ``-`` for standard output; it takes the permissions of its inputs.
 
     Raises
     ------
@@ -168,6 +178,11 @@ def write_kernel(
         If the provenance is not JSON data.
 
     """
+    write_bytes(path, kernel_bytes(content), overwrite=overwrite, made_from=made_from)
+
+
+def kernel_bytes(content: KernelFile) -> bytes:
+    """Return what a kernel file holds; raise ValueError if the provenance is not JSON data."""
     kernel = content.kernel
     arrays = camera_arrays(kernel.camera) | {
         "theta": np.asarray(kernel.theta, np.float64),
@@ -176,7 +191,7 @@ def write_kernel(
         "confidence": np.float64(content.confidence),
         "provenance": provenance_array(content.provenance),
     }
-    write_bytes(path, pack(arrays), overwrite=overwrite)
+    return pack(arrays)
 
 
 def _parse_camera(data: bytes) -> CameraFile:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import math
 import struct
+import tokenize
 import zipfile
 import zlib
 from dataclasses import dataclass
@@ -115,6 +116,7 @@ _DAMAGE: Final = (
     ValueError,
     TypeError,
     SyntaxError,
+    tokenize.TokenError,  # where NumPy looks at a header that is no literal once more
     LookupError,
     OverflowError,
     RecursionError,

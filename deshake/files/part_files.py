@@ -13,6 +13,8 @@ import secrets
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from deshake.files.permissions import PRIVATE
+
 if TYPE_CHECKING:
     from types import ModuleType
 
@@ -30,7 +32,7 @@ _FOLLOW: int = getattr(os, "O_NOFOLLOW", 0)
 
 
 def create_part(folder: str) -> tuple[int, str]:
-    """Create a hidden, empty part file in a folder, and lock it.
+    """Create a hidden, empty part file in a folder, which its owner alone may read, and lock it.
 
     Returns
     -------
@@ -47,7 +49,7 @@ def create_part(folder: str) -> tuple[int, str]:
     """
     while True:
         path = os.path.join(folder, f".deshake-{secrets.token_hex(8)}.part")  # noqa: PTH118
-        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY, 0o666)
+        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY, PRIVATE)
         if fcntl is None:
             return handle, path
         with contextlib.suppress(OSError):  # a file system without locks

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from deshake.geometry.camera import Camera
 
-__all__ = ["RegistrationFile", "read_registration", "write_registration"]
+__all__ = ["RegistrationFile", "read_registration", "registration_bytes", "write_registration"]
 
 _MAX_BYTES: Final = 4 * MAX_TEXT + (1 << 20)
 _SCALE_RANGE: Final = (1e-6, 1e6)
@@ -94,13 +94,18 @@ def write_registration(
         If the provenance is not JSON data.
 
     """
+    write_bytes(path, registration_bytes(content), overwrite=overwrite)
+
+
+def registration_bytes(content: RegistrationFile) -> bytes:
+    """Return what a registration file holds; raise ValueError if the provenance is not JSON."""
     arrays = camera_arrays(content.camera) | {
         "theta": np.asarray(content.theta, np.float64),
         "scale": np.float64(content.scale),
         "confidence": np.float64(content.confidence),
         "provenance": provenance_array(content.provenance),
     }
-    write_bytes(path, pack(arrays), overwrite=overwrite)
+    return pack(arrays)
 
 
 def _parse(data: bytes) -> RegistrationFile:

@@ -18,7 +18,7 @@ from PIL.AvifImagePlugin import AvifImageFile
 
 from deshake.errors import PhotoError
 from deshake.formats.boxes import item_properties, metadata_items
-from deshake.formats.encoding import Decoded, Encoding, check_size, decoding, turned
+from deshake.formats.encoding import Decoded, Encoding, check_stated_size, decoding, turned
 from deshake.formats.opencv import imdecode, imencode
 from deshake.metadata import exif
 from deshake.metadata.metadata import Metadata
@@ -47,7 +47,7 @@ def decode_avif(data: bytes) -> Decoded:
     """
     with decoding("AVIF"):
         picture = AvifImageFile(io.BytesIO(data))
-        check_size(picture.height, picture.width, len(data))
+        check_stated_size(picture.height, picture.width, len(data))
         if getattr(picture, "n_frames", 1) > 1:
             raise PhotoError("an animated AVIF", hint="take one still picture out of it")
         properties = item_properties(data)

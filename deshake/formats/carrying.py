@@ -67,7 +67,8 @@ def carried(metadata: Metadata, form: Format, height: int, width: int) -> Carrie
     if found.extended_xmp and form != "JPEG":
         found = _with_extended(found, losses)
     if form == "JPEG":
-        found = _for_jpeg(found, losses)
+        block = exif_editing.complete(block, metadata.density, (height, width), icc=bool(found.icc))
+        found = _for_jpeg(replace(found, exif=block), losses)
     if form in _NO_IPTC and (found.iptc or found.resources):
         losses.append(f"{_title(form)} has no place for IPTC, which is left out")
         found = replace(found, iptc=b"", resources=b"")

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from deshake.formats.encoding import Format
     from deshake.formats.transfer import Codes
 
-__all__ = ["converted", "encoded", "lost", "output_format"]
+__all__ = ["check_ending", "converted", "encoded", "lost", "output_format"]
 
 _TEXTS = (b"tEXt", b"zTXt", b"iTXt")
 _BAND = 256  # rows whose colours are turned at once
@@ -36,21 +36,43 @@ def output_format(path: str | os.PathLike[str], source: Path, encoding: Encoding
         If the ending means no format that is written.
 
     """
+    own = encoding.format not in WRITTEN_AS
+    check_ending(path, source if own else None)
+    suffix = Path(path).suffix.lower()
+    if own and suffix == source.suffix.lower():
+        return encoding.format
+    return SUFFIXES[suffix]
+
+
+def check_ending(path: str | os.PathLike[str], source: str | os.PathLike[str] | None) -> None:
+    """Check that a name's ending means a format that is written.
+
+    Parameters
+    ----------
+    path : path
+        The name.
+    source : path or None
+        A photo, whose ending means its own format, whatever it is.
+
+    Raises
+    ------
+    OutputError
+        If it does not.
+
+    """
     suffix = Path(path).suffix.lower()
     hint = "use .tif, .png, .jpg, .webp, .avif or .jp2"
     if suffix in READ_ONLY:
         raise OutputError(
             f"{READ_ONLY[suffix]} files are read, but not written", hint=hint, file=path
         )
-    if suffix == source.suffix.lower() and encoding.format not in WRITTEN_AS:
-        return encoding.format
-    if suffix not in SUFFIXES:
+    own = source is not None and suffix == Path(source).suffix.lower()
+    if suffix not in SUFFIXES and not own:
         raise OutputError(
             f"no photo format ends in {suffix!r}" if suffix else "the name has no ending",
             hint=hint,
             file=path,
         )
-    return SUFFIXES[suffix]
 
 
 def converted(encoding: Encoding, form: Format) -> Encoding:

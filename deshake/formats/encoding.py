@@ -33,6 +33,7 @@ __all__ = [
     "Format",
     "Matrix",
     "check_size",
+    "check_stated_size",
     "decoding",
     "turned",
 ]
@@ -79,6 +80,8 @@ MAX_PIXELS = 300_000_000
 
 _LARGE = 16_000_000  # pixels
 _PIXELS_A_BYTE = 100
+_MEGAPIXEL = 1_000_000
+_STATED_A_BYTE = 500
 
 
 @dataclass(frozen=True)
@@ -116,7 +119,8 @@ class Encoding:
         By how much the channels of a RAW file were amplified, the least by 1: the white balance.
     carried : bytes
         Blocks of the same format that are copied as they are: JPEG segments (IPTC, comments,
-        extended XMP) or PNG chunks (texts, density, chromaticities).
+        extended XMP) or PNG chunks (texts, chromaticities);
+        of a TIFF in RGB its reference black and white.
 
     """
 
@@ -193,6 +197,31 @@ def check_size(height: int, width: int, packed: int) -> None:
             f"{width} x {height} pixels are more than the {MAX_PIXELS // 10**6} million allowed"
         )
     if height * width > max(_LARGE, _PIXELS_A_BYTE * packed):
+        raise PhotoError(f"{width} x {height} pixels in {packed} bytes: damaged, or no photo")
+
+
+def check_stated_size(height: int, width: int, packed: int) -> None:
+    """Refuse a size that stands apart from the pixels, and that they cannot have.
+
+    In a file of boxes (AVIF, HEIC), a picture of another size is scaled to the one that is stated:
+    a few bytes become megapixels.
+
+    Parameters
+    ----------
+    height, width : int
+        What the boxes state.
+    packed : int
+        Bytes of the file.
+
+    Raises
+    ------
+    PhotoError
+        For the reasons of `check_size`, or if there is more than a megapixel and more than 500
+        pixels a byte.
+
+    """
+    check_size(height, width, packed)
+    if height * width > max(_MEGAPIXEL, _STATED_A_BYTE * packed):
         raise PhotoError(f"{width} x {height} pixels in {packed} bytes: damaged, or no photo")
 
 

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from deshake.errors import PhotoError
-from deshake.formats.encoding import Decoded, Encoding, check_size, decoding
+from deshake.formats.encoding import Decoded, Encoding, check_stated_size, decoding
 from deshake.metadata.metadata import Metadata
 from deshake.metadata.profiles import cicp_profile
 
@@ -40,7 +40,7 @@ def decode_heif(data: bytes) -> Decoded:
     with decoding("HEIC"):
         file = pi_heif.open_heif(io.BytesIO(data), convert_hdr_to_8bit=False)
         picture = file[file.primary_index]
-        check_size(picture.size[1], picture.size[0], len(data))
+        check_stated_size(picture.size[1], picture.size[0], len(data))
         info = picture.info
         icc = info.get("icc_profile", b"") or _profile_by_numbers(info.get("nclx_profile", {}))
         pixels = np.atleast_3d(np.array(picture))  # a copy: the memory goes with the file

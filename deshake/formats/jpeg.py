@@ -14,6 +14,7 @@ from PIL.JpegImagePlugin import JpegImageFile, get_sampling
 from deshake.errors import PhotoError
 from deshake.formats.encoding import Decoded, Encoding, check_size, decoding
 from deshake.formats.jpeg_frame import frame_of, with_frame
+from deshake.metadata.density import exif_density, jfif_density
 from deshake.metadata.image_resources import iptc_of, with_iptc
 from deshake.metadata.metadata import Metadata
 from deshake.metadata.xmp import guid
@@ -103,6 +104,9 @@ def encode_jpeg(picture: Decoded) -> bytes:
     codes = picture.codes[:8, :8] if picture.frame else picture.codes
     Image.fromarray(codes).save(stream, "JPEG", **options)
     data = stream.getvalue()
+    density = metadata.density or exif_density(metadata.exif)
+    if density is not None:
+        data = density.in_jfif(data)
     return with_frame(data, picture.frame) if picture.frame else data
 
 
@@ -132,6 +136,7 @@ def _metadata(segments: Segments) -> Metadata:
         iptc=iptc_of(resources),
         resources=resources,
         extended_xmp=_extended_xmp(parts("APP1", _EXTENDED_XMP), guid(packet, b"")),
+        density=next((jfif_density(data) for name, data in segments if name == "APP0"), None),
     )
 
 

@@ -39,7 +39,15 @@ if TYPE_CHECKING:
     from deshake.formats.transfer import Codes, TransferName
     from deshake.metadata.metadata import Metadata
 
-__all__ = ["Photo", "balanced", "encode_photo", "read_pair", "read_photo", "write_photo"]
+__all__ = [
+    "Photo",
+    "balanced",
+    "encode_photo",
+    "photo_bytes",
+    "read_pair",
+    "read_photo",
+    "write_photo",
+]
 
 _log = logging.getLogger(__name__)
 
@@ -91,6 +99,8 @@ class Photo:
     sha256 : str, optional
         The SHA-256 of the file's bytes as they were read, in hexadecimal; a photo that was made in
         memory has none.
+    stored_turned : bool
+        Whether width and height have changed places since it was read.
 
     Examples
     --------
@@ -113,6 +123,7 @@ class Photo:
     notes: tuple[str, ...] = ()
     frame: Frame | None = None
     sha256: str | None = None
+    stored_turned: bool = False
 
     @property
     def is_sensors(self) -> bool:
@@ -123,6 +134,12 @@ class Photo:
     def shape(self) -> tuple[int, int]:
         """Height and width in pixels."""
         return self.pixels.shape[0], self.pixels.shape[1]
+
+    @property
+    def described_size(self) -> str:
+        """Width and height in words, of the upright photo."""
+        size = f"{self.shape[1]} x {self.shape[0]} pixels"
+        return f"{size} upright (it is stored turned)" if self.stored_turned else size
 
     def with_pixels(self, pixels: NDArray[np.floating]) -> Photo:
         """Return the photo with other pixels of the same shape.
@@ -215,6 +232,7 @@ def read_photo(path: str | os.PathLike[str], *, transfer: TransferName | None = 
         notes=decoded.notes,
         frame=Frame(decoded.frame, pixels) if decoded.frame and turn == 1 else None,
         sha256=hashlib.sha256(data).hexdigest(),
+        stored_turned=turn >= 5,
     )
 
 
@@ -291,6 +309,8 @@ def encode_photo(photo: Photo, form: Format | None = None) -> bytes:
 def write_photo(path: str | os.PathLike[str], photo: Photo, *, overwrite: bool = False) -> None:
     """Write a photo to a file, whole or not at all; warn of metadata that it cannot hold.
 
+    The file takes the permissions of the photo's source.
+
     Parameters
     ----------
     path : path
@@ -308,11 +328,26 @@ def write_photo(path: str | os.PathLike[str], photo: Photo, *, overwrite: bool =
         If the format cannot hold the photo.
 
     """
-    form = output_format(path, photo.source, photo.encoding)
     check_output(path, photo.source, overwrite=overwrite)
+    data = photo_bytes(path, photo)
+    write_bytes(path, data, overwrite=overwrite, made_from=[photo.source])
+
+
+def photo_bytes(path: str | os.PathLike[str], photo: Photo) -> bytes:
+    """Return a photo as a file of this name holds it; warn of metadata that it cannot hold.
+
+    Raises
+    ------
+    OutputError
+        If the name's ending means no format that is written.
+    PhotoError
+        If the format cannot hold the photo.
+
+    """
+    form = output_format(path, photo.source, photo.encoding)
     for loss in carried(photo.metadata, form, *photo.shape).losses:
         _log.warning("%s: %s", photo.source, loss)
-    write_bytes(path, encode_photo(photo, form), overwrite=overwrite)
+    return encode_photo(photo, form)
 
 
 def _encoding(decoded: Decoded, transfer: TransferName | None) -> Encoding:

@@ -24,6 +24,7 @@ from deshake.errors import PhotoError
 from deshake.formats.encoding import Decoded, Encoding, check_size, decoding
 from deshake.formats.opencv import imdecode
 from deshake.formats.transfer import SRGB, Power
+from deshake.metadata.density import exif_density, phys_density
 from deshake.metadata.image_resources import with_iptc
 from deshake.metadata.metadata import Metadata
 from deshake.metadata.png_texts import RAW_PROFILE, profile_text, raw_profile
@@ -41,7 +42,7 @@ __all__ = ["SIGNATURE", "decode_png", "encode_png"]
 SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _XMP: Final = b"XML:com.adobe.xmp\0"
 _PIXEL_CHUNKS: Final = (b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND")
-_CARRIED: Final = (b"cHRM", b"gAMA", b"sRGB", b"cICP", b"pHYs", b"tEXt", b"zTXt", b"iTXt")
+_CARRIED: Final = (b"cHRM", b"gAMA", b"sRGB", b"cICP", b"tEXt", b"zTXt", b"iTXt")
 _PALETTE: Final = 3
 _GREY_TYPES: Final = (0, 4)
 _MAX_METADATA: Final = 1 << 26  # bytes that a compressed profile or packet may grow to
@@ -103,6 +104,9 @@ def encode_png(picture: Decoded) -> bytes:
     out = [SIGNATURE, _pack(b"IHDR", header)]
     if metadata.icc:
         out.append(_pack(b"iCCP", b"ICC profile\0\0" + zlib.compress(metadata.icc)))
+    density = metadata.density or exif_density(metadata.exif)
+    if density is not None and (physical := density.phys()):
+        out.append(_pack(b"pHYs", physical))
     out.append(picture.encoding.carried)
     if metadata.exif:
         out.append(_pack(b"eXIf", metadata.exif))
@@ -212,7 +216,8 @@ def _metadata(chunks: list[Chunk]) -> tuple[Metadata, Transfer, bytes]:
         (gamma,) = struct.unpack(">I", found[b"gAMA"])
         if 25000 <= gamma <= 300000 and abs(gamma - _SRGB_GAMMA) > 100:
             transfer = Power(100000 / gamma)
-    return Metadata(**(raw | blocks)), transfer, carried
+    density = next((phys_density(content) for name, content in chunks if name == b"pHYs"), None)
+    return Metadata(**(raw | blocks), density=density), transfer, carried
 
 
 def _raw_profile(name: bytes, content: bytes) -> dict[str, bytes]:

@@ -24,6 +24,7 @@ from deshake.formats.opencv import imdecode
 from deshake.formats.transfer import LINEAR, SRGB
 from deshake.metadata import exif
 from deshake.metadata.exif_editing import maker_note_at, pointers
+from deshake.metadata.image_resources import without_padding
 from deshake.metadata.metadata import Metadata
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ _DNG_VERSION: Final = 50706
 _REDUCED: Final = 1  # the bit of NewSubfileType that marks a thumbnail
 _ASSOCIATED, _UNASSOCIATED = 1, 2
 _STRIPS: Final = 273  # StripOffsets
+_REFERENCE: Final = 532  # ReferenceBlackWhite
 _MAX_PAGES: Final = 64  # looked at to tell thumbnails from pictures
 _ALONE: Final = {  # the methods that tifffile knows without further libraries
     COMPRESSION.NONE,
@@ -82,7 +84,7 @@ def decode_tiff(data: bytes) -> Decoded:
             exif=exif.new_block(exif.read_tree(data), note_at=note_at),
             xmp=values.get(exif.XMP, (0, 0, b""))[2],
             icc=values.get(exif.ICC, (0, 0, b""))[2],
-            iptc=values.get(exif.IPTC, (0, 0, b""))[2],
+            iptc=without_padding(values.get(exif.IPTC, (0, 0, b""))[2]),
             resources=values.get(exif.IMAGE_RESOURCES, (0, 0, b""))[2],
         )
         if page.sampleformat == SAMPLEFORMAT.IEEEFP:
@@ -94,6 +96,7 @@ def decode_tiff(data: bytes) -> Decoded:
             grey=colours == 1,
             compressed=page.compression != COMPRESSION.NONE,
             premultiplied=tuple(page.extrasamples) == (_ASSOCIATED,),
+            carried=_reference(first) if page.photometric == PHOTOMETRIC.RGB else b"",
         )
     has_alpha = pixels.shape[2] > colours
     codes = pixels[..., 0] if colours == 1 else pixels[..., :3]
@@ -124,10 +127,10 @@ def encode_tiff(picture: Decoded) -> bytes:
         byteorder="<" if tree.order == "<" else ">",
         **options,
     )
-    return _with_metadata(stream.getvalue(), metadata)
+    return _with_metadata(stream.getvalue(), metadata, encoding.carried)
 
 
-def _with_metadata(written: bytes, metadata: Metadata) -> bytes:
+def _with_metadata(written: bytes, metadata: Metadata, reference: bytes) -> bytes:
     """Put metadata into a TIFF that has none, made in their byte order.
 
     The EXIF block becomes the beginning of the file, so that what counts from there still holds;
@@ -147,16 +150,28 @@ def _with_metadata(written: bytes, metadata: Metadata) -> bytes:
         first.values[_STRIPS] = 4, count, struct.pack(f"{tree.order}{count}I", *places)
         written = block.ljust(shift, b"\0") + written
         tree = exif.Tree(tree.order, tree.main | lies)
-    tree.main = first.values | tree.main
+    stated = {} if metadata.density is None else metadata.density.tags(tree.order)
+    tree.main = first.values | stated | tree.main
     for tag, kind, value in (
         (exif.XMP, 1, metadata.xmp),
-        (exif.IPTC, 1, metadata.iptc),
+        (exif.IPTC, 4, metadata.iptc + bytes(-len(metadata.iptc) % 4)),
         (exif.IMAGE_RESOURCES, 1, metadata.resources),
         (exif.ICC, 7, metadata.icc),
     ):
         if value:
-            tree.main[tag] = kind, len(value), value
+            tree.main[tag] = kind, len(value) // exif.SIZES[kind], value
+    if reference:
+        numbers = struct.unpack("<12I", reference)
+        tree.main[_REFERENCE] = 5, 6, struct.pack(f"{tree.order}12I", *numbers)
     return exif.append_tree(written, tree)
+
+
+def _reference(first: exif.Directory | None) -> bytes:
+    """Return the reference black and white of RGB pixels, little-endian; empty if there is none."""
+    kind, count, raw = (0, 0, b"") if first is None else first.values.get(_REFERENCE, (0, 0, b""))
+    if first is None or (kind, count) != (5, 6):
+        return b""
+    return struct.pack("<12I", *struct.unpack(f"{first.order}12I", raw))
 
 
 def _only_page(file: TiffFile) -> TiffPage:

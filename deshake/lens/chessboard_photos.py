@@ -126,7 +126,7 @@ def calibrate_from_chessboards(
     for note in notes:
         _log.warning("%s", note)
     if output is not None:
-        write_camera(output, result.content, overwrite=overwrite)
+        write_camera(output, result.content, overwrite=overwrite, made_from=photos)
     return result
 
 

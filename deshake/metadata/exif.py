@@ -52,6 +52,10 @@ ICC: Final = 34675
 SIZES: Final = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4,
                 129: 1}  # fmt: skip
 
+# How struct calls the types that are numbers; fractions are two.
+NUMBERS: Final = {1: "B", 3: "H", 4: "I", 5: "II", 6: "b", 8: "h", 9: "i", 10: "ii", 11: "f",
+                  12: "d", 13: "I"}  # fmt: skip
+
 # Tags that say how pixels lie in this very file, or point into it: never carried to another.
 _STRUCTURE: Final = frozenset(
     {254, 255, 256, 257, 258, 259, 262, 263, 264, 265, 266, 273, 277, 278, 279, 280, 281, 284,
@@ -95,17 +99,16 @@ class Directory:
     def numbers(self, tag: int) -> list[float]:
         """Return a tag's numbers; fractions over 0 become nan, other types an empty list."""
         kind, count, raw = self.values.get(tag, (0, 0, b""))
-        code = {1: "B", 3: "H", 4: "I", 6: "b", 8: "h", 9: "i", 11: "f", 12: "d", 13: "I"}.get(kind)
-        if code is not None:
-            return [float(x) for x in struct.unpack(f"{self.order}{count}{code}", raw)]
-        if kind in {5, 10}:
-            pair = "I" if kind == 5 else "i"
-            parts = struct.unpack(f"{self.order}{2 * count}{pair}", raw)
-            return [
-                top / bottom if bottom else float("nan")
-                for top, bottom in zip(parts[::2], parts[1::2], strict=True)
-            ]
-        return []
+        code = NUMBERS.get(kind)
+        if code is None:
+            return []
+        parts = struct.unpack(f"{self.order}{len(code) * count}{code[0]}", raw)
+        if len(code) == 1:
+            return [float(x) for x in parts]
+        return [
+            top / bottom if bottom else float("nan")
+            for top, bottom in zip(parts[::2], parts[1::2], strict=True)
+        ]
 
     def text(self, tag: int) -> str:
         """Return a tag's text up to its first NUL, without surrounding blanks."""

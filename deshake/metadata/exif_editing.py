@@ -6,12 +6,15 @@ bytes are overwritten or appended, never moved.
 
 from __future__ import annotations
 
+import contextlib
 import struct
 from typing import Final
 
 from deshake.metadata import exif
+from deshake.metadata.density import Density
 
 __all__ = [
+    "complete",
     "maker_note_at",
     "pointers",
     "shortened",
@@ -24,7 +27,6 @@ __all__ = [
 _SIZES_BELOW: Final = (0xA002, 0xA003)  # PixelXDimension, PixelYDimension
 _SIZES: Final = (256, 257)  # ImageWidth, ImageLength
 _THUMBNAIL: Final = (513, 514)  # JPEGInterchangeFormat, and its length
-_WHOLE: Final = {1: "B", 3: "H", 4: "I"}  # types of one whole number
 
 
 def maker_note_at(block: bytes) -> int | None:
@@ -42,6 +44,41 @@ def upright(block: bytes) -> bytes:
     out = bytearray(block)
     _set(out, first, exif.ORIENTATION, 1)
     return bytes(out)
+
+
+def complete(block: bytes, density: Density | None, size: tuple[int, int], *, icc: bool) -> bytes:
+    """Return an EXIF block that has the tags which the standard asks of every JPEG.
+
+    A camera's block is returned as it is: only what holds nothing but Software, as
+    `with_software` makes it, is completed.
+
+    Parameters
+    ----------
+    block : bytes
+        The block.
+    density : Density or None
+        Of the photo; None: 72 pixels an inch, as the standard says.
+    size : (int, int)
+        Height and width of the picture.
+    icc : bool
+        Whether a profile tells the colours; else they are sRGB's.
+
+    """
+    first = exif.read_first(block)
+    if first is None or set(first.values) != {exif.SOFTWARE}:
+        return block
+    order, (height, width) = first.order, size
+    known = density or Density(72, 72)
+    main = first.values | known.tags(order) | {531: (3, 1, struct.pack(f"{order}H", 1))}
+    below: exif.Values = {
+        0x9000: (7, 4, b"0232"),  # ExifVersion
+        0x9101: (7, 4, b"\1\2\3\0"),  # ComponentsConfiguration
+        0xA000: (7, 4, b"0100"),  # FlashpixVersion
+        0xA001: (3, 1, struct.pack(f"{order}H", 0xFFFF if icc else 1)),  # ColorSpace
+    }
+    for tag, side in zip(_SIZES_BELOW, (width, height), strict=True):
+        below[tag] = 4, 1, struct.pack(f"{order}I", side)
+    return exif.new_block(exif.Tree(order, main, below))
 
 
 def with_size(block: bytes, height: int, width: int) -> bytes:
@@ -160,11 +197,15 @@ def pointers(block: bytes) -> exif.Values | None:
 
 
 def _set(out: bytearray, directory: exif.Directory, tag: int, number: int) -> None:
-    """Overwrite a tag that is one whole number, if it has room for the new one."""
-    kind, count, raw = directory.values.get(tag, (0, 0, b""))
-    if kind in _WHOLE and count == 1 and number < 1 << 8 * len(raw):
+    """Overwrite a tag that is one number, of whatever type, if it has room for the new one."""
+    kind, count, _ = directory.values.get(tag, (0, 0, b""))
+    if count != 1 or kind not in exif.NUMBERS:
+        return
+    code = exif.NUMBERS[kind]
+    with contextlib.suppress(struct.error):  # too large for the type
+        raw = struct.pack(f"{directory.order}{code}", number, *[1] * (len(code) - 1))
         place = directory.places[tag]
-        out[place : place + len(raw)] = struct.pack(f"{directory.order}{_WHOLE[kind]}", number)
+        out[place : place + len(raw)] = raw
 
 
 def _is_used(block: bytes, start: int, end: int) -> bool:

@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["iptc_of", "with_iptc", "without_thumbnails"]
+__all__ = ["iptc_of", "with_iptc", "without_padding", "without_thumbnails"]
 
 _IPTC: Final = 0x0404
 _THUMBNAILS: Final = (0x0409, 0x040C)
 _MARK: Final = b"8BIM"
+_RECORD: Final = b"\x1c"
 
 
 def iptc_of(resources: bytes) -> bytes:
@@ -33,6 +34,18 @@ def with_iptc(resources: bytes, iptc: bytes) -> bytes:
     kept = b"".join(whole for kind, _, whole in _walk(resources) if kind != _IPTC)
     head = _MARK + struct.pack(">HHI", _IPTC, 0, len(iptc))
     return head + iptc + bytes(len(iptc) % 2) + kept
+
+
+def without_padding(iptc: bytes) -> bytes:
+    """Return IPTC records without the zeros that make them whole words in a TIFF."""
+    at = 0
+    while iptc[at : at + 1] == _RECORD and len(iptc) >= at + 5:
+        (size,) = struct.unpack_from(">H", iptc, at + 3)
+        if size & 0x8000:  # so long that its size has another form
+            return iptc
+        at += 5 + size
+    rest = iptc[at:]
+    return iptc[:at] if len(rest) < 4 and not any(rest) else iptc
 
 
 def without_thumbnails(resources: bytes) -> bytes:

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from deshake.metadata import exif, exif_editing, xmp
+
+if TYPE_CHECKING:
+    from deshake.metadata.density import Density
 
 __all__ = ["CameraTags", "Metadata"]
 
@@ -78,6 +82,8 @@ class Metadata:
         Photoshop's image resources, which may hold the IPTC records too. Empty: none.
     extended_xmp : bytes
         What a JPEG's XMP packet had no room for. Empty: nothing.
+    density : Density, optional
+        What a JPEG's JFIF header or a PNG's chunk pHYs states.
 
     """
 
@@ -87,6 +93,7 @@ class Metadata:
     iptc: bytes = b""
     resources: bytes = b""
     extended_xmp: bytes = b""
+    density: Density | None = None
 
     @property
     def orientation(self) -> int:

@@ -266,7 +266,7 @@ def render_file(
         picture = render_filters(kernel, *filters, **sized)
     encoded = io.BytesIO()
     Image.fromarray(picture).save(encoded, "PNG", optimize=True)
-    write_bytes(output, encoded.getvalue(), overwrite=overwrite)
+    write_bytes(output, encoded.getvalue(), overwrite=overwrite, made_from=[source])
     _log.info("%s: %d x %d pixels", output, picture.shape[1], picture.shape[0])
     return output
 

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from deshake.errors import DeshakeError, OutputError
 from deshake.files.disk import STREAM, check_output, sha256
-from deshake.files.kernel_file import KernelFile, read_camera, write_kernel
+from deshake.files.joint_outputs import joint_outputs
+from deshake.files.kernel_file import KernelFile, kernel_bytes, read_camera
 from deshake.formats.conversion import output_format
-from deshake.formats.photo import read_photo, write_photo
+from deshake.formats.photo import photo_bytes, read_photo
 from deshake.geometry.distortion import bent_camera
 from deshake.lens.frame_tags import reframed
 from deshake.lens.lens_warp import LensWarp
@@ -304,11 +305,12 @@ def simulate_file(
         "input_sha256": photo.sha256,
         "camera": found.source,
     }
-    write_photo(output, result.photo, overwrite=overwrite)
-    if sharp is not None:
-        write_photo(sharp, result.sharp, overwrite=overwrite)
     content = KernelFile(result.kernel, provenance=provenance)
-    write_kernel(kernel, content, overwrite=overwrite)
+    with joint_outputs(photo.source) as add:
+        add(kernel, kernel_bytes(content), overwrite=overwrite)
+        if sharp is not None:
+            add(sharp, photo_bytes(sharp, result.sharp), overwrite=overwrite)
+        add(output, photo_bytes(output, result.photo), overwrite=overwrite)
     if str(kernel) != STREAM:
         extent = result.kernel.extent_px()
         height, width = result.photo.shape

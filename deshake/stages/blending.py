@@ -87,10 +87,9 @@ def read_mask(file: Path, photo: Photo) -> Mask:
             )
         pixels = pixels[..., 1]
     if not same_proportions(mask.shape, photo.shape):
-        (height, width), (high, wide) = mask.shape, photo.shape
         turned = same_proportions(mask.shape[::-1], photo.shape)
         raise PhotoError(
-            f"the mask has {width} x {height} pixels, and {photo.source} has {wide} x {high}",
+            f"the mask has {mask.described_size}, and {photo.source} has {photo.described_size}",
             hint="turn it: photos are masked as they are seen, upright"
             if turned
             else "a mask has the size of its photo, or that size scaled",

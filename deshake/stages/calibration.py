@@ -161,7 +161,7 @@ def calibrate_file(
         lens_model=lens_model,
     )
     if output is not None:
-        write_camera(output, found.content, overwrite=overwrite)
+        write_camera(output, found.content, overwrite=overwrite, made_from=[source])
     return found
 
 

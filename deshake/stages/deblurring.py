@@ -178,13 +178,16 @@ def deblur_file(
     restoration: RestorationOptions | None = None,
     finish: Finish = AS_IT_IS,
     overwrite: bool = False,
+    overwrite_others: bool = False,
+    keep_result: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> KernelFile:
     """Deblur a photo with the kernel of a file, alone or with a noisy one, and write the result.
 
     Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. The
-    sheet of `finish` is kept only together with it.
+    sheet of `finish` appears only together with it. With `keep_result` the result is there
+    already, and stays as it is.
 
     Returns
     -------
@@ -202,10 +205,10 @@ def deblur_file(
     if output is not None and str(output) == STREAM:
         raise OutputError("photos are not written to standard output", hint="name a file with -o")
     restoration = restoration or RestorationOptions(default_method(noisy=noisy is not None))
-    path = default_output(source, output, overwrite=overwrite)
+    path = default_output(source, output, overwrite=overwrite or keep_result)
     inputs = [item for item in (noisy, kernel_file, registration) if item is not None]
-    check_output(path, *inputs, overwrite=overwrite)
-    finish.check(path, source, *inputs, overwrite=overwrite)
+    check_output(path, *inputs, overwrite=overwrite or keep_result)
+    finish.check(path, source, *inputs, overwrite=overwrite_others)
     content = read_kernel(kernel_file)
     known = None if registration is None else known_registration(registration)
     other: Photo | None = None
@@ -251,7 +254,9 @@ def deblur_file(
         finish=finish,
         provenance=provenance,
         overwrite=overwrite,
-        overwrite_others=overwrite,
+        overwrite_others=overwrite_others,
+        keep_result=keep_result,
+        noisy=noisy,
     )
     return content
 

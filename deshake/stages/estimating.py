@@ -5,17 +5,16 @@ Outputs are checked before any work is done for them, and appear whole or not at
 
 from __future__ import annotations
 
-import contextlib
 from typing import TYPE_CHECKING
 
-from deshake.files.disk import STREAM, check_output, write_bytes
-from deshake.files.kernel_file import write_kernel
+from deshake.files.disk import STREAM, check_output
+from deshake.files.joint_outputs import joint_outputs
+from deshake.files.kernel_file import kernel_bytes
 from deshake.formats.conversion import output_format
 from deshake.formats.photo import encode_photo, read_pair, read_photo
 from deshake.pictures.latent_photo import latent_photo
 from deshake.pictures.tile_picture import tile_photo
 from deshake.stages.blind_estimate import estimate_blind
-from deshake.stages.outputs import gone_on_failure
 from deshake.stages.pair_estimate import estimate_pair
 from deshake.stages.registering import known_registration
 
@@ -53,6 +52,8 @@ def estimate_file(
     latent: Path | None = None,
     tiles: Path | None = None,
     overwrite: bool = False,
+    overwrite_others: bool = False,
+    keep_result: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
@@ -71,10 +72,12 @@ def estimate_file(
     registration : Path, optional
         The registration file of the two; by default they are registered.
     latent, tiles : Path, optional
-        Where the latent picture of a blind estimate goes, and the picture of its tiles; they are
-        kept only together with the kernel.
-    overwrite : bool
-        Whether existing outputs may be replaced.
+        Where the latent picture of a blind estimate goes, and the picture of its tiles; they
+        appear only together with the kernel.
+    overwrite, overwrite_others : bool
+        Whether an existing kernel file, or existing pictures, may be replaced.
+    keep_result : bool
+        Whether the kernel file is there already and stays as it is; only the pictures are written.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
@@ -91,7 +94,7 @@ def estimate_file(
 
     """
     inputs = [path for path in (source, noisy, registration) if path is not None]
-    check_output(output, *inputs, overwrite=overwrite)
+    check_output(output, *inputs, overwrite=overwrite or keep_result)
     pictures = [path for path in (latent, tiles) if path is not None]
     if noisy is not None:
         if pictures:
@@ -104,28 +107,29 @@ def estimate_file(
             threads=threads,
             progress=progress,
         )
-        write_kernel(output, found.content, overwrite=overwrite)
+        with joint_outputs(source, noisy) as add:
+            if not keep_result:
+                add(output, kernel_bytes(found.content), overwrite=overwrite)
         return found
     for number, path in enumerate(pictures):
-        check_output(path, source, output, *pictures[:number], overwrite=overwrite)
+        check_output(path, source, output, *pictures[:number], overwrite=overwrite_others)
     photo = read_photo(source, transfer=options.transfer)
     for path in pictures:
         _picture_format(path, photo)
     found = estimate_blind(photo, options, threads=threads, progress=progress)
-    with contextlib.ExitStack() as outputs:
+    with joint_outputs(source) as add:
 
         def keep(path: Path, picture: Photo) -> None:
-            outputs.enter_context(gone_on_failure(path))
-            write_bytes(
-                path, encode_photo(picture, _picture_format(path, photo)), overwrite=overwrite
-            )
+            data = encode_photo(picture, _picture_format(path, photo))
+            add(path, data, overwrite=overwrite_others)
 
         if latent is not None and found.latent is not None:
             keep(latent, latent_photo(photo, found.latent, options.region))
         if tiles is not None:
             kernel, camera = found.content.kernel, found.camera.camera
             keep(tiles, tile_photo(photo, kernel, camera, options.region))
-        write_kernel(output, found.content, overwrite=overwrite)
+        if not keep_result:
+            add(output, kernel_bytes(found.content), overwrite=overwrite)
     return found
 
 

@@ -90,10 +90,9 @@ def check_registration(camera: Camera, photo: Photo, file: Path | None = None) -
 
     """
     if camera.shape != photo.shape:
-        height, width = photo.shape
         raise KernelFileError(
             f"the registration is for pictures of {camera.width} x {camera.height} pixels, and "
-            f"{photo.source} has {width} x {height}",
+            f"{photo.source} has {photo.described_size}",
             hint="register the photos again",
             file=file,
         )
@@ -114,7 +113,7 @@ def check_region(photo: Photo, region: tuple[int, int, int, int] | None) -> None
     height, width = photo.shape
     if x + across > width or y + down > height:
         raise PhotoError(
-            f"the region {x},{y},{across},{down} reaches beyond its {width} x {height} pixels",
+            f"the region {x},{y},{across},{down} reaches beyond its {photo.described_size}",
             hint="--region takes X,Y,W,H in pixels of the upright photo",
             file=photo.source,
         )
@@ -143,11 +142,13 @@ def same_proportions(one: tuple[int, int], other: tuple[int, int]) -> bool:
 
 
 def _misfit(what: str, camera: Camera, photo: Photo, file: Path | None) -> KernelFileError:
-    height, width = photo.shape
     made_for = f"the {what} is for pictures of {camera.width} x {camera.height} pixels"
     turned = same_proportions(camera.shape[::-1], photo.shape)
+    why = "photos count upright" if photo.stored_turned else "the photo has been turned since"
     return KernelFileError(
-        f"{made_for}, and {photo.source} has {width} x {height}",
-        hint="the photo has been turned since" if turned else "the photo must not be cropped",
+        f"{made_for}, and {photo.source} has {photo.described_size}",
+        hint=f"{why}: make the {what} from the photo as it is now"
+        if turned
+        else "the photo must not be cropped",
         file=file,
     )

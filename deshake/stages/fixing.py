@@ -54,6 +54,7 @@ def fix_file(
     finish: Finish = AS_IT_IS,
     overwrite: bool = False,
     overwrite_others: bool = False,
+    keep_result: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
@@ -66,7 +67,7 @@ def fix_file(
     output : Path
         Where the result goes.
     kernel_file : Path or None
-        Where the kernel goes, which is kept only together with the result.
+        Where the kernel goes, which appears only together with the result.
     options : EstimateOptions
         What the estimate goes by; with a noisy photo, region and estimator do not count.
     noisy : Path, optional
@@ -74,9 +75,11 @@ def fix_file(
     restoration : RestorationOptions, optional
         How the photo is deblurred; by default by the default method.
     finish : Finish
-        What is wanted beside it; its sheet, too, is kept only together with the result.
+        What is wanted beside it; its sheet, too, appears only together with the result.
     overwrite, overwrite_others : bool
         Whether an existing result, or other existing outputs, may be replaced.
+    keep_result : bool
+        Whether the result is there already, and stays as it is.
     threads : int, optional
         Threads to use; by default all processors. The result does not depend on it.
     progress : callable, optional
@@ -92,7 +95,7 @@ def fix_file(
     """
     restoration = restoration or RestorationOptions(default_method(noisy=noisy is not None))
     inputs = [path for path in (source, noisy) if path is not None]
-    check_output(output, *inputs, overwrite=overwrite)
+    check_output(output, *inputs, overwrite=overwrite or keep_result)
     if kernel_file is not None:
         check_output(kernel_file, *inputs, output, overwrite=overwrite_others)
     finish.check(output, *inputs, *filter(None, [kernel_file]), overwrite=overwrite_others)
@@ -147,6 +150,8 @@ def fix_file(
         kept=None if kernel_file is None else (kernel_file, found.content),
         overwrite=overwrite,
         overwrite_others=overwrite_others,
+        keep_result=keep_result,
+        noisy=noisy,
     )
     return found
 

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
 from typing import TYPE_CHECKING, Any
 
-from deshake.files.disk import write_bytes
-from deshake.files.kernel_file import KernelFile, write_kernel
+from deshake.files.disk import check_output
+from deshake.files.joint_outputs import joint_outputs
+from deshake.files.kernel_file import KernelFile, kernel_bytes
 from deshake.formats.conversion import lost, output_format
-from deshake.formats.photo import encode_photo, write_photo
+from deshake.formats.photo import encode_photo, photo_bytes
 from deshake.pictures.comparison import comparison_sheet
 from deshake.stages.photo_provenance import with_photo_provenance
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Mapping
     from pathlib import Path
 
     from deshake.formats.photo import Photo
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from deshake.stages.blending import Mask
     from deshake.stages.finishing import Finish
 
-__all__ = ["gone_on_failure", "prepared", "write_result"]
+__all__ = ["prepared", "write_result"]
 
 _log = logging.getLogger(__name__)
 
@@ -69,10 +69,12 @@ def write_result(
     kept: tuple[Path, KernelFile] | None = None,
     overwrite: bool = False,
     overwrite_others: bool = False,
+    keep_result: bool = False,
+    noisy: Path | None = None,
 ) -> None:
     """Finish a deblurred photo and write it, with its sheet and its kernel file if wanted.
 
-    These are kept only together with the photo.
+    They appear together or not at all.
 
     Parameters
     ----------
@@ -92,6 +94,10 @@ def write_result(
         A kernel file to be written.
     overwrite, overwrite_others : bool
         Whether an existing photo, or other existing outputs, may be replaced.
+    keep_result : bool
+        Whether the photo is there already and stays as it is; only the others are written.
+    noisy : Path, optional
+        The noisy photo that helped: who may not read it may not read the result.
 
     Raises
     ------
@@ -103,25 +109,12 @@ def write_result(
     result = finish.blend(photo, result, mask)
     if provenance is not None:
         result = with_photo_provenance(result, provenance)
-    with contextlib.ExitStack() as others:
+    with joint_outputs(photo.source, *filter(None, [noisy])) as add:
         if kept is not None:
-            others.enter_context(gone_on_failure(kept[0]))
-            write_kernel(*kept, overwrite=overwrite_others)
+            add(kept[0], kernel_bytes(kept[1]), overwrite=overwrite_others)
         sheet = finish.sheet(output)
         if sheet is not None:
-            others.enter_context(gone_on_failure(sheet))
-            drawn = comparison_sheet(photo, result, kernel)
-            write_bytes(sheet, drawn, overwrite=overwrite_others)
-        write_photo(output, result, overwrite=overwrite)
-
-
-@contextlib.contextmanager
-def gone_on_failure(path: Path) -> Iterator[None]:
-    """Remove a file that was not there before, if what follows fails."""
-    existed = path.exists()
-    try:
-        yield
-    except BaseException:
-        if not existed:
-            path.unlink(missing_ok=True)
-        raise
+            add(sheet, comparison_sheet(photo, result, kernel), overwrite=overwrite_others)
+        if not keep_result:
+            check_output(output, photo.source, overwrite=overwrite)
+            add(output, photo_bytes(output, result), overwrite=overwrite)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import math
 from dataclasses import dataclass, replace
@@ -12,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake.errors import CalibrationError, DeshakeError, PhotoError
-from deshake.files.disk import STREAM, check_output, write_bytes
-from deshake.files.registration_file import RegistrationFile, read_registration, write_registration
+from deshake.files.disk import STREAM, check_output
+from deshake.files.joint_outputs import joint_outputs
+from deshake.files.registration_file import RegistrationFile, read_registration, registration_bytes
 from deshake.formats.conversion import output_format
 from deshake.formats.encoding import Encoding
 from deshake.formats.photo import encode_photo, read_pair
@@ -23,7 +23,6 @@ from deshake.pair.clipped_noise import unclipped_mean
 from deshake.pair.registration import MAX_ANGLE, Registration, register, registered
 from deshake.signal.luminance import luminance
 from deshake.stages.calibration import calibrate, camera_for
-from deshake.stages.outputs import gone_on_failure
 from deshake.version import __version__
 
 if TYPE_CHECKING:
@@ -173,6 +172,8 @@ def register_file(
     *,
     preview: Path | None = None,
     overwrite: bool = False,
+    overwrite_others: bool = False,
+    keep_result: bool = False,
     threads: int | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Found:
@@ -187,9 +188,12 @@ def register_file(
     options : EstimateOptions
         Of which the camera, `transfer` and `search_angle` count.
     preview : Path, optional
-        Where a checkerboard of both photos goes, which is kept only together with the file.
-    overwrite : bool
-        Whether existing outputs may be replaced.
+        Where a checkerboard of both photos goes, which appears only together with the file.
+    overwrite, overwrite_others : bool
+        Whether an existing registration file, or an existing preview, may be replaced.
+    keep_result : bool
+        Whether the registration file is there already and stays as it is; only the preview is
+        written.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
@@ -205,9 +209,9 @@ def register_file(
         If an output cannot be written.
 
     """
-    check_output(output, blurred, noisy, overwrite=overwrite)
+    check_output(output, blurred, noisy, overwrite=overwrite or keep_result)
     if preview is not None:
-        check_output(preview, blurred, noisy, output, overwrite=overwrite)
+        check_output(preview, blurred, noisy, output, overwrite=overwrite_others)
     g, f_N = read_pair(blurred, noisy, transfer=options.transfer)
     form = None if preview is None else _preview_format(preview, g)
     found = find_registration(g, f_N, options, threads=threads, progress=progress)
@@ -221,14 +225,13 @@ def register_file(
         registration.confidence,
         _provenance(g, f_N, options, found),
     )
-    with contextlib.ExitStack() as outputs:
+    with joint_outputs(blurred, noisy) as add:
         if preview is not None:
             straight, other, seen = straight_pair(g, f_N, registration.camera)
             seams = checkerboard(straight, other, replace(registration, camera=seen))
-            data = encode_photo(seams, form)
-            outputs.enter_context(gone_on_failure(preview))
-            write_bytes(preview, data, overwrite=overwrite)
-        write_registration(output, content, overwrite=overwrite)
+            add(preview, encode_photo(seams, form), overwrite=overwrite_others)
+        if not keep_result:
+            add(output, registration_bytes(content), overwrite=overwrite)
     return found
 
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -129,6 +130,9 @@ def test_existing_results_are_skipped():
     Path("k").mkdir()
     Path("k/b.kernel.npz").touch()
     one, two = plan(paths("a.jpg", "b.PNG"), extras=kernels("k"), existing="skip")
+    assert (one.keeps_result, two.keeps_result) == (True, False)
+    assert (one.skipped, one.missing) == (False, ["kernel"])
+    Path("k/a.kernel.npz").touch()
     assert (one.skipped, two.skipped) == (True, False)
     assert (two.problem, two.overwrite, two.overwrite_others) == (None, False, True)
 
@@ -147,3 +151,26 @@ def test_other_inputs_are_never_replaced():
     [job] = plan(paths("a.jpg"), Path("in/../b.PNG"), needs=needs, existing="replace")
     assert "the output is the input itself" in str(job.problem)
     assert job.files()["noisy"] == "b.PNG"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs symbolic links")
+@pytest.mark.parametrize("dry", [False, True])
+def test_an_output_tree_does_not_follow_a_link_out_of_itself(dry):
+    for folder in ("tree/sub/deep", "out", "elsewhere"):
+        Path(folder).mkdir(parents=True)
+    for photo in ("tree/a.jpg", "tree/sub/b.jpg", "tree/sub/deep/c.jpg"):
+        Path(photo).touch()
+    Path("out/sub").symlink_to(Path("elsewhere").absolute())
+    one, two, three = plan(paths("tree"), Path("out"), recursive=True, dry=dry)
+    assert one.problem is None
+    for job in (two, three):
+        assert f"leads out of out, to {Path('elsewhere').resolve()}" in str(job.problem)
+    assert list(Path("elsewhere").iterdir()) == []
+    [asked] = plan(paths("tree/sub/b.jpg"), Path("out/sub"), dry=dry)
+    assert asked.problem is None
+    Path("out/sub").unlink()
+    Path("out/other").mkdir()
+    Path("out/sub").symlink_to("other")
+    assert [job.problem for job in plan(paths("tree"), Path("out"), recursive=True, dry=dry)] == [
+        None
+    ] * 3

@@ -207,3 +207,58 @@ def test_bad_photos_in_a_folder_are_each_told(deshake, contents, tmp_path):
     assert outcome.err.count("error: ") == len(photos)
     assert all(f"error: {tmp_path / name}: " in outcome.err for name in photos)
     assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("fix", "-", "-o", "out.jpg"),
+        ("fix", "a.jpg", "--noisy", "-"),
+        ("fix", "a.jpg", "--mask", "-"),
+        ("deblur", "-", "k.npz"),
+        ("deblur", "-", "--kernel", "k.npz"),
+        ("estimate-blind", "a.jpg", "-"),
+        ("estimate-pair", "-", "a.jpg"),
+        ("register", "a.jpg", "-"),
+        ("calibrate", "-"),
+        ("simulate", "-"),
+    ],
+    ids=" ".join,
+)
+def test_photos_do_not_come_from_standard_input(deshake, tmp_path, monkeypatch, words):
+    monkeypatch.chdir(tmp_path)
+    outcome = deshake(*words)
+    assert outcome.code == 2
+    assert "photos are not read from standard input: name a file" in outcome.err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs symbolic links")
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (("-o", "loop"), "loop: is not a folder"),
+        (("-o", "loop/sub"), "loop/sub: the folder cannot be made: too many levels of"),
+        (("-o", "out", "--keep-kernels", "loop"), "loop: is not a folder"),
+    ],
+    ids=str,
+)
+def test_an_output_folder_that_links_to_itself(deshake, tmp_path, monkeypatch, words, what):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "loop").symlink_to("loop")
+    (tmp_path / "in").mkdir()
+    noise().save(tmp_path / "in" / "a.png")
+    for dry in ((), ("--dry-run",)):
+        outcome = deshake("fix", "in", *words, *dry)
+        assert outcome.code == 1
+        assert f"error: {what}" in outcome.err
+        assert "bug" not in outcome.err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs symbolic links")
+def test_an_output_in_a_folder_that_links_to_itself(deshake, tmp_path):
+    (tmp_path / "loop").symlink_to("loop")
+    noise().save(tmp_path / "a.png")
+    outcome = deshake("fix", tmp_path / "a.png", "-o", tmp_path / "loop" / "b.png")
+    assert outcome.code == 1
+    assert outcome.err.startswith(f"error: {tmp_path / 'loop'}: no such folder\nhint: ")

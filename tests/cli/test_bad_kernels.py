@@ -12,6 +12,7 @@ import zipfile
 
 import numpy as np
 import pytest
+from PIL import Image
 
 
 def arrays(**changes):
@@ -56,6 +57,16 @@ def pickled():
     return stream.getvalue()
 
 
+def unclosed():
+    """A file in which the header of an array has a bracket that does not close."""
+    stream = io.BytesIO(npz(weights=None))
+    with zipfile.ZipFile(stream, "a") as archive:
+        inner = io.BytesIO()
+        np.save(inner, np.full(2, 0.5))
+        archive.writestr("weights.npy", inner.getvalue().replace(b"(2,)", b"((2,"))
+    return stream.getvalue()
+
+
 KERNELS = {
     "no theta": (lambda: npz(theta=None), "'theta'"),
     "no format": (lambda: npz(format=None), "'format'"),
@@ -71,6 +82,7 @@ KERNELS = {
     "pickle": (lambda: pickle.dumps({"weights": [1.0]}), ""),
     "pickle within": (pickled, "'weights'"),
     "huge": (huge, "'weights'"),
+    "unclosed": (unclosed, "is damaged"),
     "empty": (bytes, ""),
     "text": (lambda: b"half of it here, half of it there\n", ""),
     "wide": (lambda: npz(theta=np.array([[0, -1.5, 0], [0, 1.5, 0]])), "sweep more than half"),
@@ -124,3 +136,22 @@ def test_a_huge_kernel_eats_no_memory(shaken, tmp_path):
     assert int(code) == 1
     assert int(grown) < 100_000 * (1024 if sys.platform == "darwin" else 1)
     assert float(took) < 3
+
+
+def test_a_photo_that_is_stored_turned_is_said_to_be(deshake, shaken, pan, tmp_path):
+    photo, mask = shaken("a.jpg"), tmp_path / "mask.png"
+    with Image.open(photo) as picture:
+        turned = picture.getexif()
+        turned[274] = 6
+        picture.save(photo, exif=turned)
+        Image.new("L", picture.size).save(mask)
+    upright = f"{photo} has 80 x 100 pixels upright (it is stored turned)"
+    kernel = deshake("deblur", photo, pan)
+    assert kernel.code == 1
+    assert f"the kernel is for pictures of 100 x 80 pixels, and {upright}\n" in kernel.err
+    assert "hint: photos count upright: make the kernel from the photo as it is now" in kernel.err
+    masked = deshake("fix", photo, "--mask", mask)
+    assert masked.code == 1
+    assert f"the mask has 100 x 80 pixels, and {upright}\n" in masked.err
+    region = deshake("estimate-blind", photo, "--region", "0,0,100,80")
+    assert "beyond its 80 x 100 pixels upright (it is stored turned)\n" in region.err

@@ -114,6 +114,52 @@ def test_results_of_other_options_are_said_and_kept(deshake, folder, pan, tmp_pa
     assert "warning" not in deshake(*args).err
 
 
+def test_two_runs_into_one_folder_leave_each_others_sheets(folder, pan, tmp_path):
+    (folder / "p10.jpg").unlink()
+    for number in range(4):
+        shutil.copy(folder / "p2.jpg", folder / f"q{number}.jpg")
+    out = tmp_path / "out"
+    words = ("deblur", folder, "--kernel", pan, "-o", out, "--compare", "--skip-existing", "-j", 1)
+    runs = [
+        subprocess.Popen([sys.executable, "-m", "deshake", *map(str, words), "-q"])
+        for _ in range(2)
+    ]
+    assert [run.wait(120) for run in runs] == [0, 0]
+    names = {f"{path.stem}.deshaken" for path in folder.glob("*.jpg")}
+    made = {f"{name}.jpg" for name in names} | {f"{name}.compare.png" for name in names}
+    assert {path.name for path in out.iterdir()} == made
+
+
+def test_a_missing_sheet_is_made_again_and_the_result_stays(deshake, folder, pan, tmp_path):
+    photo, out = folder / "p2.jpg", tmp_path / "p.jpg"
+    sheet = tmp_path / "p.compare.png"
+    args = ("deblur", photo, "--kernel", pan, "-o", out, "--method", "rl", "--compare", "--json")
+    assert deshake(*args, "--iterations", 2).code == 0
+    drawn, made = sheet.read_bytes(), (out.stat().st_mtime_ns, out.read_bytes())
+    sheet.unlink()
+    again = (*args, "--skip-existing", "--iterations")
+    assert json.loads(deshake(*again, 3).out)["status"] == "skipped"  # not what made the result
+    assert not sheet.exists()
+    assert json.loads(deshake(*again, 2).out)["status"] == "done"
+    assert sheet.read_bytes() == drawn
+    assert (out.stat().st_mtime_ns, out.read_bytes()) == made
+    assert json.loads(deshake(*again, 2).out)["status"] == "skipped"
+    out.unlink()  # a sheet alone is of no use
+    assert json.loads(deshake(*again, 3).out)["status"] == "done"
+    assert sheet.read_bytes() != drawn
+
+
+def test_a_sheet_is_not_made_for_a_result_that_tells_nothing(deshake, folder, pan, tmp_path):
+    photo, out = folder / "p2.jpg", tmp_path / "p.jpg"
+    shutil.copy(photo, out)
+    args = ("deblur", photo, "--kernel", pan, "-o", out, "--compare", "--skip-existing")
+    outcome = deshake(*args)
+    assert outcome.code == 0
+    assert "does not tell whether its missing sheet would belong to it" in outcome.err
+    assert not (tmp_path / "p.compare.png").exists()
+    assert out.read_bytes() == photo.read_bytes()
+
+
 def test_too_little_memory_is_told_for_the_photo(deshake, folder):
     outcome = deshake("fix", folder / "p2.jpg", "--memory", "20M", *FAST)
     assert outcome.code == 1
@@ -149,3 +195,60 @@ def test_a_run_of_many_ends_at_once_and_leaves_nothing(folder, tmp_path, number)
         assert process.wait(60) == 128 + number
         assert b"Traceback" not in process.stderr.read()
     assert [path for path in out.rglob("*") if path.is_file()] == []
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        (("fix", "p2.jpg", "-o", "out.bmp"), "out.bmp: no photo format ends in '.bmp'"),
+        (("fix", "p2.jpg", "-o", "out"), "out: the name has no ending"),
+        (("fix", "p2.jpg", "-o", "none/out.jpg"), "none: no such folder"),
+        (
+            ("fix", "p2.jpg", "sub", "-o", "none/out"),
+            "none/out: the folder cannot be made",
+        ),
+        (("fix", "p2.jpg", "sub", "-o", "p10.jpg/out"), "p10.jpg/out: the folder cannot be made"),
+        (("fix", "gone.jpg"), "gone.jpg: no such file"),
+        (("fix", "p2.jpg", "--noisy", "gone.jpg"), "gone.jpg: no such file"),
+        (("fix", "p2.jpg", "--mask", "gone.png"), "gone.png: no such file"),
+        (("deblur", "p2.jpg", "gone.npz"), "gone.npz: no such file"),
+        (("deblur", "p2.jpg", "p2.jpg"), "p2.jpg: no usable kernel file"),
+        (("deblur", "p2.jpg", "sub"), "sub/p2.kernel.npz: no such file"),
+        (("estimate-blind", "p2.jpg", "--latent", "l.bmp"), "no photo format ends in '.bmp'"),
+        (("calibrate", "gone.jpg"), "gone.jpg: no such file"),
+    ],
+    ids=str,
+)
+def test_a_dry_run_and_the_run_refuse_the_same(deshake, folder, contents, monkeypatch, case):
+    words, what = case
+    monkeypatch.chdir(folder)
+    before = contents(folder)
+    dry = deshake(*words, "--dry-run")
+    assert (dry.code, dry.out) == (1, "")
+    assert what in dry.err
+    assert deshake(*words, *(() if words[0] != "fix" else FAST)).err == dry.err
+    assert contents(folder) == before
+
+
+def test_a_dry_run_knows_what_would_be_made(deshake, folder, tmp_path):
+    out = tmp_path / "out"
+    outcome = deshake("fix", folder, "-r", "--dry-run", "-o", out)
+    assert outcome.code == 0
+    assert f"do {folder}/sub/q.jpg -> {out}/sub/q.deshaken.jpg" in outcome.out
+    assert not out.exists()
+    assert deshake("estimate-blind", folder / "p2.jpg", "--dry-run", "--latent", "-").code == 0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs names that are no text")
+@pytest.mark.parametrize("dry", [(), ("--dry-run",)])
+def test_json_has_no_lone_surrogates(deshake, tmp_path, dry):
+    place = os.fsencode(tmp_path) + b"/in"
+    os.mkdir(place)  # noqa: PTH102
+    with open(place + b"/p\xff\xe4.jpg", "wb"):  # noqa: PTH123
+        pass
+    outcome = deshake("calibrate", tmp_path / "in", "--json", *dry)
+    line = json.loads(outcome.out)
+    assert line["input"] == f"{tmp_path}/in/p\ufffd\ufffd.jpg"
+    outcome.out.encode("utf-8")
+    for value in line.values():
+        str(value).encode("utf-8")

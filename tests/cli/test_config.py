@@ -169,3 +169,60 @@ def test_a_missing_or_binary_file_is_wrong_usage(deshake, seen, tmp_path):
     assert outcome.code == 2
     assert "not a text file" in outcome.err
     assert not seen
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("threads = [1, 2]", "threads = [1, 2]: is not a whole number"),
+        ("threads = 1.5", "threads = 1.5: is not a whole number"),
+        ("threads = true", "threads = true: is not a whole number"),
+        ("threads = 2020-01-01", "threads = 2020-01-01: is not a whole number"),
+        ("verbose = '2'", "verbose = 2: is not a whole number"),
+        ("progress = 1", "progress = 1: is not true or false"),
+        ("threads = 0", "'--threads'"),
+        ("[fix]\nmask = 3", "[fix] mask = 3: is not a text in quotes"),
+        ("[fix]\nmask = ['a']", "[fix] mask = ['a']: is not a text in quotes"),
+        ("[fix]\nmethod = false", "[fix] method = false: is not a text in quotes"),
+        ("[fix]\ntransfer = 07:32:00", "[fix] transfer = 07:32:00: is not a text in quotes"),
+        ("[fix]\nuniform = 'yes'", "[fix] uniform = yes: is not true or false"),
+        ("[fix]\nstrength = true", "[fix] strength = true: is not a number"),
+        ("[fix]\nblur-size = [5]", "[fix] blur-size = [5]: is not a number"),
+        ("[fix]\nblur-size = nan", "nan is not a number above 0"),
+        ("[fix]\nregion = [0, 0, 5.5, 5]", "region = [0, 0, 5.5, 5]: is not four whole numbers"),
+        ("[fix]\nregion = [true, 0, 5, 5]", "is not four whole numbers"),
+        ("[fix]\nregion = [0, 0, 99999999999999999999, 5]", "it reaches beyond any photo"),
+        ("[fix]\nregion = '0,0,99999999999999999999,5'", "it reaches beyond any photo"),
+        ("[fix]\nmemory = 4", "[fix] memory = 4: is not a text in quotes"),
+        (f"threads = {'9' * 5000}", "a number in it has too many digits"),
+        (f"threads = {'9' * 4000}", "'--threads'"),
+        (f"threads = {'[' * 3000}{']' * 3000}", "too many brackets within brackets"),
+        (f"[fix]\nmask = [{'1, ' * 100}]", "1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, ...:"),
+        ("[fix.mask]\na = 1", "[fix] mask = {'a': 1}: is not a text in quotes"),
+        ("fix = 3", "fix: no such option"),
+        ("[[fix]]\nmask = 'a'", "fix: no such option"),
+    ],
+)
+def test_a_value_of_the_wrong_kind_is_wrong_usage(deshake, config, tmp_path, text, what):
+    path = config(text)
+    outcome = deshake("--config", path, "fix", tmp_path / "gone.jpg")
+    assert outcome.code == 2
+    assert what in outcome.err
+    assert "bug" not in outcome.err
+    assert len(outcome.err.splitlines()) <= 2
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "threads = 2\nverbose = 1\nprogress = false",
+        "threads = '2'",
+        "[fix]\nstrength = 1\nmethod = 'rl'\niterations = 5\nuniform = true\nmemory = '4G'",
+        "[fix]\nregion = [0, 0, 5, 5]\nblur-size = 3.5",
+        "[fix]\nregion = '0,0,5,5'\nblur-size = '3'",
+    ],
+)
+def test_values_of_the_right_kind_are_taken(deshake, config, tmp_path, text):
+    outcome = deshake("--config", config(text), "fix", tmp_path / "gone.jpg")
+    assert outcome.code == 1
+    assert "gone.jpg: no such file" in outcome.err

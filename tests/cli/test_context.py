@@ -1,6 +1,10 @@
 from __future__ import annotations
 
+import os
 import re
+import struct
+import subprocess
+import sys
 
 import pytest
 
@@ -50,3 +54,26 @@ def test_the_bar_is_closed_by_an_exception(capsys):
         raise KeyboardInterrupt
     assert bar._bar is None
     assert capsys.readouterr().err.split("\r")[-1].strip() == ""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no such terminals")
+@pytest.mark.parametrize("size", [(0, 0), (0, 80), (24, 0), (24, 80)])
+def test_a_terminal_of_no_size_gets_a_line(size):
+    import fcntl  # noqa: PLC0415 - not on Windows
+    import pty  # noqa: PLC0415
+    import termios  # noqa: PLC0415
+
+    code = (
+        "from deshake.cli.context import Progress\n"
+        "with Progress('a.jpg', shown=True) as bar: bar(0.5, 'deblurring')"
+    )
+    ours, theirs = pty.openpty()
+    try:
+        fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", *size, 0, 0))
+        subprocess.run([sys.executable, "-c", code], stderr=theirs, check=True)
+        shown = os.read(ours, 10_000).decode()
+    finally:
+        os.close(ours)
+        os.close(theirs)
+    assert "a.jpg   0%|" in shown
+    assert " left\r" in shown

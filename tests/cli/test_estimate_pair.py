@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import sys
 
 import cv2
 import numpy as np
@@ -161,3 +162,39 @@ def test_a_search_angle_is_remembered(deshake, pair, tmp_path):
     assert deshake("estimate-pair", *pair, *FAST, "--search-angle", 12).code == 0
     told = read_kernel(tmp_path / "blurred.kernel.npz").provenance
     assert told["options"]["search_angle"] == 12
+
+
+@pytest.mark.parametrize(
+    ("args", "what"),
+    [
+        (("--registration", "none.npz"), "none.npz: no such file"),
+        (("--registration", "text.npz"), "text.npz: no usable registration file"),
+        (("-o", "none/k.npz"), "none: no such folder"),
+    ],
+)
+@pytest.mark.usefixtures("_here")
+def test_a_dry_run_and_the_run_refuse_the_same(deshake, pair, contents, args, what):
+    folder = pair[0].parent
+    (folder / "text.npz").write_text("no registration")
+    before = contents(folder)
+    dry = deshake("estimate-pair", *pair, *args, "--dry-run")
+    assert (dry.code, dry.out) == (1, "")
+    assert what in dry.err
+    assert deshake("estimate-pair", *pair, *args).err == dry.err
+    assert contents(folder) == before
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_a_dry_run_misses_a_photo(deshake, pair, which):
+    pair[which].unlink()
+    dry = deshake("estimate-pair", *pair, "--dry-run")
+    assert (dry.code, dry.out) == (1, "")
+    assert f"{pair[which]}: no such file" in dry.err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no such permissions")
+def test_a_kernel_takes_the_permissions_that_both_photos_have(deshake, pair, tmp_path):
+    pair[0].chmod(0o640)
+    pair[1].chmod(0o604)
+    assert deshake("estimate-pair", *pair, *FAST).code == 0
+    assert (tmp_path / "blurred.kernel.npz").stat().st_mode & 0o777 == 0o600

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import sys
 
 import cv2
 import numpy as np
@@ -278,3 +279,24 @@ def test_a_pair_has_a_preview(deshake, pair, tmp_path):
     assert deshake("deblur", blurred, kernel, *args, "-o", again).code == 0
     change = np.abs(codes(again).astype(int) - codes(out))
     assert np.median(change) < 6
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no such permissions")
+@pytest.mark.parametrize("permissions", [0o600, 0o664])
+def test_outputs_take_the_permissions_of_the_photo(deshake, shaken, pan, tmp_path, permissions):
+    photo, out, kernels = shaken("a.jpg"), tmp_path / "out", tmp_path / "k"
+    photo.chmod(permissions)
+    kernels.mkdir()
+    commands = {
+        "fix": (*FAST, "--keep-kernels", kernels, "--compare", "-o", out / "fix.jpg"),
+        "deblur": (pan, "--iterations", 1, "-o", out / "deblur.png"),
+        "estimate-blind": (*FAST[:-2], "-q", "-o", out / "k.npz", "--latent", out / "latent.png"),
+        "calibrate": ("--focal-35mm", 40, "-o", out / "camera.npz"),
+        "simulate": ("--focal-35mm", 40, "-o", out / "simulated.jpg", "--blur-size", 3),
+    }
+    out.mkdir()
+    for command, words in commands.items():
+        assert deshake(command, photo, *words).code == 0, command
+    made = [*out.iterdir(), *kernels.iterdir()]
+    assert len(made) == 9
+    assert {oct(path.stat().st_mode & 0o777) for path in made} == {oct(permissions)}

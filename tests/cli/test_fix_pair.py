@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 
 import cv2
 import numpy as np
@@ -183,3 +184,19 @@ def test_a_result_of_other_options_is_doubted(deshake, pair):
     other = deshake(*args, "--skip-existing", "--json")
     [warning] = json.loads(other.out)["warnings"]
     assert "made with other options (uniform True, now False)" in warning
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no such permissions")
+def test_a_missing_kernel_is_made_again_with_the_permissions_of_both(deshake, pair, tmp_path):
+    out, kernel = tmp_path / "out.png", tmp_path / "kernels" / "blurred.kernel.npz"
+    pair[0].chmod(0o664)
+    pair[1].chmod(0o640)
+    args = (*LENS, *BLUR, "--uniform", "--iterations", 2, "--keep-kernels", kernel.parent, *QUIET)
+    command = ("fix", pair[0], "--noisy", pair[1], "-o", out, "--skip-existing", "--json", *args)
+    assert json.loads(deshake(*command).out)["status"] == "done"
+    kept, made = kernel.read_bytes(), (out.stat().st_mtime_ns, out.read_bytes())
+    kernel.unlink()
+    assert json.loads(deshake(*command).out)["status"] == "done"
+    assert kernel.read_bytes() == kept
+    assert (out.stat().st_mtime_ns, out.read_bytes()) == made
+    assert [path.stat().st_mode & 0o777 for path in (out, kernel)] == [0o640] * 2

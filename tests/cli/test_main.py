@@ -140,7 +140,7 @@ def test_an_interrupt_is_130_without_a_traceback(deshake, trial):
     trial(raising(KeyboardInterrupt()))
     outcome = deshake("trial")
     assert outcome.code == 130
-    assert outcome.err.strip() == ""
+    assert outcome.err.strip() == "interrupted"
 
 
 @pytest.mark.parametrize("wrapped", [False, True])
@@ -212,3 +212,19 @@ def test_warnings_of_libraries_need_vv(deshake, trial):
     trial(function)
     assert deshake("trial").err == ""
     assert "strange tag" in deshake("-vv", "trial").err
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs RLIMIT_AS and Linux's loader")
+def test_too_little_memory_for_the_libraries_is_said(shaken):
+    code = (
+        "import resource, sys\n"
+        "from deshake.cli.main import main\n"
+        "limit = 150 << 20\n"
+        "resource.setrlimit(resource.RLIMIT_AS, (limit, limit))\n"
+        f"sys.exit(main(['fix', {str(shaken('a.jpg'))!r}]))"
+    )
+    done = run_python(code)
+    assert done.returncode == 1
+    assert done.stderr.startswith("error: not enough memory")
+    assert "hint: " in done.stderr
+    assert "bug" not in done.stderr

@@ -92,3 +92,20 @@ def test_a_log_line_passes_above_a_progress_bar(capsys):
 )
 def test_every_error_is_told_in_a_line(error, message, hint):
     assert describe(error) == (message, hint)
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("--camera", None),
+        ("--overwrit", "--overwrite"),
+        ("--skip-exsting", "--skip-existing"),
+        ("--jobz", "--jobs"),
+        ("--colour", None),
+    ],
+)
+def test_only_what_may_have_been_meant_is_suggested(deshake, typed, meant):
+    outcome = deshake("calibrate", "a.jpg", typed, "x")
+    assert outcome.code == 2
+    guess = "" if meant is None else f" Did you mean '{meant}'?"
+    assert outcome.err.splitlines()[0] == f"error: No such option '{typed}'.{guess}"

@@ -263,3 +263,47 @@ def test_a_folder_is_no_photo_of_a_pair(deshake, pair, tmp_path, which):
     outcome = deshake("register", *photos)
     assert outcome.code == 2
     assert f"{tmp_path} is a folder" in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("args", "what"),
+    [
+        (("none.png",), "none.png: no such file"),
+        (("short.png", "-o", "none/r.npz"), "none: no such folder"),
+        (("short.png", "-o", "short.png"), "short.png: the output is the input itself"),
+        (("short.png", "--preview", "p.gif"), "p.gif: no photo format ends in '.gif'"),
+        (("short.png", "--preview", "p"), "p: the name has no ending"),
+    ],
+)
+@pytest.mark.usefixtures("_here", "pair")
+def test_a_dry_run_and_the_run_refuse_the_same(deshake, contents, tmp_path, args, what):
+    before = contents(tmp_path)
+    dry = deshake("register", "long.jpg", *args, "--dry-run")
+    assert (dry.code, dry.out) == (1, "")
+    assert what in dry.err
+    assert deshake("register", "long.jpg", *args).err == dry.err
+    assert contents(tmp_path) == before
+
+
+def test_a_missing_preview_is_made_again_and_the_registration_stays(deshake, pair, tmp_path):
+    out, preview = tmp_path / "r.npz", tmp_path / "p.png"
+    args = ("register", *pair, *LENS, "-o", out, "--preview", preview, "--skip-existing", "--json")
+    assert json.loads(deshake(*args).out)["status"] == "done"
+    drawn, made = preview.read_bytes(), (out.stat().st_mtime_ns, out.read_bytes())
+    preview.unlink()
+    other = deshake(*args, "--search-angle", 5)  # not what made the registration
+    assert json.loads(other.out)["status"] == "skipped"
+    assert not preview.exists()
+    assert json.loads(deshake(*args).out)["status"] == "done"
+    assert preview.read_bytes() == drawn
+    assert (out.stat().st_mtime_ns, out.read_bytes()) == made
+    assert json.loads(deshake(*args).out)["status"] == "skipped"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no such permissions")
+def test_outputs_take_the_permissions_that_both_photos_have(deshake, pair, tmp_path):
+    out, preview = tmp_path / "r.npz", tmp_path / "p.png"
+    pair[0].chmod(0o664)
+    pair[1].chmod(0o640)
+    assert deshake("register", *pair, *LENS, "-o", out, "--preview", preview).code == 0
+    assert [path.stat().st_mode & 0o777 for path in (out, preview)] == [0o640] * 2

@@ -12,6 +12,7 @@ from PIL import Image
 from deshake.files.kernel_file import CameraFile, read_kernel, write_camera
 from deshake.formats.photo import read_photo
 from deshake.geometry.camera import Camera
+from deshake.simulation import shaken_photo
 
 FOCAL_35MM = ("--focal-35mm", 40)
 
@@ -221,3 +222,13 @@ def test_calibrating_what_was_shaken_finds_the_focal_length_again(deshake, tmp_p
     assert true.width < size[0]
     found = json.loads(deshake("calibrate", out, "--json").out)
     assert found["focal_px"] == pytest.approx(true.focal_px, rel=1e-3)
+
+
+def test_photo_and_kernel_appear_together_or_not_at_all(deshake, photo, tmp_path, monkeypatch):
+    def fail(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(shaken_photo, "photo_bytes", fail)
+    outcome = deshake("simulate", photo, "--sharp", tmp_path / "sharp.jpg", *FOCAL_35MM)
+    assert outcome.code == 130
+    assert [path.name for path in tmp_path.iterdir()] == ["photo.jpg"]

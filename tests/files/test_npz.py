@@ -116,7 +116,15 @@ def test_a_header_that_claims_more_than_there_is() -> None:
     claimed = head.replace(b"(4, 3), }  ", b"(99, 3), } ")
     with pytest.raises(ValueError, match="cut short"):
         unpack(member(claimed), {"n": Field("f", (None, 3), 300)})
-    for shape in (b"(10**9, 3)", b"(-4, 3)", b"(" * 900 + b")" * 900, b"(999999999999, 99999)"):
+    for shape in (
+        b"((4, 3)",
+        b"(4, 3",
+        b"'''(4, 3)",
+        b"(10**9, 3)",
+        b"(-4, 3)",
+        b"(" * 900 + b")" * 900,
+        b"(999999999999, 99999)",
+    ):
         text = b"{'descr': '<f8', 'fortran_order': False, 'shape': " + shape + b"}\n"
         lying = b"\x93NUMPY\1\0" + struct.pack("<H", len(text)) + text
         with pytest.raises(ValueError, match=r"damaged|entries|cut short"):

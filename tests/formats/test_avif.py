@@ -152,3 +152,19 @@ def test_grey_with_opacity_is_left_to_pillow():
     assert np.array_equal(picture.alpha, codes[..., 3])
     again = decode_avif(encode_avif(picture))
     assert np.array_equal(again.alpha, codes[..., 3])
+
+
+@pytest.mark.parametrize(("width", "height", "refused"), [(32767, 255, True), (1000, 900, False)])
+def test_a_size_that_the_data_cannot_hold_is_refused(width, height, refused):
+    codes = np.random.default_rng(0).integers(0, 256, (48, 64, 3)).astype(np.uint8)
+    stream = io.BytesIO()
+    Image.fromarray(codes).save(stream, "AVIF", quality=60)
+    data = bytearray(stream.getvalue())
+    at = data.index(b"ispe") + 8
+    data[at : at + 8] = struct.pack(">II", width, height)
+    assert len(data) < 4000
+    if refused:
+        with pytest.raises(PhotoError, match=r"32767 x 255 pixels in .* bytes"):
+            decode_avif(bytes(data))
+    else:
+        assert decode_avif(bytes(data)).codes.shape == (height, width, 3)

@@ -1,11 +1,13 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
 
 from deshake.formats.carrying import LONGEST_XMP, carried
 from deshake.metadata import exif, xmp
+from deshake.metadata.density import Density
 from deshake.metadata.image_resources import with_iptc
 from deshake.metadata.metadata import Metadata
 from deshake.metadata.provenance import NAMESPACE, PROPERTY, with_provenance
@@ -116,3 +118,29 @@ def test_what_no_jpeg_can_hold_is_left_out() -> None:
     found = carried(Metadata(xmp=b"x" * 70_000, icc=bytes(17_000_000)), "JPEG", 7, 8)
     assert found.metadata == Metadata()
     assert len(found.losses) == 2
+
+
+@pytest.mark.parametrize("density", [None, Density(118, 118, "cm")])
+def test_a_block_that_is_added_to_a_jpeg_has_all_required_tags(density: Density | None) -> None:
+    bare = with_provenance(Metadata(density=density), TOLD)
+    block = carried(bare, "JPEG", 30, 40).metadata.exif
+    first = exif.read_first(block)
+    below = exif.read_below(block, first, exif.EXIF_POINTER)
+    assert set(first.values) == {282, 283, 296, 305, 531, exif.EXIF_POINTER}
+    assert set(below.values) == {0x9000, 0x9101, 0xA000, 0xA001, 0xA002, 0xA003}
+    assert first.numbers(282) == ([72] if density is None else [118])
+    assert first.text(305) == "deshake 1.2.3"
+    assert (below.numbers(0xA001), below.numbers(0xA002), below.numbers(0xA003)) == (
+        [1],
+        [40],
+        [30],
+    )
+    known = carried(replace(bare, icc=b"icc"), "JPEG", 30, 40).metadata.exif
+    assert exif.read_below(known, exif.read_first(known), exif.EXIF_POINTER).numbers(0xA001) == [
+        65535
+    ]
+    assert carried(bare, "PNG", 30, 40).metadata.exif == bare.exif
+
+
+def test_the_block_of_a_camera_is_not_completed(make_exif: Callable[..., bytes]) -> None:
+    assert carried(Metadata(make_exif()), "JPEG", 7, 8).metadata.exif == make_exif()

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import io
 import struct
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -14,6 +15,7 @@ from deshake.errors import PhotoError
 from deshake.formats.encoding import Decoded, Encoding
 from deshake.formats.tiff import decode_tiff, encode_tiff
 from deshake.formats.transfer import LINEAR
+from deshake.metadata import exif
 from deshake.metadata.exif import read_tree
 from deshake.metadata.exif_editing import maker_note_at
 from deshake.metadata.image_resources import with_iptc
@@ -294,3 +296,30 @@ def test_floating_point_keeps_what_lies_beyond_white(
     again = tifffile.imread(io.BytesIO(written))
     assert again.dtype == np.float32
     assert np.array_equal(again, picture.codes)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_iptc_is_of_whole_words_and_loses_nothing(
+    make_codes: Callable[..., np.ndarray], order: str
+) -> None:
+    iptc = b"\x1c\x02\x05\0\x05Title"
+    tag = (33723, 7, len(iptc), iptc, True)
+    decoded = decode_tiff(tiff(make_codes(8, 9, 3), byteorder=order, extratags=[tag]))
+    data = encode_tiff(decoded)
+    kind, count, raw = exif.read_first(data).values[33723]
+    assert (kind, count, raw) == (4, 3, iptc + bytes(2))
+    assert decoded.metadata.iptc == decode_tiff(data).metadata.iptc == iptc
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_reference_black_and_white_are_kept(
+    make_codes: Callable[..., np.ndarray], order: str
+) -> None:
+    values = (0, 1, 255, 1, 0, 1, 254, 1, 0, 1, 253, 1)
+    tag = (532, 5, 6, values, True)
+    decoded = decode_tiff(tiff(make_codes(8, 9, 3), byteorder=order, extratags=[tag]))
+    for form in ("<", ">"):
+        metadata = Metadata(exif.new_block(exif.Tree(form, {305: (2, 2, b"x\0")})))
+        first = exif.read_first(encode_tiff(replace(decoded, metadata=metadata)))
+        assert first.order == form
+        assert first.numbers(532) == [0, 255, 0, 254, 0, 253]

@@ -173,3 +173,26 @@ def test_a_jpeg_with_the_block_is_one(make_exif: Callable[..., bytes]) -> None:
     told = with_software(make_exif(), "deshake 1.2.3")
     Image.new("L", (8, 8)).save(stream, "JPEG", exif=b"Exif\0\0" + told)
     assert bytes(piexif.load(stream.getvalue())["Exif"][0x927C]) == b"maker\0note\1\2\3"
+
+
+@pytest.mark.parametrize(
+    ("kind", "code", "value"),
+    [(1, "B", [6]), (3, "H", [6]), (4, "I", [6]), (6, "b", [6]), (8, "h", [6]), (9, "i", [6]),
+     (5, "II", [12, 2]), (10, "ii", [6, 1]), (11, "f", [6]), (12, "d", [6]), (13, "I", [6])],
+)  # fmt: skip
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_an_orientation_of_any_type_is_reset(
+    order: str, kind: int, code: str, value: list[int]
+) -> None:
+    raw = struct.pack(f"{order}{code}", *value)
+    block = exif.new_block(exif.Tree(order, {exif.ORIENTATION: (kind, 1, raw)}))
+    assert exif.orientation(block) == 6
+    turned = upright(block)
+    assert exif.orientation(turned) == 1
+    assert exif.read_first(turned).values[exif.ORIENTATION][:2] == (kind, 1)
+
+
+def test_a_size_that_does_not_fit_its_type_stays() -> None:
+    block = exif.new_block(exif.Tree("<", {256: (6, 1, b"\x50")}))
+    assert exif.read_first(with_size(block, 9, 200)).numbers(256) == [80]
+    assert exif.read_first(with_size(block, 9, 100)).numbers(256) == [100]

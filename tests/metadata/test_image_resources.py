@@ -6,7 +6,7 @@ import struct
 import pytest
 from PIL import Image, IptcImagePlugin
 
-from deshake.metadata.image_resources import iptc_of, with_iptc, without_thumbnails
+from deshake.metadata.image_resources import iptc_of, with_iptc, without_padding, without_thumbnails
 
 IPTC = b"\x1c\x02\x05\0\x05Title\x1c\x02\x19\0\x04word"
 
@@ -74,3 +74,11 @@ def test_what_is_cut_short_stays_as_it_is(size: int) -> None:
 
 def test_rubbish_stays() -> None:
     assert without_thumbnails(b"rubbish") == b"rubbish"
+
+
+def test_padding_goes_and_nothing_else() -> None:
+    for count in range(4):
+        assert without_padding(IPTC + bytes(count)) == IPTC
+    long = b"\x1c\x02\x05\x80\x04\0\0\0\1x\0"  # a size of more than two bytes
+    for odd in (b"", b"\0" * 9, IPTC + b"more", IPTC + bytes(9), IPTC[:-2], long):
+        assert without_padding(odd) == odd

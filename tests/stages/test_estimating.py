@@ -68,7 +68,7 @@ def test_tiles_are_drawn_beside_the_latent_picture(photo, tmp_path):
         assert tiles.height > 64
 
 
-@pytest.mark.parametrize("step", ["write_bytes", "write_kernel"])
+@pytest.mark.parametrize("step", ["tile_photo", "kernel_bytes"])
 def test_kernel_and_pictures_stay_together(photo, tmp_path, monkeypatch, step):
     def fail(*_, **__):
         raise KeyboardInterrupt

@@ -80,7 +80,7 @@ def test_the_kernel_goes_with_the_photo(pair, tmp_path, monkeypatch):
     def fail(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(outputs, "write_photo", fail)
+    monkeypatch.setattr(outputs, "photo_bytes", fail)
     out, kernel = tmp_path / "out.png", tmp_path / "k.npz"
     with pytest.raises(KeyboardInterrupt):
         fix_file(pair[0], out, kernel, OPTIONS, noisy=pair[1], restoration=QUICK, threads=1)

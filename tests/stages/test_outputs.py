@@ -1,13 +1,11 @@
 from __future__ import annotations
 
-import contextlib
-
 import numpy as np
 import pytest
 import tifffile
 from PIL import Image
 
-from deshake.errors import PhotoError
+from deshake.errors import OutputError, PhotoError
 from deshake.files.kernel_file import KernelFile, read_kernel
 from deshake.formats.photo import read_photo
 from deshake.geometry.camera import Camera
@@ -15,7 +13,7 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.metadata.provenance import read_provenance
 from deshake.stages import outputs
 from deshake.stages.finishing import AS_IT_IS, Finish
-from deshake.stages.outputs import gone_on_failure, prepared, write_result
+from deshake.stages.outputs import prepared, write_result
 
 KERNEL = RotationKernel.delta(Camera.from_focal(100, 64, 80))
 
@@ -58,7 +56,7 @@ def test_sheet_and_kernel_go_if_the_photo_cannot_be_written(photo, tmp_path, mon
     def fail(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(outputs, "write_photo", fail)
+    monkeypatch.setattr(outputs, "photo_bytes", fail)
     with pytest.raises(KeyboardInterrupt):
         write_result(
             tmp_path / "out.png",
@@ -72,6 +70,8 @@ def test_sheet_and_kernel_go_if_the_photo_cannot_be_written(photo, tmp_path, mon
             overwrite_others=existed,
         )
     assert [path.exists() for path in others] == [existed, existed]
+    if existed:
+        assert {path.read_text() for path in others} == {"an older one"}
 
 
 def test_what_the_result_will_lack_is_said_and_linear_light_is_for_raw_files(
@@ -86,12 +86,37 @@ def test_what_the_result_will_lack_is_said_and_linear_light_is_for_raw_files(
         prepared(photo, tmp_path / "out.png", Finish(linear=True))
 
 
-def test_a_file_that_was_there_before_stays(tmp_path):
-    old, new = tmp_path / "old", tmp_path / "new"
-    old.touch()
-    for path in (old, new):
-        with contextlib.suppress(ValueError), gone_on_failure(path):
-            path.write_text("x")
-            raise ValueError
-    assert old.exists()
-    assert not new.exists()
+def test_a_result_that_another_process_finishes_first_keeps_its_sheet_and_its_kernel(
+    photo, tmp_path, monkeypatch
+):
+    out, sheet, kernel = (tmp_path / name for name in ("out.png", "out.compare.png", "k.npz"))
+
+    def meanwhile(*_):
+        for path in (out, sheet, kernel):
+            path.write_text("the other's")
+        return b"mine"
+
+    monkeypatch.setattr(outputs, "comparison_sheet", meanwhile)
+    with pytest.raises(OutputError, match="exists already"):
+        write_result(
+            out,
+            photo,
+            photo,
+            None,
+            KERNEL,
+            finish=Finish(compare=True),
+            provenance=None,
+            kept=(kernel, KernelFile(KERNEL)),
+            overwrite_others=True,
+        )
+    assert {path.read_text() for path in tmp_path.iterdir() if path.is_file()} == {"the other's"}
+
+
+def test_a_result_that_is_kept_gets_its_sheet(photo, tmp_path):
+    out = tmp_path / "out.png"
+    out.write_text("mine")
+    finish = Finish(compare=True)
+    write_result(out, photo, photo, None, KERNEL, finish=finish, provenance=None, keep_result=True)
+    assert out.read_text() == "mine"
+    with Image.open(tmp_path / "out.compare.png") as sheet:
+        assert sheet.width > 80

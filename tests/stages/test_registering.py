@@ -78,7 +78,7 @@ def test_the_preview_is_of_the_format_of_its_name(pair, tmp_path, name):
         assert picture.mode == "L"  # one of the two is grey
 
 
-@pytest.mark.parametrize("step", ["write_bytes", "write_registration"])
+@pytest.mark.parametrize("step", ["encode_photo", "registration_bytes"])
 def test_file_and_preview_stay_together(pair, tmp_path, monkeypatch, step):
     def fail(*_, **__):
         raise KeyboardInterrupt

@@ -1,0 +1,112 @@
+"""Outputs that belong together: they appear together, or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from typing import TYPE_CHECKING, BinaryIO, Protocol
+
+from deshake.files.disk import STREAM, atomic_write, write_bytes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+__all__ = ["AddOutput", "joint_outputs"]
+
+_Identity = tuple[int, ...]
+
+
+class AddOutput(Protocol):
+    """Adds a file, or standard output for ``-``, to the outputs."""
+
+    def __call__(
+        self, path: str | os.PathLike[str], data: bytes, *, overwrite: bool = False
+    ) -> None:
+        """Add one; `overwrite` says whether an existing file may be replaced.
+
+        Raises
+        ------
+        OutputError
+            If it may not or cannot be written.
+
+        """
+        ...
+
+
+@contextlib.contextmanager
+def joint_outputs(*made_from: str | os.PathLike[str]) -> Iterator[AddOutput]:
+    """Write files that appear together or not at all.
+
+    All of them are on the disk before the first takes its name. The file that is added last takes
+    its name first: if another process has taken that name meanwhile, none of these files appears,
+    and those of the other process stay. Standard output comes after the files. On any exception
+    the files go that have their names already, but only those that this call created.
+
+    Parameters
+    ----------
+    *made_from : path
+        The inputs, whose permissions the files take.
+
+    Yields
+    ------
+    AddOutput
+        Adds an output.
+
+    Raises
+    ------
+    OutputError
+        If a file may not or cannot be written.
+
+    """
+    created: list[tuple[str, _Identity]] = []
+    streamed: list[bytes] = []
+    try:
+        with contextlib.ExitStack() as files:
+
+            def add(path: str | os.PathLike[str], data: bytes, *, overwrite: bool = False) -> None:
+                if os.fspath(path) == STREAM:
+                    streamed.append(data)
+                else:
+                    target = os.fspath(path)
+                    stream = files.enter_context(
+                        _named_at_the_end(target, created, made_from, overwrite=overwrite)
+                    )
+                    stream.write(data)
+                    stream.flush()
+                    os.fsync(stream.fileno())
+
+            yield add
+        for data in streamed:
+            write_bytes(STREAM, data)
+    except BaseException:
+        for path, identity in created:
+            _remove(path, identity)
+        raise
+
+
+@contextlib.contextmanager
+def _named_at_the_end(
+    path: str,
+    created: list[tuple[str, _Identity]],
+    made_from: Sequence[str | os.PathLike[str]],
+    *,
+    overwrite: bool,
+) -> Iterator[BinaryIO]:
+    """Open a file under a temporary name; give it its own at the end, and note if it is new."""
+    with atomic_write(path, overwrite=overwrite, made_from=made_from) as stream:
+        yield stream
+        status = os.fstat(stream.fileno())
+        if not os.path.lexists(path):
+            created.append((path, _identity(status)))
+
+
+def _remove(path: str, identity: _Identity) -> None:
+    """Remove a file if it still is the one that was created."""
+    with contextlib.suppress(OSError):
+        if _identity(os.lstat(path)) == identity:
+            os.unlink(path)  # noqa: PTH108
+
+
+def _identity(status: os.stat_result) -> _Identity:
+    """Return what tells a file from one that took its place, which may have its inode."""
+    return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns
