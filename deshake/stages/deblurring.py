@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from deshake.pair.registration import Registration
     from deshake.restore.restoration import Restoration
 
+    Observer = Callable[[Photo, Photo, RotationKernel], None]
     Progress = Callable[[float, str], None]
 
 __all__ = ["deblur", "deblur_file"]
@@ -177,6 +178,7 @@ def deblur_file(
     transfer: TransferName | None = None,
     restoration: RestorationOptions | None = None,
     finish: Finish = AS_IT_IS,
+    observer: Observer | None = None,
     overwrite: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
@@ -184,7 +186,8 @@ def deblur_file(
     """Deblur a photo with the kernel of a file, alone or with a noisy one, and write the result.
 
     Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. The
-    sheet of `finish` is kept only together with it.
+    sheet of `finish` is kept only together with it. The `observer` receives the photo, its result
+    and the kernel, before they are written.
 
     Returns
     -------
@@ -250,6 +253,7 @@ def deblur_file(
         kernel,
         finish=finish,
         provenance=provenance,
+        observer=observer,
         overwrite=overwrite,
         overwrite_others=overwrite,
     )
