@@ -44,6 +44,7 @@ _COLUMNS: Final = {
     "Confidence": "number",
     "Time, s": "number",
 }
+_MANY: Final = 40  # photos: of more, the browser draws only those that are seen
 _UNKNOWN: Final = "-1"  # sorts before all numbers
 
 
@@ -129,6 +130,7 @@ def page_head(entries: Sequence[Entry], command: str) -> str:
         counts=_text(", ".join(parts)),
         command=_text(command),
         summary=_summary(entries, count) if several else "",
+        kind=' class="many"' if len(entries) > _MANY else "",
     )
 
 
