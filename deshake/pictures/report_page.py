@@ -149,7 +149,7 @@ def article(entry: Entry, pictures: ReportPictures | None, place: Place = embedd
     pictures : ReportPictures or None
         Its pictures, if there are any.
     place : callable
-        Takes a picture and what it shows, and gives the address to embed it by.
+        Takes what a picture shows, and the picture, and gives its address, in ASCII.
 
     """
     number, name = entry.number, _text(entry.name)
@@ -166,7 +166,7 @@ def article(entry: Entry, pictures: ReportPictures | None, place: Place = embedd
             kind: place(f"part-{kind}", part) for kind, part in parts.items() if part is not None
         }
         style = ";".join(f"--{kind}:url('{to}')" for kind, to in addresses.items())
-        style = f' style="{_attribute(style)}"'
+        style = f' style="{html.escape(style)}"'
         lines += [_slider(entry, pictures, place), _detail(pictures), _around(pictures)]
     lines.append(_facts(entry, pictures, place))
     head = f'<article id="p{number}" class="{entry.verdict}" aria-labelledby="h{number}"{style}>'
@@ -225,11 +225,11 @@ def _slider(entry: Entry, pictures: ReportPictures, place: Place) -> str:
     before, after = pictures.before, pictures.after
     size = f'width="{before.width}" height="{before.height}" decoding="async" loading="lazy"'
     name = _attribute(entry.name)
-    one = _attribute(place("frame-before", before))
+    one = html.escape(place("frame-before", before))
     if after is None:
         width = f'style="max-width:{before.width}px"'
         return f'<img class="whole" {width} {size} alt="{name}" src="{one}">'
-    two = _attribute(place("frame-after", after))
+    two = html.escape(place("frame-after", after))
     value = 'min="0" max="100" step="any" value="50"'
     return "\n".join(
         [
@@ -302,7 +302,7 @@ def _facts(entry: Entry, pictures: ReportPictures | None, place: Place) -> str:
     kernel = ""
     if pictures is not None and pictures.kernel is not None:
         drawn = pictures.kernel
-        source = _attribute(place("kernel", drawn))
+        source = html.escape(place("kernel", drawn))
         kernel = (
             f'<figure><img class="kernel" width="{drawn.width}" height="{drawn.height}" '
             'alt="The paths that points of light draw in nine places of the photo" '

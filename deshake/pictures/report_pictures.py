@@ -41,6 +41,7 @@ _DETAIL: Final = (360, 270)  # px, width and height of the part that is shown fi
 _FRAME_SHARE: Final = 0.45  # of the room; the rest is for the part at 100 %
 _LEAST_BYTES: Final = 0.1  # of a pixel: no part is begun with that has more of them than fit so
 _QUALITIES: Final = (88, 80, 72)  # of JPEG, tried before the picture is made smaller
+_LAST_QUALITIES: Final = (50, 30, 15)  # of pictures that get no smaller
 _SMALLER: Final = 0.85
 _LEAST_SIDE: Final = 48  # px: no picture is made smaller than this
 _FILTERS: Final = 3  # kernels down and across the frame
@@ -167,16 +168,19 @@ def _fitted(
 
     """
     pictures = make(share)
+    qualities = _QUALITIES
     while True:
-        for quality in _QUALITIES:
+        for quality in qualities:
             encoded = [_jpeg(picture, quality) for picture in pictures]
             if sum(len(each.data) for each in encoded) <= limit:
                 return encoded, share
-        smaller = make(_SMALLER * share)
-        shape = smaller[0].shape
-        if shape == pictures[0].shape or max(shape) < _LEAST_SIDE:
+        if qualities == _LAST_QUALITIES:
             return encoded, share
-        pictures, share = smaller, _SMALLER * share
+        smaller = make(_SMALLER * share)
+        if smaller[0].shape == pictures[0].shape or max(smaller[0].shape) < _LEAST_SIDE:
+            qualities = _LAST_QUALITIES
+        else:
+            pictures, share = smaller, _SMALLER * share
 
 
 def _jpeg(picture: Picture, quality: int) -> Encoded:
