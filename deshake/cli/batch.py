@@ -304,7 +304,9 @@ def _tell_summary(results: Sequence[Result], photos: int, seconds: float) -> Non
     """Print how many photos came to what, and the names of the failed ones."""
     count = Counter(result.status for result in results)
     left = sum(result.figures.get("verdict") == "left" for result in results)
-    parts = [f"{count['done'] - left} done", *([f"{left} left as they are"] if left else [])]
+    parts = [f"{count['done'] - left} done"]
+    if left:
+        parts.append(f"{left} left as {'it is' if left == 1 else 'they are'}")
     parts += [f"{count[status]} {status}" for status in ("skipped", "failed")]
     if photos > len(results):
         parts.append(f"{photos - len(results)} not begun")
