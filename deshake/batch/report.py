@@ -138,6 +138,7 @@ class Report:
         self._place = place
         self._command = command
         self._command_of = command_of
+        self._labels = _labels([job.source for job in jobs])
         self._numbers = {job.source: number for number, job in enumerate(jobs, 1)}
         self._entries: dict[int, Entry] = {}
         self._spans: dict[int, tuple[int, int]] = {}
@@ -219,9 +220,9 @@ class Report:
     def _entry(self, number: int, result: Result) -> Entry:
         """Return what the page says of a photo."""
         figures, job = result.figures, result.job
-        name, command = str(job.source), self._command_of(job)
+        name, command = self._labels[job.source], self._command_of(job)
         if result.status == "failed":
-            why = (result.error or "").removeprefix(f"{name}: ")
+            why = (result.error or "").removeprefix(f"{job.source}: ")
             return Entry(
                 number,
                 name,
@@ -289,6 +290,17 @@ class Report:
         if not self._used:
             with contextlib.suppress(OSError):
                 self._place.pictures.rmdir()
+
+
+def _labels(photos: Sequence[Path]) -> dict[Path, str]:
+    """Return short names of photos: below the folder that all of them are in."""
+    if len(photos) == 1:
+        return {photos[0]: photos[0].name}
+    try:
+        common = os.path.commonpath([path.parent for path in photos])
+    except ValueError:  # absolute and relative ones, or several drives
+        return {path: str(path) for path in photos}
+    return {path: os.path.relpath(path, common or os.curdir) for path in photos}
 
 
 def _one_file(one: Path, other: Path) -> bool:

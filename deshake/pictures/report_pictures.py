@@ -45,7 +45,8 @@ _LAST_QUALITIES: Final = (50, 30, 15)  # of pictures that get no smaller
 _SMALLER: Final = 0.85
 _LEAST_SIDE: Final = 48  # px: no picture is made smaller than this
 _FILTERS: Final = 3  # kernels down and across the frame
-_KERNEL_SIDE: Final = 480  # px
+_KERNEL_SIDE: Final = 600  # px
+_SEEN: Final = 0.01  # of the largest weight: what is less does not count for the extent either
 _KERNEL_COLOURS: Final = 16
 
 
@@ -191,7 +192,8 @@ def _jpeg(picture: Picture, quality: int) -> Encoded:
 
 def _drawn(kernel: RotationKernel) -> Encoded:
     """Draw the kernel's local filters, in few greys."""
-    picture = render_filters(kernel, _FILTERS, _FILTERS, size=_KERNEL_SIDE)
+    seen = kernel.above(_SEEN)
+    picture = render_filters(seen, _FILTERS, _FILTERS, size=_KERNEL_SIDE)
     grey = Image.fromarray(picture).convert("L").quantize(_KERNEL_COLOURS)
     stream = io.BytesIO()
     grey.save(stream, "PNG", optimize=True)

@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import errno
 import os
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -75,7 +77,8 @@ def test_photos_stand_in_the_order_of_the_plan(tmp_path, jobs):
         "shake of 12 px, fairly confident",
         "<dd>mind</dd>",
         "the photo looks sharp",
-        ": is no photo",
+        ">Failed</span>: is no photo<",
+        '<h2 id="h1">one.jpg</h2>',
         "What to try: try another",
         "deshake fix two.jpg",
         'href="out/one.deshaken.jpg"',
@@ -88,6 +91,21 @@ def test_skipped_photos_and_photos_that_were_not_begun(tmp_path, jobs):
     text = made(ReportPlace(tmp_path / "a.html"), jobs, [Result(jobs[1], "skipped")]).read_text()
     assert "its result exists already" in text
     assert "one.jpg" not in text
+
+
+def test_photos_are_named_from_the_folder_that_all_are_in(tmp_path):
+    place = ReportPlace(tmp_path / "a.html")
+    for photos, labels in (
+        (["in/a.jpg"], ["a.jpg"]),
+        (["in/a.jpg", "in/b.jpg"], ["a.jpg", "b.jpg"]),
+        (["in/a.jpg", "in/below/a.jpg"], ["a.jpg", "below/a.jpg"]),
+        (["a.jpg", "in/a.jpg"], ["a.jpg", "in/a.jpg"]),
+        (["/one/a.jpg", "a.jpg"], ["/one/a.jpg", "a.jpg"]),
+    ):
+        jobs = [Job(Path(name), tmp_path / str(n)) for n, name in enumerate(photos)]
+        page = made(place, jobs, [Result(job, "done", 1, IMPROVED) for job in jobs])
+        assert re.findall(r"<h2[^>]*>(.*)</h2>", page.read_text("utf-8")) == labels
+        page.unlink()
 
 
 def test_addresses_are_quoted(tmp_path):

@@ -91,6 +91,7 @@ def test_a_folder_of_photos_on_one_page(deblur, tmp_path):
     assert page.elements.count("article") == 2
     assert "b" not in page.elements
     assert "2 improved" in page.words
+    assert "Made by deshake deblur " in page.words
     assert HOSTILE in page.words
     kernel = read_kernel(tmp_path / "kernels" / "plain.kernel.npz").kernel
     assert f"{kernel.extent_px():.1f} px over the frame" in page.words
