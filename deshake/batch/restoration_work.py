@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from deshake.batch.estimate_work import check_inputs, kernel_origin
 from deshake.batch.footprint import estimate_memory, restoration_memory, worked_size
+from deshake.batch.verdict import verdict_figures
 from deshake.errors import DeshakeError
 from deshake.files.disk import STREAM, sha256
 from deshake.files.kernel_file import read_kernel
 from deshake.formats.conversion import check_ending
+from deshake.pictures.report_pictures import ReportPictures, report_pictures
 from deshake.stages.deblurring import deblur_file
 from deshake.stages.finishing import AS_IT_IS, Finish
 from deshake.stages.fixing import fix_file
@@ -26,8 +28,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from deshake.batch.plan import Job
+    from deshake.formats.photo import Photo
     from deshake.formats.picture_size import PictureSize
     from deshake.formats.transfer import TransferName
+    from deshake.geometry.kernel import RotationKernel
     from deshake.stages.estimate_options import EstimateOptions
 
     Progress = Callable[[float, str], None]
@@ -47,18 +51,22 @@ class Fix:
         How the photo is deblurred.
     finish : Finish
         What is wanted of the result beside it; the ``mask`` is the job's.
+    room : int, optional
+        Bytes that a report has for the photo's pictures; by default there is no report.
 
     """
 
     options: EstimateOptions
     restoration: RestorationOptions = field(default_factory=RestorationOptions)
     finish: Finish = AS_IT_IS
+    room: int | None = None
 
     def __call__(
         self, job: Job, *, threads: int | None, progress: Progress | None
     ) -> dict[str, Any]:
         """Fix the photo of a job."""
-        found = fix_file(
+        seen = _Observed(self.room)
+        result = fix_file(
             job.source,
             job.place,
             job.others.get("kernel"),
@@ -66,13 +74,16 @@ class Fix:
             noisy=job.needs.get("noisy"),
             restoration=self.restoration,
             finish=_with_mask(self.finish, job),
+            observer=seen,
             overwrite=job.overwrite,
             overwrite_others=job.overwrite_others,
             keep_result=job.keeps_result,
             threads=threads,
             progress=progress,
         )
-        return found.report() | self.finish.report()
+        content = result.content
+        verdict = verdict_figures(content.kernel, content.confidence, result.notes)
+        return result.report() | verdict | self.finish.report() | seen.figures()
 
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:
         """Predict the memory that it takes."""
@@ -128,6 +139,8 @@ class Deblur:
         What is wanted of the result beside it; the ``mask`` is the job's.
     search_angle : float, optional
         Range of the search for a registration that is not given, in degrees.
+    room : int, optional
+        Bytes that a report has for the photo's pictures; by default there is no report.
 
     """
 
@@ -135,11 +148,13 @@ class Deblur:
     transfer: TransferName | None = None
     finish: Finish = AS_IT_IS
     search_angle: float | None = None
+    room: int | None = None
 
     def __call__(
         self, job: Job, *, threads: int | None, progress: Progress | None
     ) -> dict[str, Any]:
         """Deblur the photo of a job."""
+        seen = _Observed(self.room)
         content = deblur_file(
             job.source,
             job.needs["kernel"],
@@ -150,6 +165,7 @@ class Deblur:
             transfer=self.transfer,
             restoration=self.restoration,
             finish=_with_mask(self.finish, job),
+            observer=seen,
             overwrite=job.overwrite,
             overwrite_others=job.overwrite_others,
             keep_result=job.keeps_result,
@@ -160,7 +176,10 @@ class Deblur:
             "extent_px": round(content.kernel.extent_px(), 2),
             "confidence": round(content.confidence, 4),
         }
-        return figures | self.finish.report()
+        verdict = verdict_figures(
+            content.kernel, content.confidence, content.provenance.get("notes")
+        )
+        return figures | verdict | self.finish.report() | seen.figures()
 
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:
         """Predict the memory that it takes."""
@@ -204,6 +223,22 @@ class Deblur:
             known["registration"] = registration_origin(given, told)
         names = ("options", "input_sha256", "noisy_sha256", "camera")
         return known | {"kernel": {name: told[name] for name in names if name in told}}
+
+
+class _Observed:
+    """Pictures a photo and its result for a report, if there is one."""
+
+    def __init__(self, room: int | None) -> None:
+        self._room = room
+        self._pictures: ReportPictures | None = None
+
+    def __call__(self, photo: Photo, result: Photo, kernel: RotationKernel) -> None:
+        if self._room is not None:
+            self._pictures = report_pictures(photo, result, kernel, self._room)
+
+    def figures(self) -> dict[str, Any]:
+        """Return the pictures as `run_job` takes them."""
+        return {} if self._pictures is None else {"pictures": self._pictures}
 
 
 def _with_mask(finish: Finish, job: Job) -> Finish:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from deshake.batch.plan import Job
     from deshake.batch.work import Work
+    from deshake.pictures.report_pictures import ReportPictures
 
     Progress = Callable[[float, str], None]
 
@@ -46,6 +47,8 @@ class Result:
         What is wrong, and what to try, if it failed.
     trace : str or None
         Where in the program, if it failed.
+    pictures : ReportPictures or None
+        Of the photo and its result, if a report wants them.
 
     """
 
@@ -57,6 +60,7 @@ class Result:
     error: str | None = None
     hint: str | None = None
     trace: str | None = None
+    pictures: ReportPictures | None = None
 
     def report(self) -> dict[str, Any]:
         """Return all of it as JSON data."""
@@ -101,7 +105,9 @@ def run_job(
             return failure(job, error, time.perf_counter() - start, warnings)
     # What was noted was warned of as well, unless nothing but errors is wanted.
     told = dict.fromkeys([*warnings, *figures.pop("notes", [])])
-    return Result(job, "done", time.perf_counter() - start, figures, tuple(told))
+    pictures = figures.pop("pictures", None)
+    seconds = time.perf_counter() - start
+    return Result(job, "done", seconds, figures, tuple(told), pictures=pictures)
 
 
 def problem(job: Job, work: Work) -> DeshakeError | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections import Counter
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, fields
 from functools import wraps
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from deshake.batch.task import Result
     from deshake.batch.work import Work
     from deshake.cli.context import Context
+    from deshake.cli.report_options import ReportOptions
 
 __all__ = [
     "Batch",
@@ -196,6 +197,9 @@ def run_batch(
     work: Work,
     batch: Batch,
     line: Callable[[Result], str] | None = None,
+    *,
+    note: Callable[[Result], str] | None = None,
+    report: ReportOptions | None = None,
 ) -> int:
     """Do the work on all photos, tell what comes of each, and return the exit code.
 
@@ -212,10 +216,18 @@ def run_batch(
     line : callable, optional
         Gives what is printed to standard output for a photo that is done, where ``--json`` is not
         given.
+    note : callable, optional
+        Gives what is said on standard error of a photo that is done.
+    report : ReportOptions, optional
+        The report that is wanted.
 
     """
     from deshake.batch.run import Resources, run_jobs
+    from deshake.cli.report_options import ReportOptions
 
+    reporting = (report or ReportOptions()).begun(
+        context, jobs, overwrite=batch.existing != "refuse", dry=batch.dry_run
+    )
     if batch.dry_run:
         return _tell_plan(jobs, work, batch)
     start = time.monotonic()
@@ -228,20 +240,20 @@ def run_batch(
     def progress(share: float, text: str) -> None:
         bar(share, f"{title}: {text}" if len(jobs) == 1 else text)
 
-    with context.bar(title) as bar, closing(run_jobs(jobs, work, resources, progress)) as running:
-        for result in running:
+    with reporting, ExitStack() as run:
+        bar = run.enter_context(context.bar(title))
+        running = run.enter_context(closing(run_jobs(jobs, work, resources, progress)))
+        for done in running:
+            result = reporting.add(done)
             results.append(result)
-            if batch.as_json:
-                print_json(result.report())
-            elif line is not None and result.status == "done":
-                click.echo(line(result))
-            if result.status == "failed":
-                _tell_failure(result, context)
-                if batch.fail_fast:
-                    break
+            _tell_result(result, batch, context, line, note)
+            if result.status == "failed" and batch.fail_fast:
+                break
+        run.close()  # the bar is gone, and no process is left
+        reporting.end()
     if len(jobs) > 1 and context.verbosity >= 0:
         _tell_summary(results, len(jobs), time.monotonic() - start)
-    return 1 if any(result.status == "failed" for result in results) else 0
+    return 1 if reporting.failed or any(result.status == "failed" for result in results) else 0
 
 
 def _check_files(jobs: Sequence[Job]) -> None:
@@ -272,6 +284,24 @@ def _tell_plan(jobs: Sequence[Job], work: Work, batch: Batch) -> int:
     return code
 
 
+def _tell_result(
+    result: Result,
+    batch: Batch,
+    context: Context,
+    line: Callable[[Result], str] | None,
+    note: Callable[[Result], str] | None,
+) -> None:
+    """Print what came of a photo, as `run_batch` describes it."""
+    if batch.as_json:
+        print_json(result.report())
+    elif line is not None and result.status == "done":
+        click.echo(line(result))
+    if note is not None and result.status == "done" and context.verbosity >= 0:
+        print_note(note(result))
+    if result.status == "failed":
+        _tell_failure(result, context)
+
+
 def _tell_failure(result: Result, context: Context) -> None:
     """Print what went wrong with a photo."""
     print_error(result.error or "", hint=result.hint)
@@ -282,7 +312,11 @@ def _tell_failure(result: Result, context: Context) -> None:
 def _tell_summary(results: Sequence[Result], photos: int, seconds: float) -> None:
     """Print how many photos came to what, and the names of the failed ones."""
     count = Counter(result.status for result in results)
-    parts = [f"{count[status]} {status}" for status in ("done", "skipped", "failed")]
+    left = sum(result.figures.get("verdict") == "left" for result in results)
+    parts = [f"{count['done'] - left} done"]
+    if left:
+        parts.append(f"{left} left as {'it is' if left == 1 else 'they are'}")
+    parts += [f"{count[status]} {status}" for status in ("skipped", "failed")]
     if photos > len(results):
         parts.append(f"{photos - len(results)} not begun")
     warned = sum(bool(result.warnings) for result in results)

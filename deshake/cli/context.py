@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Never, Self
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from types import TracebackType
 
     from tqdm import tqdm
@@ -39,12 +40,15 @@ class Context:
         Threads for the work on one photo, >= 1; None: the processors there are, shared out.
     progress : bool
         Whether progress bars are wanted; by default if stderr is a terminal.
+    arguments : sequence of str
+        What was typed after the program's name.
 
     """
 
     verbosity: int = 0
     threads: int | None = None
     progress: bool = field(default_factory=_stderr_is_terminal)
+    arguments: Sequence[str] = ()
 
     def bar(self, text: str = "") -> Progress:
         """Make a progress bar, which shows nothing where none is wanted."""

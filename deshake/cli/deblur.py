@@ -21,6 +21,7 @@ from deshake.cli.options import (
     search_angle_option,
     transfer_option,
 )
+from deshake.cli.report_options import report_options
 from deshake.cli.restoration_options import (
     check_pair,
     noisy_option,
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from deshake.batch.folders import Found
     from deshake.cli.batch import Batch
     from deshake.cli.context import Context
+    from deshake.cli.report_options import ReportOptions
     from deshake.formats.transfer import TransferName
     from deshake.stages.finishing import Finish
 
@@ -65,6 +67,7 @@ __all__ = ["command"]
 @search_angle_option
 @restoration_options
 @finish_options
+@report_options
 @transfer_option
 @batch_options
 @general_options
@@ -82,6 +85,7 @@ def command(
     transfer: TransferName | None,
     mask: Path | None,
     finish: Finish,
+    report: ReportOptions,
     batch: Batch,
     **choices: Any,  # noqa: ANN401 - how to deblur
 ) -> int:
@@ -117,6 +121,7 @@ def command(
         raise click.UsageError("photos are not read from standard input: name a file.")
     chosen = restoration(noisy, **choices)
     refuse_stdout(output)
+    report.check(compare=finish.compare)
     needs: dict[str, Callable[[Found], Path | None]] = {"kernel": _kernels(kernel)}
     if noisy is not None:
         check_pair(photos, noisy)
@@ -125,7 +130,8 @@ def command(
         needs["mask"] = for_masks(mask, photos)
     extras = {"sheet": Extra(None, comparison_name)} if finish.compare else {}
     jobs = planned(photos, output, batch, extras=extras, needs=needs)
-    return run_batch(context, jobs, Deblur(chosen, transfer, finish, search_angle), batch)
+    work = Deblur(chosen, transfer, finish, search_angle, report.room(len(jobs)))
+    return run_batch(context, jobs, work, batch, report=report)
 
 
 def _kernels(path: Path) -> Callable[[Found], Path]:

@@ -23,6 +23,7 @@ from deshake.cli.options import (
     output_option,
     search_angle_option,
 )
+from deshake.cli.report_options import report_options
 from deshake.cli.restoration_options import (
     check_pair,
     noisy_option,
@@ -33,8 +34,10 @@ from deshake.cli.restoration_options import (
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from deshake.batch.task import Result
     from deshake.cli.batch import Batch
     from deshake.cli.context import Context
+    from deshake.cli.report_options import ReportOptions
     from deshake.stages.finishing import Finish
 
 __all__ = ["command"]
@@ -58,6 +61,7 @@ __all__ = ["command"]
 @estimate_options
 @restoration_options
 @finish_options
+@report_options
 @batch_options
 @general_options
 @click.pass_obj
@@ -75,6 +79,7 @@ def command(
     iterations: int | None,
     mask: Path | None,
     finish: Finish,
+    report: ReportOptions,
     batch: Batch,
     **choices: Any,  # noqa: ANN401 - what `chosen_estimate` takes
 ) -> int:
@@ -100,6 +105,7 @@ def command(
     elif choices["search_angle"] is not None:
         raise click.UsageError("--search-angle needs --noisy.")
     refuse_stdout(output)
+    report.check(compare=finish.compare)
     extras = {} if keep_kernels is None else {"kernel": Extra(keep_kernels, kernel_name)}
     needs: dict[str, Any] = {} if noisy is None else {"noisy": lambda _: noisy}
     if mask is not None:
@@ -107,8 +113,15 @@ def command(
     if finish.compare:
         extras["sheet"] = Extra(None, comparison_name)
     jobs = planned(photos, output, batch, extras=extras, needs=needs)
-    work = Fix(chosen_estimate(camera, **choices), chosen, finish)
-    return run_batch(context, jobs, work, batch)
+    work = Fix(chosen_estimate(camera, **choices), chosen, finish, report.room(len(jobs)))
+    return run_batch(context, jobs, work, batch, note=_what_was_done, report=report)
+
+
+def _what_was_done(result: Result) -> str:
+    """Say in a line what was written for a photo, and what was done to it."""
+    from deshake.batch.verdict import summary_words
+
+    return f"{result.job.source} -> {result.job.output}: {summary_words(result.figures)}"
 
 
 def _check_estimate(*, region: object, estimator: str, focal: object, **_: object) -> None:

@@ -145,7 +145,7 @@ def main(args: Sequence[str] | None = None) -> int:
         with 143.
 
     """
-    context = Context()
+    context = Context(arguments=sys.argv[1:] if args is None else list(args))
     for name in _LINEAR_ALGEBRA:
         # The order of its sums depends on its threads: with one, equal inputs give equal bytes on
         # every machine of a kind. The work is split at a higher level anyway.

@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from deshake.pair.registration import Registration
     from deshake.restore.restoration import Restoration
 
+    Observer = Callable[[Photo, Photo, RotationKernel], None]
     Progress = Callable[[float, str], None]
 
 __all__ = ["deblur", "deblur_file"]
@@ -177,6 +178,7 @@ def deblur_file(
     transfer: TransferName | None = None,
     restoration: RestorationOptions | None = None,
     finish: Finish = AS_IT_IS,
+    observer: Observer | None = None,
     overwrite: bool = False,
     overwrite_others: bool = False,
     keep_result: bool = False,
@@ -187,7 +189,8 @@ def deblur_file(
 
     Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. The
     sheet of `finish` appears only together with it. With `keep_result` the result is there
-    already, and stays as it is.
+    already, and stays as it is. The `observer` receives the photo, its result and the kernel,
+    before they are written.
 
     Returns
     -------
@@ -253,6 +256,7 @@ def deblur_file(
         kernel,
         finish=finish,
         provenance=provenance,
+        observer=observer,
         overwrite=overwrite,
         overwrite_others=overwrite_others,
         keep_result=keep_result,

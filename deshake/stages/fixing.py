@@ -29,9 +29,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from deshake.formats.photo import Photo
+    from deshake.geometry.kernel import RotationKernel
     from deshake.stages.estimate_options import EstimateOptions
     from deshake.stages.estimate_result import Estimate
 
+    Observer = Callable[[Photo, Photo, RotationKernel], None]
     Progress = Callable[[float, str], None]
 
 __all__ = ["fix_file"]
@@ -52,6 +54,7 @@ def fix_file(
     noisy: Path | None = None,
     restoration: RestorationOptions | None = None,
     finish: Finish = AS_IT_IS,
+    observer: Observer | None = None,
     overwrite: bool = False,
     overwrite_others: bool = False,
     keep_result: bool = False,
@@ -76,6 +79,8 @@ def fix_file(
         How the photo is deblurred; by default by the default method.
     finish : Finish
         What is wanted beside it; its sheet, too, appears only together with the result.
+    observer : callable, optional
+        Receives the photo, its result and the kernel, before they are written.
     overwrite, overwrite_others : bool
         Whether an existing result, or other existing outputs, may be replaced.
     keep_result : bool
@@ -147,6 +152,7 @@ def fix_file(
         kernel,
         finish=finish,
         provenance=provenance,
+        observer=observer,
         kept=None if kernel_file is None else (kernel_file, found.content),
         overwrite=overwrite,
         overwrite_others=overwrite_others,

@@ -14,13 +14,15 @@ from deshake.pictures.comparison import comparison_sheet
 from deshake.stages.photo_provenance import with_photo_provenance
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
     from deshake.formats.photo import Photo
     from deshake.geometry.kernel import RotationKernel
     from deshake.stages.blending import Mask
     from deshake.stages.finishing import Finish
+
+    Observer = Callable[[Photo, Photo, RotationKernel], None]
 
 __all__ = ["prepared", "write_result"]
 
@@ -67,6 +69,7 @@ def write_result(
     finish: Finish,
     provenance: Mapping[str, Any] | None,
     kept: tuple[Path, KernelFile] | None = None,
+    observer: Observer | None = None,
     overwrite: bool = False,
     overwrite_others: bool = False,
     keep_result: bool = False,
@@ -92,6 +95,8 @@ def write_result(
         What the photo tells of itself.
     kept : (Path, KernelFile), optional
         A kernel file to be written.
+    observer : callable, optional
+        Receives the photo, its result and the kernel, before they are written.
     overwrite, overwrite_others : bool
         Whether an existing photo, or other existing outputs, may be replaced.
     keep_result : bool
@@ -107,6 +112,8 @@ def write_result(
     """
     photo, mask = finish.before(photo, mask, kernel.camera)
     result = finish.blend(photo, result, mask)
+    if observer is not None:
+        observer(photo, result, kernel)
     if provenance is not None:
         result = with_photo_provenance(result, provenance)
     with joint_outputs(photo.source, *filter(None, [noisy])) as add:

@@ -1,0 +1,56 @@
+"""What came of a photo in a word, and how sure that is."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+from deshake.stages.estimate_result import TRUSTED
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from deshake.geometry.kernel import RotationKernel
+
+__all__ = ["Verdict", "confidence_words", "summary_words", "verdict_figures"]
+
+Verdict = Literal["improved", "left", "doubtful"]
+"""Improved: deblurred by a kernel that is trusted; left: as it is; doubtful: by another kernel."""
+
+_LEFT: Final = "left as it is"
+_STILL: Final = "the kernel is that of a camera that stood still"
+_WORDS: Final = ((0.9, "confident"), (0.7, "fairly confident"), (TRUSTED, "not quite confident"))
+
+
+def verdict_figures(kernel: RotationKernel, confidence: float, notes: object) -> dict[str, Any]:
+    """Return the verdict on a photo as JSON data, with the ``reason`` if it was left as it is.
+
+    Parameters
+    ----------
+    kernel : RotationKernel
+        What was undone.
+    confidence : float
+        Of the kernel, from 0 to 1.
+    notes : list of str
+        What the estimate noted; anything else, as a kernel file may have, counts for nothing.
+
+    """
+    if kernel.theta[kernel.weights > 0].any():
+        return {"verdict": "improved" if confidence >= TRUSTED else "doubtful"}
+    told = [str(note) for note in notes] if isinstance(notes, list) else []
+    reasons = [note.partition(_LEFT)[0] for note in told if _LEFT in note]
+    # "the photo looks sharp: it is left as it is" has its reason before the colon.
+    reason = reasons[0].rpartition(":")[0] if reasons else ""
+    return {"verdict": "left", "reason": reason or _STILL}
+
+
+def confidence_words(confidence: float) -> str:
+    """Say in words how far a kernel is to be trusted, by its confidence from 0 to 1."""
+    return next((words for least, words in _WORDS if confidence >= least), "doubtful")
+
+
+def summary_words(figures: Mapping[str, Any]) -> str:
+    """Say in a few words what was done to a photo, by the figures of its result."""
+    if figures["verdict"] == "left":
+        return f"{_LEFT}: {figures['reason']}"
+    extent, words = figures["extent_px"], confidence_words(figures["confidence"])
+    return f"shake of {extent:.{0 if extent >= 10 else 1}f} px, {words}"

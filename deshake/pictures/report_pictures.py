@@ -1,0 +1,244 @@
+"""The pictures of one photo on the page of a report: small enough for a page of hundreds.
+
+They are made where the photo is worked on, and travel to the page as bytes.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
+
+import cv2
+import numpy as np
+from PIL import Image
+
+from deshake.pictures.render import render_filters
+from deshake.pictures.sheets import detailed_part, shown
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from deshake.formats.photo import Photo
+    from deshake.geometry.kernel import RotationKernel
+    from deshake.pictures.canvas import Picture
+
+__all__ = ["Encoded", "ReportPictures", "report_pictures", "room_for"]
+
+Rectangle: TypeAlias = tuple[int, int, int, int]
+"""Left, top, width and height in pixels."""
+
+_ALL: Final = 40_000_000  # bytes of all pictures of a page; base64 makes 53 million of them
+_MOST: Final = 3_000_000  # bytes of one photo's pictures
+_BESIDE: Final = 8_000_000  # the same, where they are files of their own
+_LEAST: Final = 20_000  # bytes: thousands of photos make a larger page
+
+_FRAME_SIDE: Final = 1600  # px of the longer side of the whole frame, at most
+_DETAIL: Final = (360, 270)  # px, width and height of the part that is shown first
+_FRAME_SHARE: Final = 0.45  # of the room; the rest is for the part at 100 %
+_LEAST_BYTES: Final = 0.1  # of a pixel: no part is begun with that has more of them than fit so
+_QUALITIES: Final = (88, 80, 72)  # of JPEG, tried before the picture is made smaller
+_LAST_QUALITIES: Final = (50, 30, 15)  # of pictures that get no smaller
+_SMALLER: Final = 0.85
+_LEAST_SIDE: Final = 48  # px: no picture is made smaller than this
+_FILTERS: Final = 3  # kernels down and across the frame
+_KERNEL_SIDE: Final = 600  # px
+_SEEN: Final = 0.01  # of the largest weight: what is less does not count for the extent either
+_KERNEL_COLOURS: Final = 16
+
+
+class Encoded(NamedTuple):
+    """A picture as it is embedded."""
+
+    data: bytes
+    width: int
+    height: int
+    ending: str = "jpg"
+
+
+@dataclass(frozen=True)
+class ReportPictures:
+    """The pictures of one photo.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Height and width of the result in pixels.
+    before, after : Encoded
+        The whole frame; without `after` the photo was left as it is.
+    part, part_after : Encoded
+        A part at 100 %.
+    at : (int, int)
+        Left and top of the part in the photo, in pixels.
+    detail : Rectangle
+        Left, top, width and height of the most detailed place, in pixels of the part.
+    kernel : Encoded, optional
+        The paths that points of light draw in nine places of the frame.
+
+    """
+
+    shape: tuple[int, int]
+    before: Encoded
+    after: Encoded | None
+    part: Encoded
+    part_after: Encoded | None
+    at: tuple[int, int]
+    detail: Rectangle
+    kernel: Encoded | None
+
+
+def room_for(photos: int, *, beside: bool = False) -> int:
+    """Return the bytes that the pictures of one of so many photos may take.
+
+    Those on the page share it; those `beside` it have files of their own.
+    """
+    if beside:
+        return _BESIDE
+    return max(_LEAST, min(_MOST, _ALL // max(photos, 1)))
+
+
+def report_pictures(
+    photo: Photo, result: Photo, kernel: RotationKernel, room: int
+) -> ReportPictures:
+    """Picture a photo and its result.
+
+    Parameters
+    ----------
+    photo, result : Photo
+        Before and after, of one size.
+    kernel : RotationKernel
+        What was undone; of a camera that stood still, there is no `after`.
+    room : int
+        Bytes that all pictures together may take, `_LEAST` at least.
+
+    """
+    still = not kernel.theta[kernel.weights > 0].any()
+    drawn = None if still else _drawn(kernel)
+    photos = [photo] if still else [photo, result]
+    left = room - (0 if drawn is None else len(drawn.data))
+    frames = [_reduced(each, _FRAME_SIDE) for each in photos]
+    place = _detail(frames[0], photo.shape)
+
+    def frame(share: float) -> list[Picture]:
+        return [_resized(each, share) for each in frames]
+
+    def part(share: float) -> list[Picture]:
+        return [_crop(each, _around(place, photo.shape, share)) for each in photos]
+
+    whole, _ = _fitted(frame, _FRAME_SHARE * left, 1.0)
+    pixels = len(photos) * photo.shape[0] * photo.shape[1]
+    enough = math.sqrt((1 - _FRAME_SHARE) * left / (_LEAST_BYTES * pixels))
+    parts, share = _fitted(part, (1 - _FRAME_SHARE) * left, min(1.0, enough))
+    x, y, *_ = _around(place, photo.shape, share)
+    return ReportPictures(
+        photo.shape,
+        whole[0],
+        None if still else whole[1],
+        parts[0],
+        None if still else parts[1],
+        (x, y),
+        (place[0] - x, place[1] - y, *place[2:]),
+        drawn,
+    )
+
+
+def _around(place: Rectangle, shape: tuple[int, int], share: float) -> Rectangle:
+    """Return a part of the photo around a place, with a share of the photo's sides."""
+    x, y, width, height = place
+    w = max(round(shape[1] * share), width)
+    h = max(round(shape[0] * share), height)
+    left = min(max(x + (width - w) // 2, 0), shape[1] - w)
+    top = min(max(y + (height - h) // 2, 0), shape[0] - h)
+    return left, top, w, h
+
+
+def _fitted(
+    make: Callable[[float], list[Picture]], limit: float, share: float
+) -> tuple[list[Encoded], float]:
+    """Encode pictures in so many bytes, at less quality or smaller if need be.
+
+    Returns
+    -------
+    encoded : list of Encoded
+        All of one size and quality; more bytes than the limit only if they get no smaller.
+    share : float
+        Of the size, as `make` took it.
+
+    """
+    pictures = make(share)
+    qualities = _QUALITIES
+    while True:
+        for quality in qualities:
+            encoded = [_jpeg(picture, quality) for picture in pictures]
+            if sum(len(each.data) for each in encoded) <= limit:
+                return encoded, share
+        if qualities == _LAST_QUALITIES:
+            return encoded, share
+        smaller = make(_SMALLER * share)
+        if smaller[0].shape == pictures[0].shape or max(smaller[0].shape) < _LEAST_SIDE:
+            qualities = _LAST_QUALITIES
+        else:
+            pictures, share = smaller, _SMALLER * share
+
+
+def _jpeg(picture: Picture, quality: int) -> Encoded:
+    stream = io.BytesIO()
+    Image.fromarray(picture).save(stream, "JPEG", quality=quality, optimize=True)
+    return Encoded(stream.getvalue(), picture.shape[1], picture.shape[0])
+
+
+def _drawn(kernel: RotationKernel) -> Encoded:
+    """Draw the kernel's local filters, in few greys."""
+    seen = kernel.above(_SEEN)
+    picture = render_filters(seen, _FILTERS, _FILTERS, size=_KERNEL_SIDE)
+    grey = Image.fromarray(picture).convert("L").quantize(_KERNEL_COLOURS)
+    stream = io.BytesIO()
+    grey.save(stream, "PNG", optimize=True)
+    return Encoded(stream.getvalue(), grey.width, grey.height, "png")
+
+
+def _reduced(photo: Photo, side: int) -> Picture:
+    """Return the whole frame as it is shown, its longer side no longer than this.
+
+    Linear light is averaged, and only what is left of it is encoded: a large photo takes no more
+    memory than its frame.
+    """
+    factor = max(photo.shape) / side
+    if factor <= 1:
+        return shown(photo)
+    height, width = photo.shape
+    size = max(round(width / factor), 1), max(round(height / factor), 1)
+    return _shown(photo, cv2.resize(photo.pixels, size, interpolation=cv2.INTER_AREA))
+
+
+def _crop(photo: Photo, part: Rectangle) -> Picture:
+    """Return a part at 100 % as it is shown."""
+    left, top, width, height = part
+    return _shown(photo, photo.pixels[top : top + height, left : left + width])
+
+
+def _shown(photo: Photo, pixels: NDArray[Any]) -> Picture:
+    """Return pixels of a photo as they are shown."""
+    contiguous = np.ascontiguousarray(pixels, np.float32)
+    return shown(replace(photo, pixels=contiguous, alpha=None, frame=None))
+
+
+def _resized(picture: Picture, share: float) -> Picture:
+    """Reduce a picture to a share of its sides."""
+    height, width = (max(round(side * share), 1) for side in picture.shape[:2])
+    image = Image.fromarray(picture).resize((width, height), Image.Resampling.LANCZOS)
+    return np.asarray(image)
+
+
+def _detail(frame: Picture, shape: tuple[int, int]) -> Rectangle:
+    """Find the place with most detail: left, top, width and height in pixels of the photo."""
+    zoom = shape[1] / frame.shape[1]
+    width, height = min(_DETAIL[0], shape[1]), min(_DETAIL[1], shape[0])
+    small = max(round(width / zoom), 1), max(round(height / zoom), 1)
+    rows, columns = detailed_part(frame, *small)
+    left = min(round(columns.start * zoom), shape[1] - width)
+    top = min(round(rows.start * zoom), shape[0] - height)
+    return left, top, width, height

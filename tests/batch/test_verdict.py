@@ -1,0 +1,52 @@
+from __future__ import annotations
+
+import pytest
+
+from deshake.batch.verdict import confidence_words, summary_words, verdict_figures
+from deshake.blind.estimate import SHARP, SOFT
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
+
+CAMERA = Camera.from_focal(100, 40, 60)
+PAN = RotationKernel.from_path([(0, -0.02, 0), (0, 0.02, 0)], CAMERA)
+STILL = RotationKernel.delta(CAMERA)
+
+
+def test_a_trusted_kernel_improves_and_another_is_doubtful():
+    assert verdict_figures(PAN, 0.5, ["a note"]) == {"verdict": "improved"}
+    assert verdict_figures(PAN, 0.49, []) == {"verdict": "doubtful"}
+
+
+@pytest.mark.parametrize(
+    ("notes", "reason"),
+    [
+        ([SHARP], "the photo looks sharp"),
+        ([SOFT], "the photo is a little soft rather than shaken"),
+        (["no focal length: 50 mm is assumed", SHARP], "the photo looks sharp"),
+        (
+            ["no kernel betters the photo (confidence 0.05): the photo is left as it is; or so"],
+            "no kernel betters the photo (confidence 0.05)",
+        ),
+        ([], "the kernel is that of a camera that stood still"),
+        (None, "the kernel is that of a camera that stood still"),
+        ("left as it is", "the kernel is that of a camera that stood still"),
+        ([3, {}], "the kernel is that of a camera that stood still"),
+    ],
+)
+def test_a_camera_that_stood_still_leaves_the_photo_for_a_reason(notes, reason):
+    assert verdict_figures(STILL, 0.9, notes) == {"verdict": "left", "reason": reason}
+
+
+def test_words_for_how_sure_it_is():
+    words = [confidence_words(each) for each in (1.0, 0.9, 0.75, 0.5, 0.49, 0.0)]
+    expected = ["confident", "confident", "fairly confident", "not quite confident"]
+    assert words == [*expected, "doubtful", "doubtful"]
+
+
+def test_what_was_done_in_a_line():
+    figures = {"verdict": "improved", "extent_px": 23.4, "confidence": 0.95}
+    assert summary_words(figures) == "shake of 23 px, confident"
+    figures = {"verdict": "doubtful", "extent_px": 3.44, "confidence": 0.2}
+    assert summary_words(figures) == "shake of 3.4 px, doubtful"
+    figures = {"verdict": "left", "reason": "the photo looks sharp"}
+    assert summary_words(figures) == "left as it is: the photo looks sharp"
