@@ -144,6 +144,7 @@ class Report:
         self._spans: dict[int, tuple[int, int]] = {}
         self._made: list[Path] = []
         self._used: set[str] = set()
+        self._shown: list[Path] = []
         self._waiting: IO[bytes] | None = None
 
     def __enter__(self) -> Self:
@@ -177,8 +178,12 @@ class Report:
         number = self._numbers[result.job.source]
         entry = self._entry(number, result)
 
+        photos = [result.job.source, *filter(None, [result.job.needs.get("noisy")])]
+        if result.pictures:
+            self._shown += photos
+
         def beside(name: str, picture: Encoded) -> str:
-            return self._put_beside(f"{number:04}-{name}", picture)
+            return self._put_beside(f"{number:04}-{name}", picture, photos)
 
         text = article(entry, result.pictures, beside if self._place.beside else embedded)
         start = self._waiting.tell()
@@ -205,7 +210,8 @@ class Report:
         assert self._waiting is not None  # noqa: S101 - within the context
         numbers = sorted(self._entries)
         page = self._place.page
-        with atomic_write(page, overwrite=self._place.overwrite) as stream:
+        overwrite = self._place.overwrite
+        with atomic_write(page, overwrite=overwrite, made_from=self._shown) as stream:
             entries = [self._entries[number] for number in numbers]
             stream.write(page_head(entries, self._command).encode("utf-8"))
             for number in numbers:
@@ -260,8 +266,8 @@ class Report:
             return path.absolute().as_uri()
         return quote(os.fsencode(Path(relative).as_posix()))
 
-    def _put_beside(self, name: str, picture: Encoded) -> str:
-        """Write a picture beside the page, and return its address.
+    def _put_beside(self, name: str, picture: Encoded, photos: Sequence[Path]) -> str:
+        """Write a picture of photos beside the page, and return its address.
 
         Its name has a digest of it: pictures of an earlier page are never replaced by others.
         """
@@ -275,7 +281,7 @@ class Report:
                 f"the folder cannot be made: {reason}", hint=_HINT, file=path.parent
             ) from error
         if not path.exists():
-            write_bytes(path, picture.data)
+            write_bytes(path, picture.data, made_from=photos)
             self._made.append(path)
         self._used.add(path.name)
         return self._address(path)

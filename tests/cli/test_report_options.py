@@ -280,3 +280,12 @@ def test_what_was_done_stands_on_a_line_unless_quiet(deshake, shaken, tmp_path):
         assert re.fullmatch(line, said[0])
         quiet = deshake("fix", photo, "--blur-size", size, *QUICK, "-q", "--overwrite")
         assert (quiet.code, quiet.out, quiet.err) == (0, "", "")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no such permissions")
+def test_a_page_takes_the_permissions_that_all_its_photos_have(deblur, folder, tmp_path):
+    for photo, permissions in zip(sorted(folder.iterdir()), (0o664, 0o640), strict=True):
+        photo.chmod(permissions)
+    page = tmp_path / "page.html"
+    assert deblur("--report", page).code == 0
+    assert page.stat().st_mode & 0o777 == 0o640
