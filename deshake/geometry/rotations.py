@@ -118,8 +118,8 @@ def displacements(h: ArrayLike, points: ArrayLike) -> NDArray[np.float64]:
     """
     h = np.asarray(h, np.float64)
     points = np.asarray(points, np.float64)
-    seen = points @ np.swapaxes(h[..., :2], -1, -2) + h[:, None, :, 2]  # (K, P, 3)
-    moved: NDArray[np.float64] = seen[..., :2] / seen[..., 2:] - points
+    moved_points = points @ np.swapaxes(h[..., :2], -1, -2) + h[:, None, :, 2]  # (K, P, 3)
+    moved: NDArray[np.float64] = moved_points[..., :2] / moved_points[..., 2:] - points
     return np.ascontiguousarray(np.swapaxes(moved, 0, 1))
 
 
