@@ -76,11 +76,11 @@ class MultiplicativeDescent:
         self.clipped = clipped if clipped is not None and clipped.any() else None
         self.unclipped = g.size - (0 if self.clipped is None else self.clipped.sum() * len(self.g))
         self.blur = blur
-        self.seen = blur.adjoint(np.ones_like(self.g[:1]))[0]
-        np.maximum(self.seen, _UNSEEN, out=self.seen)
-        self.margin = (len(self.seen) - len(g)) // 2
+        self.coverage = blur.adjoint(np.ones_like(self.g[:1]))[0]
+        np.maximum(self.coverage, _UNSEEN, out=self.coverage)
+        self.margin = (len(self.coverage) - len(g)) // 2
         self.weight = variation_weight(g, self.margin) if smooth else None
-        self.f = np.empty((len(self.g), *self.seen.shape), np.float32)
+        self.f = np.empty((len(self.g), *self.coverage.shape), np.float32)
         self._blur_backwards()
         self.fastest = fastest
         self.point = self.f.copy() if fastest else self.f
@@ -92,7 +92,7 @@ class MultiplicativeDescent:
         m = self.margin
         back = self.blur.adjoint(self.g)
         for plane, f in zip(back, self.f, strict=True):
-            inner = (plane / self.seen)[m:-m, m:-m]
+            inner = (plane / self.coverage)[m:-m, m:-m]
             np.maximum(np.pad(inner, m, mode="edge"), _DARK, out=f)
 
     def step(self) -> tuple[float, float]:
@@ -152,16 +152,16 @@ class MultiplicativeDescent:
         halo = 0 if self.weight is None else _SMOOTHING + 1
         first = max(rows.start - halo, 0)
         wide = slice(first, rows.stop + halo)
-        seen, point = self.seen[wide], self.point[:, wide]
+        coverage, point = self.coverage[wide], self.point[:, wide]
         new = np.maximum(factor[:, wide], 0)
-        new /= seen
-        np.copyto(new, 1, where=seen <= _UNSEEN)
+        new /= coverage
+        np.copyto(new, 1, where=coverage <= _UNSEEN)
         new *= point
         if self.change is None:
             point[...] = new
             return 0.0, 0.0
         if self.weight is not None:
-            new = less_varied(new, point / seen, self.weight[wide], _SMOOTHING)
+            new = less_varied(new, point / coverage, self.weight[wide], _SMOOTHING)
         own = slice(rows.start - first, rows.stop - first)
         change, last = new[:, own] - point[:, own], self.change[:, rows]
         along = float(np.sum(np.multiply(change, last, out=last)))

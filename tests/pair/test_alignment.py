@@ -80,7 +80,7 @@ def test_nothing_is_seen_of_what_lies_far_away(pair):
 
 def test_what_is_not_seen_is_filled(pair):
     a, b = pair
-    seen, mask = seen_in_frame(a, b, CAMERA, THETA)
+    moved_b, mask = seen_in_frame(a, b, CAMERA, THETA)
     assert 0.5 < mask.mean() < 1
-    assert np.array_equal(seen[~mask], a[~mask])
-    assert np.abs(seen - a)[mask].mean() < 0.1 * a.std()
+    assert np.array_equal(moved_b[~mask], a[~mask])
+    assert np.abs(moved_b - a)[mask].mean() < 0.1 * a.std()

@@ -44,9 +44,9 @@ def test_finds_the_noise_of_a_jpeg_photo(photo, sigma):
 def test_more_noise_is_more(photo):
     rng = np.random.default_rng(3)
     noise = rng.normal(0, 1, photo.shape)
-    found = [coarse_noise((photo + s * noise).astype("f4")) for s in (0, 0.01, 0.02, 0.04)]
-    assert found == sorted(found)
-    assert found[0] < 1e-5
+    estimates = [coarse_noise((photo + s * noise).astype("f4")) for s in (0, 0.01, 0.02, 0.04)]
+    assert estimates == sorted(estimates)
+    assert estimates[0] < 1e-5
 
 
 def test_slopes_and_even_areas_are_no_noise():
