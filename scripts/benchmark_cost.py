@@ -238,7 +238,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         nargs=3,
         default=AT,
         metavar=("M", "PX", "N"),
-        help="what the two have that do not vary; default: 6 30 300",
+        help="values of the two that do not vary; default: 6 30 300",
     )
     parser.add_argument("--quality", choices=("fast", "default", "high"), default="default")
     parser.add_argument("--threads", type=int, default=available_threads())

@@ -110,8 +110,10 @@ def stages(case: Case, file: Path, quality: Quality, threads: int) -> list[Stage
         took.append(Stage(name, seconds, cpu, peak))
         return done
 
-    found = timed("register", lambda: find_registration(blurred, noisy, options, threads=threads))
-    known = {"registration": found.registration, "threads": threads}
+    registering = timed(
+        "register", lambda: find_registration(blurred, noisy, options, threads=threads)
+    )
+    known = {"registration": registering.registration, "threads": threads}
     pair = timed("estimate-pair", lambda: estimate_pair(blurred, noisy, options, **known))
     how = RestorationOptions("fusion", quality=quality)
     timed(
@@ -130,11 +132,11 @@ def solved(case: Case, file: Path, count: str, threads: int) -> list[Stage]:
     side = np.arange(-half, half + 1)
     theta = np.stack(np.meshgrid(side, side, side, indexing="ij"), -1).reshape(-1, 3)
     theta = theta * grid_steps(camera)
-    seen = PairPictures.of(g, f, np.ones(camera.shape, np.float32), (), None)
-    edges = derivatives(seen.g)
-    drawn = drawn_pixels(edges, usable_pixels(seen, camera, theta), 0)
+    pictures = PairPictures.of(g, f, np.ones(camera.shape, np.float32), (), None)
+    edges = derivatives(pictures.g)
+    drawn = drawn_pixels(edges, usable_pixels(pictures, camera, theta), 0)
     start, start_cpu = time.perf_counter(), time.process_time()
-    rows = PairRows(camera, theta, derivatives(seen.f), edges, drawn.fitted, threads=threads)
+    rows = PairRows(camera, theta, derivatives(pictures.f), edges, drawn.fitted, threads=threads)
     w = least_on_simplex(rows, np.ones(len(theta)), ridge=RIDGE)
     seconds, cpu = time.perf_counter() - start, time.process_time() - start_cpu
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * BYTES / 1e9

@@ -101,9 +101,9 @@ def test_errors_are_of_the_interior(figure6, sharp):
 def test_psnr_and_ratio(figure6):
     assert figure6.psnr(1e-3) == pytest.approx(30)
     errors = [error_of(figure6, e) for e in (3e-3, 1e-3, 1e-2)]
-    found = figure6.Score(*errors, "fine", 1.0)
-    assert found.ratio == pytest.approx(3)
-    assert str(found.true) == "30.00 (26.99)"
+    scored = figure6.Score(*errors, "fine", 1.0)
+    assert scored.ratio == pytest.approx(3)
+    assert str(scored.true) == "30.00 (26.99)"
 
 
 def test_the_table_counts_ratios(figure6):
@@ -128,11 +128,11 @@ def test_a_case_is_scored(figure6, sharp, smear, tmp_path, monkeypatch):
     blurred = correlate(sharp, smear.astype(np.float32), mode="mirror")
     path = tmp_path / "im01_flit01.mat"
     savemat(path, {"x": sharp, "y": blurred, "f": smear})
-    found = figure6.score(path, "edges", free=False)
-    assert found.true.quarters < 0.5 * found.blurred.quarters
-    assert found.estimated.quarters < found.blurred.quarters
-    assert found.name.startswith("start ")
-    assert found.seconds > 0
+    scored = figure6.score(path, "edges", free=False)
+    assert scored.true.quarters < 0.5 * scored.blurred.quarters
+    assert scored.estimated.quarters < scored.blurred.quarters
+    assert scored.name.startswith("start ")
+    assert scored.seconds > 0
 
 
 def test_missing_cases_are_told(figure6, tmp_path, capsys):
