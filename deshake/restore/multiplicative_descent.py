@@ -1,7 +1,7 @@
-"""The latent image on its way through the multiplicative iterations of Richardson-Lucy.
+"""The state of the multiplicative iterations of Richardson-Lucy.
 
-All variants share the blur, the sensor's response, the margin and the extrapolation; what they
-are is said where they are called, in `richardson_lucy`.
+All variants share the blur, the sensor's response, the margin and the extrapolation;
+`richardson_lucy` describes them.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ T = TypeVar("T")
 
 _SHARPNESS = np.float32(50)  # a of the response
 _LINEAR = np.float32(0.75)  # below it the response is a line, to within 1e-7
-_DARK = np.float32(1e-6)  # less light than this counts as this
-_UNSEEN = np.float32(1e-2)  # latent pixels seen no more than this keep their value
-_SMALLEST = np.float32(0.25)  # share of a pixel that an extrapolation leaves at least
+_DARK = np.float32(1e-6)  # light: darker values count as this
+_UNSEEN = np.float32(1e-2)  # A^T 1: latent pixels with no more than this keep their value
+_SMALLEST = np.float32(0.25)  # least share of a pixel's light after an extrapolation
 _SMOOTHING = 4  # dual steps of the total variation in each iteration
-_BAND = 128
+_BAND = 128  # rows that are processed at once
 
 
 class MultiplicativeDescent:
-    """The latent image on its way.
+    """The latent image during the iterations.
 
     The estimate f is held and, if it is extrapolated, two more latent images: the point that the
     next iteration starts from, and the change that the last iteration made of its point.
@@ -88,7 +88,7 @@ class MultiplicativeDescent:
         self.strength = 0.0  # of the last change: its squared norm
 
     def _blur_backwards(self) -> None:
-        """Begin with the photo blurred backwards, which takes its noise off; continue its edges."""
+        """Start from A^T g, which has less noise than the photo; continue its edges."""
         m = self.margin
         back = self.blur.adjoint(self.g)
         for plane, f in zip(back, self.f, strict=True):

@@ -26,9 +26,9 @@ __all__ = ["divergence", "gradient", "less_varied", "variation_weight"]
 Image = NDArray[np.float32]
 
 _TAU = 0.3  # weight of the total variation in units of the noise
-_DARKEST = 0.03  # light that is added: in the dark, noise may be a part of the picture
-_LEAST = np.float32(1e-12)
-_SMALLEST = np.float32(0.1)  # share of a pixel that smoothing leaves at least
+_DARKEST = 0.03  # light that is added to the divisor: dark detail may look like noise
+_LEAST = np.float32(1e-12)  # avoids division by 0
+_SMALLEST = np.float32(0.1)  # least share of a pixel's light after smoothing
 
 
 def gradient(f: Image) -> tuple[Image, Image]:
@@ -80,7 +80,7 @@ def variation_weight(g: Image, margin: int) -> Image:
 
 
 def less_varied(u: Image, spread: Image, weight: Image, steps: int) -> Image:
-    """Find the f that nearly minimises ``sum (f - u)^2 / (2 spread) + sum weight |D f|``.
+    """Return an f that nearly minimises ``sum (f - u)^2 / (2 spread) + sum weight |D f|``.
 
     The dual problem has a vector p of length <= 1 at each pixel, f = u + spread div(weight p),
     and is solved by accelerated projected gradient steps [1], each pixel's as long as its own
