@@ -1,9 +1,9 @@
-"""How much noise a photo has: one number, or how it grows with the light.
+"""Estimates of a photo's noise: one number, or a variance that grows with the light.
 
-The model of how noise grows with the light is measured at a scale that JPEG leaves alone.
-Compression and in-camera denoising take away the finest noise, which is what the usual estimates
-look at: on 8-bit JPEGs they come out at a tenth of the variance. Means of 2 x 2 pixels keep theirs.
-`noise_level` is one of the usual estimates, for copies of a photo that were reduced.
+The variance as a function of light is measured at a scale that JPEG does not change. Compression
+and in-camera denoising remove the finest noise. The usual estimates use the finest noise: on 8-bit
+JPEGs they return a tenth of the variance. The noise of means of 2 x 2 pixels remains. `noise_level`
+is one of the usual estimates, for reduced copies of a photo.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ _MOST_PIXELS = 500_000
 _BLOCK = 6  # means a side
 _LEVELS = 8
 _QUANTILE = 0.01
-_BIAS = 2.5  # of the quantile; measured together with the stopping rule that goes by it
-_DARKEST = 0.01  # light that is added before noise is reckoned: no model is right in the dark
-_LEAST = 1e-7  # that is taken for noise: the rounding to 8 bits of mid greys makes a few times this
+_BIAS = 2.5  # true variance over that of the quantile; measured with the stopping rule that uses it
+_DARKEST = 0.01  # light that is added before the noise is computed: no model is exact in the dark
+_LEAST = 1e-7  # least variance: rounding mid greys to 8 bits gives a few times this
 
 
 def noise_level(picture: Image, where: Mask | None = None) -> float:
@@ -99,7 +99,7 @@ def noise_model(g: Image) -> tuple[float, float]:
 def noise_line(
     levels: NDArray[np.float64], variances: NDArray[np.float64], least: float
 ) -> tuple[float, float]:
-    """Find the line ``slope x + floor`` that is nearest to the variances at some levels x.
+    """Fit the line ``slope x + floor`` to the variances at some levels x.
 
     It is nearest in proportion: dark levels count as much as bright ones. No variance counts as
     less than the least, nor does the floor.
@@ -121,7 +121,7 @@ def mean_light(g: Image) -> Image:
 
 
 def noise_variance(g: Image, margin: int, unexplained: Image | None = None) -> Image:
-    """Estimate the variance of the noise where it is: it grows with the light.
+    """Estimate the variance of the noise at each place: it grows with the light.
 
     The light is averaged over the reach of the blur first: a weight that changes slowly passes
     through the blur, nearly, and what a model misses at bright edges is not taken for detail of
@@ -183,10 +183,10 @@ def _by_level(g: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         rows = means[1:] - means[:-1]
         squares = np.square(rows[:, 1:] - rows[:, :-1])
         down, across = squares.shape[0] // _BLOCK, squares.shape[1] // _BLOCK
-        for source, found in ((means, levels), (squares, variances)):
+        for source, block_means in ((means, levels), (squares, variances)):
             blocks = source[: down * _BLOCK, : across * _BLOCK]
             blocks = blocks.reshape(down, _BLOCK, across, _BLOCK)
-            found.append(blocks.mean((1, 3), dtype=np.float64).ravel())
+            block_means.append(blocks.mean((1, 3), dtype=np.float64).ravel())
     level, variance = np.concatenate(levels), np.concatenate(variances)
     order = np.argsort(level, kind="stable")
     groups = [part for part in np.array_split(order, _LEVELS) if part.size]

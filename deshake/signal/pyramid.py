@@ -1,4 +1,4 @@
-"""A photo at every scale of a pyramid, from its own pixels to the coarsest that shows anything.
+"""A photo at every scale of a pyramid, from its own pixels to about 48 px on the shorter side.
 
 Each scale is smaller than the one before by the square root of two. A pixel is the mean of linear
 light over its area. The contrast of all scales is one number: thresholds of gradients are absolute,
@@ -117,7 +117,7 @@ class Pyramid:
         return self.kept(("noise", level), lambda: noise_level(scale.picture) * scale.contrast)
 
     def kept(self, key: Hashable, make: Callable[[], T]) -> T:
-        """Return what was made of the photo under a key; it is made when it is first asked for."""
+        """Return the value of a key; it is computed at the first request."""
         if key not in self._kept:
             self._kept[key] = make()
         value: T = self._kept[key]
