@@ -20,7 +20,7 @@ __all__ = ["LocalFilters"]
 
 Image = NDArray[np.float32]
 
-_KEPT_BYTES = 768 << 20  # filters and spectra that are kept, unless told otherwise
+_KEPT_BYTES = 768 << 20  # bytes of filters and spectra that are kept, by default
 
 
 class LocalFilters:
@@ -51,7 +51,7 @@ class LocalFilters:
         self._keep_filters, self._keep_spectra = self._plan(budget)
 
     def _plan(self, budget: int) -> tuple[frozenset[Strip], frozenset[Strip]]:
-        """Choose the strips of which to keep the filters, and those of which the spectra."""
+        """Choose the strips whose filters are kept, and those whose spectra are kept."""
         strips = self.grid.strips
         filters = [4 * strip.count * self.grid.reach**2 for strip in strips]
         spectra = [strip.count * self.grid.transforms.nbytes for strip in strips]
