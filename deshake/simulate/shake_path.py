@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 __all__ = ["CameraPath", "random_path", "read_path"]
 
-_EXPOSURE = 0.5  # seconds
-_TREMOR_HZ = 12.0  # hands hardly move faster than this
-_PIECE_PX = 0.5
-_LONGEST_PX = 10_000
-_WIDEST_TURN = 20.0  # degrees
+_EXPOSURE = 0.5  # s: duration of a random path
+_TREMOR_HZ = 12.0  # Hz: highest frequency of a random path; hands hardly move faster
+_PIECE_PX = 0.5  # px: longest piece of a path
+_LONGEST_PX = 10_000  # px: a longer path is an error
+_WIDEST_TURN = 20.0  # degrees: a wider turn is an error
 _HINT = "angles are in degrees; give the part of the path while the shutter was open"
 _MOST_BYTES = 50_000_000
 
