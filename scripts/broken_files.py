@@ -99,7 +99,7 @@ class Outcome:
 
 
 def cases(folder: Path, count: int, seed: int, *, with_bombs: Iterable[str] = ()) -> Iterator[Case]:
-    """Write broken files into a folder, as many as asked for, and return the commands to run."""
+    """Write as many broken files into a folder as asked for, and yield the runs on them."""
     sound = seeds(folder)
     for name, content in sound.items():
         (folder / name).write_bytes(content)
