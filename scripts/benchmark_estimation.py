@@ -84,7 +84,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         nargs=2,
         default=AT,
         metavar=("M", "PX"),
-        help="what the one has that does not vary; default: 4 20",
+        help="value of the one that does not vary; default: 4 20",
     )
     parser.add_argument("--estimator", choices=("edges", "variational"), default="edges")
     parser.add_argument("--threads", type=int, default=available_threads())

@@ -107,8 +107,8 @@ def deblurred(shaken: Shaken, *, undone: bool) -> Image:
 def bends(camera: Camera) -> tuple[float, float]:
     """Largest deviation of the images of straight lines, in pixels, before and after.
 
-    Lines of the pinhole's picture are drawn, bent and straightened again; their middles are found
-    in the pictures to a part of a pixel.
+    Lines of the pinhole's picture are drawn, distorted and straightened again; their middles are
+    measured in the pictures to a part of a pixel.
     """
     straight_camera = pinhole(camera)
     warp = LensWarp(camera, straight_camera)

@@ -1,4 +1,4 @@
-"""What a blurred and a noisy photo cost: each stage's time and memory, and the kernel's by size.
+"""Measure the cost of a blurred and a noisy photo: time and memory of each stage, and of kernels.
 
     python scripts/benchmark_pair_cost.py [--megapixels 12] [--extent 40] [--threads 2]
     python scripts/benchmark_pair_cost.py --rotations 300 3000 20000 --megapixels
@@ -6,8 +6,8 @@
 The blurred photos are those of `benchmark_cost`: mosaics of a photo in colour that a development
 dependency ships, blurred along a random path about all three axes. The other is the mosaic itself
 with noise, a sixteenth as bright and in the same frame, which is searched for all the same. Stages
-run one after the other in a process of their own; memory is the most that it ever held by the end
-of the stage, its libraries and both photos included.
+run one after the other in a process of their own. Memory is the peak of this process by the end of
+the stage, with its libraries and both photos.
 
 The second table is Eq. (12) for a whole cube of so many rotations on a photo of 1000 px: rows of
 B_N and least squares over the simplex, nothing carried over from a coarser scale.

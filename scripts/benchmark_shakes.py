@@ -117,7 +117,7 @@ class Base:
 
 @dataclass(frozen=True)
 class Row:
-    """How a case went; PSNR in dB, CPU seconds and megabytes of the estimate."""
+    """The result of a case; PSNR in dB, CPU seconds and megabytes of the estimate."""
 
     name: str
     kind: str
@@ -148,7 +148,7 @@ class Row:
 
     @property
     def deblurred(self) -> bool:
-        """Whether the photo was not left as it is."""
+        """Whether the photo was changed."""
         return self.verdict == "deblurred"
 
     @property
@@ -334,7 +334,7 @@ def similarity(ours: RotationKernel, truth: RotationKernel, extent: float) -> fl
 
 
 def is_still(kernel: RotationKernel) -> bool:
-    """Whether a kernel leaves the photo as it is."""
+    """Whether a kernel does not change the photo."""
     return not kernel.theta[kernel.weights > 0].any()
 
 

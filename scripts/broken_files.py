@@ -1,8 +1,8 @@
-"""Run deshake on files that are broken on purpose, and say where it does not stand it.
+"""Run deshake on files that are broken on purpose, and list its faults.
 
-Every photo goes through calibrate and fix, every .npz file through the command that takes it. What
-is a fault: a crash, more than 10 seconds of the processor or 30 by the clock, more than 1 GB of
-memory, any exit code but 0 and 1, an error that is not one line, or no error at exit code 1.
+Every photo passes calibrate and fix, every .npz file the command that reads it. A fault is a crash,
+more than 10 seconds of the processor or 30 by the clock, more than 1 GB of memory, any exit code
+but 0 and 1, an error that is not one line, or no error at exit code 1.
 
     python scripts/broken_files.py --count 300 --seed 1
 """

@@ -1,11 +1,11 @@
-"""Fix photos at the defaults, and show what became of them on one sheet.
+"""Fix photos at the defaults, and show the results on one sheet.
 
     python scripts/contact_sheet.py shaken/ another.jpg -o sheet.png
     python scripts/contact_sheet.py shaken/ -o sheet.png --jobs 2 --keep results
 
-Each photo has a line: as it was, as it is, the kernel's rotations, and a part with much detail at
-100 %, as it was and as it is. Above stand its name, its size, the seconds taken, what estimated the
-kernel, the confidence and the extent, then the notes. Whatever fails is named in its place.
+Each photo has a line: the photo, the result, the kernel's rotations, and a part with much detail at
+100 %, before and after. The text above has its name, its size, the seconds, the estimator of the
+kernel, the confidence and the extent, then the notes. A photo that fails has its error there.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Show deshake at work, and leave the pictures in a folder.
+"""Run deshake on a photo, and write the pictures into a folder.
 
-Without PHOTO, a real photo that a development dependency ships is shaken by a known camera path,
-and `deshake fix` has to undo that from the shaken JPEG alone. With PHOTO, that one is fixed.
+Without PHOTO, a known camera path shakes a real photo that a development dependency ships, and
+`deshake fix` deblurs the shaken JPEG without further information. With PHOTO, that photo is fixed.
 """
 
 from __future__ import annotations

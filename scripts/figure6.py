@@ -5,16 +5,16 @@
 
 DIR holds photos of Levin et al., "Understanding and evaluating blind deconvolution algorithms",
 CVPR 2009, one in a .mat file: y, of 255 x 255 pixels, is the sharp photo x correlated with the
-kernel f, really and not by computation, up to a shift. Fig. 6 shows im06_flit02. Values are taken
-as linear light. Each estimator finds a kernel of the uniform model; with --free it may turn the
-camera about the optical axis, too, behind a long lens. Our default restoration undoes the blur
-with that kernel and with the true one.
+kernel f, by a real camera and not by computation, up to a shift. Fig. 6 shows im06_flit02. Values
+are taken as linear light. Each estimator estimates a kernel of the uniform model; with --free the
+camera may also turn about the optical axis, with a long lens. The default restoration deblurs with
+that kernel and with the true one.
 
 Printed are PSNRs (dB) of the interior. No blind method can know where the camera pointed on
 average: as in the authors' own evaluation, the restored photo is shifted by quarters of a pixel,
-linearly interpolated, to where it fits the sharp one best. In brackets stands what is left of the
-PSNR if it may be shifted by whole pixels only. The error ratio is the squared error with the
-estimated kernel over that with the true one.
+linearly interpolated, to where it fits the sharp one best. In brackets is the PSNR with shifts by
+whole pixels only. The error ratio is the squared error with the estimated kernel over that with the
+true one.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Fig. 7 of the paper, for any pair: a blurred and a noisy photo, and what becomes of them.
+"""Fig. 7 of the paper, for any pair: a blurred and a noisy photo, and their results.
 
     python scripts/figure7.py BLURRED NOISY -o sheet.png
     python scripts/figure7.py BLURRED NOISY --beside their-result.png -o sheet.png

@@ -1,4 +1,4 @@
-"""Files that are broken on purpose: sound ones of every format, and a seeded mutator of them."""
+"""Files that are broken on purpose: valid files of every format, and a mutator with a seed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scores of deblurring with the help of a noisy photo: a table, and what it comes to."""
+"""Scores of deblurring with the help of a noisy photo: a table and its summary."""
 
 from __future__ import annotations
 

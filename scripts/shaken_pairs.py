@@ -1,9 +1,9 @@
-"""Pairs of photos that are made here: one shaken, one short, noisy and turned against it.
+"""Simulated pairs of photos: one shaken, one short, noisy and rotated against it.
 
-The scenes, the paths and the exact warps are those of `shaken_photos`. The short exposure sees the
-scene through a camera that is turned by about a degree; its noise, most of it the photons', has the
-given root mean square, measured after it is scaled to the brightness of the long exposure,
-whose own noise is as much less as photons are more. Linear pairs keep their values as numbers.
+The scenes, the paths and the exact warps are those of `shaken_photos`. The camera of the short
+exposure is rotated by about a degree. Most of its noise is that of photons. The noise has the given
+root mean square, measured after it is scaled to the brightness of the long exposure, which has more
+photons and so less noise. Linear pairs keep their values as numbers.
 Camera pairs go through two different tone curves and white balances to 8-bit JPEGs; the short one
 is delivered darker and, as cameras do, denoised.
 """

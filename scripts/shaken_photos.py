@@ -1,11 +1,11 @@
-"""Photos that are shaken here, with the truth in hand: the cases of the restoration benchmarks.
+"""Photos with simulated shake and known truth: the cases of the restoration benchmarks.
 
 Each photo, which a development dependency ships, is enlarged twice and blurred along a path about
 all three axes by an exact warp every half pixel; then it is reduced and cropped, so that neither
 what lies beyond its border nor the operator is known. Some paths are those of recorded hands, some
 are drawn at random. Some photos are kept as they are but for white noise; others get the noise of
 their photons and of the readout and become 8-bit JPEGs. Night scenes are exposed until their lights
-clip; to two of them lamps are added, a hundred times as bright as white.
+clip; two of them get lamps that are a hundred times as bright as white.
 """
 
 from __future__ import annotations

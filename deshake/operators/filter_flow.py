@@ -53,11 +53,11 @@ def reach(camera: Camera, theta: ArrayLike) -> int:
 def patch_hop(camera: Camera, theta: ArrayLike) -> int:
     """Distance from patch to patch: the cheapest with errors below 1e-3 rms of the range.
 
-    Between two patches the filters of both are mixed: displacements that differ by delta blur the
-    picture as a second moment of up to delta^2 / 4 would. Its mean over the rotations and its
-    root mean square over the frame, which the Jacobian of the displacements tells, foretell the
-    error against exact warps; a wider blur leaves less detail to be hurt. Of the distances that
-    are short enough, the one counts whose blocks take the least time in all.
+    Between two patches the filters of both are mixed. Displacements that differ by delta blur the
+    picture by a second moment of up to delta^2 / 4. The Jacobian of the displacements gives its
+    mean over the rotations and its root mean square over the frame, which predict the error
+    against exact warps. A wider blur allows a larger error, since it leaves less detail. Of the
+    distances that are short enough, the result is the one whose blocks take the least time.
     """
     h = homographies(camera, theta)
     along = (np.arange(_PROBES) + 0.5) / _PROBES

@@ -160,7 +160,7 @@ def _tone(light: Image) -> Image:
 
 
 def _detail(light: Image, reach: int) -> Image:
-    """Return what is finer than the blur and no noise, about as it is displayed."""
+    """Return detail that is finer than the blur and coarser than noise, in about display values."""
     tone = _tone(light)
     fine: Image = smoothed(tone, 1) - smoothed(tone, reach)
     return fine

@@ -132,9 +132,9 @@ class PairRows:
         return slope
 
     def misfits(self, w: Vector) -> tuple[float, float, float]:
-        """Return the mean squares of g, of ``g - B w``, and of what the best rotation leaves.
+        """Return the mean squares of g, of ``g - B w``, and of the best single rotation's residual.
 
-        Without what the noise of f adds to them; (K,) weights, of which the non-zero ones count.
+        The effect of the noise of f is subtracted. Only rotations with a weight in w, (K,), count.
         """
         used = np.flatnonzero(w)
         gram, right = self.gram(used), self.right[used]

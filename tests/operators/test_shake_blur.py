@@ -53,7 +53,7 @@ def test_dot_test(
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_masked_pixels_are_neither_seen_nor_heard(kernel: RotationKernel, kind: Kind) -> None:
+def test_masked_pixels_have_no_effect(kernel: RotationKernel, kind: Kind) -> None:
     mask = np.ones(kernel.camera.shape, np.float32)
     mask[:, :40] = 0
     blur = ShakeBlur(kernel, mask=mask, kind=kind)

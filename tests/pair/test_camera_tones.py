@@ -94,7 +94,7 @@ def test_a_grey_pair_passes_and_threads_do_not_change_a_byte(pair):
 
 
 @pytest.mark.parametrize(("factor", "expected"), [(1.1, 1.1), (0.9, 0.9), (2.0, 1.25), (0.1, 0.8)])
-def test_the_factor_is_fitted_where_both_are_seen(factor, expected):
+def test_the_factor_is_fitted_where_both_are_usable(factor, expected):
     camera = Camera.from_focal(100.0, 40, 50)
     blur = ShakeBlur(RotationKernel.from_path([(0, -0.01, 0), (0, 0.01, 0)], camera))
     light = np.random.default_rng(0).random((40, 50)).astype(np.float32)

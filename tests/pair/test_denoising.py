@@ -28,7 +28,7 @@ def test_takes_most_of_the_noise_off(lab, slope, floor):
     assert photo.variance().mean() == pytest.approx(slope * frame.mean() + floor, rel=0.4)
 
 
-def test_the_blurred_photo_stands_in_where_nothing_is_seen(lab):
+def test_the_blurred_photo_fills_missing_pixels(lab):
     _, g, f_N = pair(lab)
     valid = np.ones(lab.shape, np.float32)
     valid[:30] = 0

@@ -73,7 +73,7 @@ def test_what_moved_between_the_photos_is_as_in_the_noisy_one(lab, pair):
     assert cv2.GaussianBlur(worse, (0, 0), 4)[around].max() < 0.03**2
 
 
-def test_the_noisy_photo_tells_what_lies_over_the_border(lab):
+def test_the_noisy_photo_shows_the_scene_beyond_the_border(lab):
     sharp = lab.colours()
     g = lab.noisy(lab.shaken(lab.all_axes, sharp), 0.003)
     noise = np.random.default_rng(3).normal(0, 0.02, sharp.shape)
@@ -143,7 +143,7 @@ def test_the_photos_are_left_alone(lab, pair):
         np.testing.assert_array_equal(image, before)
 
 
-def test_tells_how_far_it_is(lab, pair):
+def test_progress_is_reported(lab, pair):
     _, g, f_N, valid = pair(0.05)
     reports = []
     fused_with(

@@ -115,7 +115,7 @@ def test_what_cannot_be_drawn_is_said(image, count, what):
         drawn_pixels(derivatives(image), usable, 0)
 
 
-def test_noise_that_is_stronger_than_told_shows_where_the_photo_is_flat():
+def test_stronger_noise_is_measured_where_the_photo_is_flat():
     rng = np.random.default_rng(4)
     g = np.repeat(np.linspace(0.1, 0.8, 6), 20)[None] * np.ones((*SHAPE[:1], 1))
     drawn, true_noise = rng.normal(size=(2, *SHAPE))

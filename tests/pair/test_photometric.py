@@ -62,7 +62,7 @@ def curve(x):
     return np.clip(0.9 * (x * x * (3 - 2 * x)) + 0.05, 0, 1)
 
 
-def test_a_curve_is_found(light):
+def test_a_curve_is_fitted(light):
     [fitted] = tone_curves(light, curve(light).astype(np.float32), everywhere(light))
     x = np.linspace(*np.quantile(light, [0.1, 0.9]), 50).astype(np.float32)
     assert np.abs(fitted(x) - curve(x)).max() < 0.02
@@ -125,7 +125,7 @@ def test_noise_on_the_curve_has_no_bias():
     assert fitted(noisy).mean() > truth + 0.01
 
 
-def test_what_tells_no_curve_is_refused(light):
+def test_photos_without_a_curve_are_refused(light):
     with pytest.raises(EstimationError, match="too few pixels"):
         tone_curves(light, light, np.zeros(light.shape, bool))
     with pytest.raises(EstimationError, match="too few pixels"):

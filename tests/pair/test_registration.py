@@ -61,7 +61,7 @@ def short(scene, theta, ratio, sigma, seed=2):
         ((1, 1, 1), 4, 0.316, 18),
     ],
 )
-def test_the_rotation_and_the_exposure_are_found(degrees, ratio, sigma, blur):
+def test_the_rotation_and_the_exposure_are_estimated(degrees, ratio, sigma, blur):
     scene, theta = light(), np.radians(degrees)
     registration = register(
         shaken(scene, blur), short(scene, theta, ratio, sigma), CAMERA, threads=1
@@ -71,7 +71,7 @@ def test_the_rotation_and_the_exposure_are_found(degrees, ratio, sigma, blur):
     assert registration.confidence > 0.9
 
 
-def test_what_is_found_brings_the_two_together():
+def test_the_registered_photo_matches_the_blurred_one():
     scene, theta = light("astronaut"), np.radians([2, -4, 3])
     noisy = short(scene, theta, 8, 0.02)
     registration = register(shaken(scene, 10), noisy, CAMERA, threads=1)
@@ -130,7 +130,7 @@ def test_a_mirrored_photo_of_a_symmetric_scene_is_refused():
         register(g, f_N[:, ::-1], CAMERA, threads=1)
 
 
-def test_a_scene_beyond_the_range_is_refused_and_found_with_a_wider_one():
+def test_a_scene_beyond_the_range_needs_a_wider_range():
     scene, theta = light(), np.radians([0, 13, 0])
     pair = shaken(scene, 10), short(scene, theta, 8, 0.03)
     with pytest.raises(EstimationError, match="same scene"):
@@ -139,7 +139,7 @@ def test_a_scene_beyond_the_range_is_refused_and_found_with_a_wider_one():
     assert distance_px(CAMERA, registration.theta, theta) < 2
 
 
-def test_black_photos_and_wrong_cameras_are_told():
+def test_black_photos_and_wrong_cameras_are_refused():
     g = shaken(light(), 8)
     with pytest.raises(EstimationError, match="shows nothing"):
         register(g, np.zeros_like(g), CAMERA, threads=1)
@@ -147,7 +147,7 @@ def test_black_photos_and_wrong_cameras_are_told():
         register(g, g, Camera.from_focal(320, WIDTH, HEIGHT), threads=1)
 
 
-def test_threads_change_nothing_and_progress_is_told():
+def test_threads_change_nothing_and_progress_is_reported():
     scene, shares = light(), []
     pair = shaken(scene, 8), short(scene, np.radians([1, 1, 1]), 8, 0.05)
     one, other = (

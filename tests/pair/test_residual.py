@@ -139,7 +139,7 @@ def test_bands_do_not_show(monkeypatch):
     np.testing.assert_allclose(joint_bilateral(image, image), whole, atol=1e-6)
 
 
-def test_tells_how_far_it_is(lab, pair):
+def test_progress_is_reported(lab, pair):
     _, g, noisy = pair
     shares = []
     residual_richardson_lucy(

@@ -20,7 +20,7 @@ def texture(seed=0, sigma=1.5):
 @pytest.mark.parametrize(
     "degrees", [(0, 0, 0), (6, -3, 2), (-2, 9, -9), (9, 0, 0), (0, 0, 9.5), (-7, -7, 7)]
 )
-def test_the_rotation_is_found_to_about_a_pixel(focal, degrees):
+def test_the_rotation_is_right_to_about_a_pixel(focal, degrees):
     camera = Camera.from_focal(focal, *SHAPE)
     theta = np.radians(degrees) * min(1, 90 / focal)
     a = texture()
@@ -30,7 +30,7 @@ def test_the_rotation_is_found_to_about_a_pixel(focal, degrees):
     assert best.score > 0.75
 
 
-def test_what_lies_beyond_the_range_is_not_found():
+def test_rotations_beyond_the_range_score_low():
     camera = Camera.from_focal(64, *SHAPE)
     theta = np.radians([0, 8, 0])
     a = texture()

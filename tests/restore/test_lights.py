@@ -37,7 +37,7 @@ def test_without_lamps_all_is_trusted(night):
     assert m.min() == 1
 
 
-def test_what_lies_behind_is_found(night, lab):
+def test_the_scene_behind_lamps_is_restored(night, lab):
     sharp, g, clipped, around, blur, first, margin = night
     m = trust(first, blur, clipped, 0.002**2)
     f = first.copy()

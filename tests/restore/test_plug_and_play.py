@@ -34,7 +34,7 @@ def start(lab):
     return make, flow.margin
 
 
-def test_improves_what_sparse_gradients_found(start, lab):
+def test_the_result_of_sparse_gradients_is_improved(start, lab):
     make, m = start
     descent = make()
     sharp = lab.frame(lab.colours()).transpose(2, 0, 1)
@@ -60,7 +60,7 @@ def test_threads_do_not_change_a_byte(start):
     assert results[0] == results[1]
 
 
-def test_tells_of_each_stage(start):
+def test_each_stage_is_reported(start):
     make, _ = start
     reports = []
     plug_and_play(make(), stages=2, progress=lambda share, text: reports.append((share, text)))

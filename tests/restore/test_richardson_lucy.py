@@ -188,7 +188,7 @@ def test_the_photo_is_left_alone(lab):
 
 
 @pytest.mark.parametrize("iterations", [None, 5])
-def test_tells_how_far_it_is(iterations, lab):
+def test_progress_is_reported(iterations, lab):
     reports = []
     g = lab.noisy(lab.shaken(lab.all_axes, lab.scene()), 0.003)
     done = richardson_lucy(

@@ -133,7 +133,7 @@ def test_the_photo_is_left_alone(lab):
     np.testing.assert_array_equal(g, before)
 
 
-def test_tells_how_far_it_is(lab):
+def test_progress_is_reported(lab):
     reports = []
     g = lab.noisy(lab.shaken(lab.all_axes, lab.scene()), 0.003)
     sparse_gradients(g, lab.all_axes, progress=lambda part, text: reports.append((part, text)))

@@ -23,7 +23,7 @@ def row(fusion, other, off=0.3):
     return Row(off, 500, 20.0, 0.99, 0.9, scores, {"kernel": 4.0})
 
 
-def test_cases_are_found_by_patterns():
+def test_patterns_choose_cases():
     chosen = benchmark_pair.chosen_cases("coffee 20 px*; *0.12")
     assert len(chosen) == 3 + 12 - 1
     assert chosen == [name for name in PAIRS if name in chosen]
@@ -75,7 +75,7 @@ def test_a_frame_is_misplaced_by_what_it_is_turned():
     assert pair.misplaced(turned) == pytest.approx(2, rel=0.2)
 
 
-def test_missing_logs_are_told(tmp_path, capsys):
+def test_missing_logs_are_reported(tmp_path, capsys):
     assert benchmark_pair.main(["--data", str(tmp_path)]) == 1
     out, err = capsys.readouterr()
     assert out == ""

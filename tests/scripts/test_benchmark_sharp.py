@@ -47,7 +47,7 @@ def test_photos_out_of_focus_are_blurred_and_noisy(tmp_path):
         ("coffee disk 7", Result(0.001, 24, 23.8, 0.6, 1, [], left=False), "NO"),
     ],
 )
-def test_a_line_tells_whether_the_photo_was_made_worse(name, result, passed):
+def test_a_line_says_whether_the_photo_became_worse(name, result, passed):
     cells = [cell.strip() for cell in line(name, result).strip("|").split("|")]
     assert cells[0] == name
     assert cells[6] == passed

@@ -111,7 +111,7 @@ def test_a_cell_is_scored(figure5, sharp):
 
 
 @pytest.mark.parametrize("content", [None, b"not a photo"])
-def test_a_missing_photo_is_told(figure5, tmp_path, capsys, content):
+def test_a_missing_photo_is_reported(figure5, tmp_path, capsys, content):
     if content:
         (tmp_path / "houses.jpg").write_bytes(content)
     assert figure5.main(["--data", str(tmp_path)]) == 1

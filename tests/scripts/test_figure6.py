@@ -55,7 +55,7 @@ def test_estimators_are_read(figure6):
             figure6.parse_estimators(text)
 
 
-def test_cases_are_found_by_patterns(figure6, tmp_path):
+def test_patterns_choose_cases(figure6, tmp_path):
     for name in ("im05_flit01", "im05_flit02", "im06_flit02", "other"):
         (tmp_path / f"{name}.mat").touch()
 
@@ -84,7 +84,7 @@ def test_whole_pixels_cost_nothing(figure6, sharp, shift):
 
 
 @pytest.mark.parametrize("shift", [(0.25, 0), (-2.5, 1.75)])
-def test_quarters_are_found(figure6, sharp, shift):
+def test_quarters_of_a_pixel_are_tried(figure6, sharp, shift):
     smooth = cv2.GaussianBlur(sharp, (0, 0), 2)
     error = figure6.shifted_error(moved(smooth, *shift), smooth)
     assert error.quarters < 0.1 * error.whole
@@ -135,7 +135,7 @@ def test_a_case_is_scored(figure6, sharp, smear, tmp_path, monkeypatch):
     assert scored.seconds > 0
 
 
-def test_missing_cases_are_told(figure6, tmp_path, capsys):
+def test_missing_cases_are_reported(figure6, tmp_path, capsys):
     assert figure6.main(["--data", str(tmp_path)]) == 1
     out, err = capsys.readouterr()
     assert out == ""

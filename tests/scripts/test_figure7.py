@@ -74,7 +74,7 @@ def test_a_pair_must_be_named(args, tmp_path):
     assert stop.value.code == 2
 
 
-def test_missing_logs_are_told(tmp_path, capsys):
+def test_missing_logs_are_reported(tmp_path, capsys):
     case = next(iter(figure7.PAIRS))
     assert run("--case", case, "--data", tmp_path, "-o", tmp_path / "s.png") == 1
     assert "no orientation logs" in capsys.readouterr().err

@@ -110,7 +110,7 @@ def test_white_noise_is_measured(sigma) -> None:
     assert noise_level(white((200, 260), sigma)) == pytest.approx(sigma, rel=0.02)
 
 
-def test_noise_is_told_from_edges(sharp) -> None:
+def test_noise_is_distinguished_from_edges(sharp) -> None:
     soft = cv2.GaussianBlur(sharp, (0, 0), 2.0)
     assert noise_level(soft + white(sharp.shape, 0.02)) == pytest.approx(0.02, rel=0.1)
     assert noise_level(soft) < 0.002

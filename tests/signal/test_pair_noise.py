@@ -18,7 +18,7 @@ def pair(lab, slope=SLOPE, floor=FLOOR):
 
 
 @pytest.mark.parametrize(("slope", "floor"), [(SLOPE, FLOOR), (0.0, 0.0025), (0.02, 0.002)])
-def test_tells_how_noise_grows_with_the_light(lab, slope, floor):
+def test_the_noise_as_a_function_of_light_is_estimated(lab, slope, floor):
     g, f_N = pair(lab, slope, floor)
     model = noise_of_pair(f_N, g, np.ones(lab.shape, np.float32))
     for light in (0.2, 0.4):

@@ -95,7 +95,7 @@ def test_gain_clips_lights(photo, camera):
     assert shaken.sharp.max() > 1
 
 
-def test_tells_how_far_it_is(photo, camera):
+def test_progress_is_reported(photo, camera):
     shares = []
     shake(photo, camera, random_path(camera, 4), progress=lambda part, _: shares.append(part))
     assert shares == sorted(shares)

@@ -127,7 +127,7 @@ def test_a_known_kernel_is_recovered(
     assert result.notes == []
 
 
-def test_strong_noise_leaves_the_kernel_to_be_found(shots: dict[str, Shot]) -> None:
+def test_strong_noise_leaves_the_kernel_right(shots: dict[str, Shot]) -> None:
     photo, true = shots["Y"].photo, shots["Y"].true
     display = photo ** (1 / 2.2)
     display = display + np.random.default_rng(1).normal(0, 10 / 255, photo.shape)
@@ -210,7 +210,7 @@ def test_clipped_pixels_are_not_believed(small: Shot) -> None:
     assert cosine(small.true, masked.kernel) > cosine(small.true, plain.kernel)
 
 
-def test_the_bound_is_found_where_none_is_given(small: Shot) -> None:
+def test_the_bound_is_chosen_where_none_is_given(small: Shot) -> None:
     shares: list[float] = []
     result = estimate_variational(
         small.photo,
@@ -244,7 +244,7 @@ def test_progress_rises_to_one(watched: Watched) -> None:
     assert all(watched.texts)
 
 
-def test_a_bound_too_small_is_told(shots: dict[str, Shot]) -> None:
+def test_a_bound_too_small_is_noted(shots: dict[str, Shot]) -> None:
     shot = shots["Z"]
     region = (110, 10, 80, 80)
     result = estimate_variational(shot.photo, shot.true.camera, blur_px=1, region=region, threads=2)
