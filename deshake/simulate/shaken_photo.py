@@ -226,14 +226,14 @@ def simulate_file(
         lens_model=lens_model,
         file=None if camera is None else read_camera(camera),
     )
-    calibration, notes = camera_for(photo, choice)
+    found, notes = camera_for(photo, choice)
     for note in notes:
         _log.warning("%s: %s", photo.source, note)
     try:
         result = shake(
             photo.pixels,
-            calibration.camera,
-            read_path(path) if path else random_path(calibration.camera, blur_px, seed=seed),
+            found.camera,
+            read_path(path) if path else random_path(found.camera, blur_px, seed=seed),
             crop=crop,
             gain=gain,
             photons=photons,
@@ -251,7 +251,7 @@ def simulate_file(
         "command": "simulate",
         "options": drawn | exposed | {"seed": seed, "crop": crop, "transfer": transfer},
         "input_sha256": photo.sha256,
-        "camera": calibration.source,
+        "camera": found.source,
     }
     top, left = result.offset
     height, width = result.pixels.shape[:2]
@@ -259,7 +259,7 @@ def simulate_file(
     camera_then = result.kernel.camera
     alpha = None if photo.alpha is None else np.ascontiguousarray(photo.alpha[inside])
     if alpha is not None and not camera_then.is_pinhole:
-        whole = calibration.camera.cropped(left, top, width, height)
+        whole = found.camera.cropped(left, top, width, height)
         alpha = LensWarp(camera_then, replace(whole, distortion=np.zeros(0))).bend_codes(alpha)
     framed = replace(
         photo,
