@@ -32,11 +32,11 @@ Mask = NDArray[np.bool_]
 
 _SECOND_DIFFERENCES = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6
 _MEDIAN = 0.6745  # of the absolute value of a standard normal variable
-_STRIPS = 6
-_MOST_PIXELS = 500_000
-_BLOCK = 6  # means a side
-_LEVELS = 8
-_QUANTILE = 0.01
+_STRIPS = 6  # strips of the photo that `noise_level` samples
+_MOST_PIXELS = 500_000  # pixels that `noise_level` uses, at most
+_BLOCK = 6  # means of 2 x 2 pixels: side of a block
+_LEVELS = 8  # levels of brightness
+_QUANTILE = 0.01  # share of the blocks of a level, the flattest, that give its noise
 _BIAS = 2.5  # true variance over that of the quantile; measured with the stopping rule that uses it
 _DARKEST = 0.01  # light that is added before the noise is computed: no model is exact in the dark
 _LEAST = 1e-7  # least variance: rounding mid greys to 8 bits gives a few times this
@@ -101,8 +101,8 @@ def noise_line(
 ) -> tuple[float, float]:
     """Fit the line ``slope x + floor`` to the variances at some levels x.
 
-    It is nearest in proportion: dark levels count as much as bright ones. No variance counts as
-    less than the least, nor does the floor.
+    The fit minimises relative errors: dark levels count as much as bright ones. Variances and the
+    floor below the least count as the least.
     """
     variances = np.maximum(variances, least)
     design = np.stack([levels, np.ones_like(levels)], 1) / variances[:, None]
@@ -156,8 +156,8 @@ def coarse_noise(g: Image) -> float:
     """Estimate the variance of white noise by that of means of 2 x 2 pixels, times four.
 
     In blocks of 12 x 12 pixels the means' diagonal differences, which cancel all slopes, show
-    noise and texture. Of all blocks of like brightness the flattest hundredth counts, and the
-    brightnesses, each an eighth of the photo, count alike, since noise grows with the light.
+    noise and texture. The flattest hundredth of the blocks of each brightness is used. The levels
+    of brightness, each an eighth of the photo, have equal weight, since noise grows with the light.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def coarse_noise(g: Image) -> float:
 
 
 def _by_level(g: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return up to eight brightnesses, from dark to bright, and the variance of noise at each."""
+    """Return up to eight levels of brightness, from dark to bright, and their noise variances."""
     levels: list[NDArray[np.float64]] = []
     variances: list[NDArray[np.float64]] = []
     for channel in channels_first(g):

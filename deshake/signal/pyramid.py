@@ -28,15 +28,15 @@ Mask = NDArray[np.bool_]
 T = TypeVar("T")
 
 RATIO = 2**0.5
-"""Of the size of one scale to the next coarser one."""
+"""Size of one scale over that of the next coarser one."""
 
-_COARSEST_SIDE = 48  # px, the shorter side of the coarsest scale
-_ROUNDING = 1e-9  # of logarithms
-_CONTRAST = 0.1  # rms gradient, reduced to `_CONTRAST_SIDE`
-_CONTRAST_SIDE = 100  # px, the longer side
-_CONTRAST_FROM = 800  # px, the longer side of the scale that the contrast is measured on
-_LEAST_CONTRAST = 1e-4  # of 0..1: below it the photo is flat
-_USABLE = 0.5  # share of a pixel that must be usable
+_COARSEST_SIDE = 48  # px: shorter side of the coarsest scale, about
+_ROUNDING = 1e-9  # tolerance of logarithms
+_CONTRAST = 0.1  # rms gradient of the scaled picture, reduced to `_CONTRAST_SIDE`
+_CONTRAST_SIDE = 100  # px: longer side
+_CONTRAST_FROM = 800  # px: longer side of the scale that the contrast is measured on
+_LEAST_CONTRAST = 1e-4  # rms gradient on 0..1: less means that the photo is flat
+_USABLE = 0.5  # share of usable pixels from which a reduced pixel is usable
 
 
 class Scale(NamedTuple):

@@ -27,7 +27,7 @@ _PIECE_PX = 0.5  # px: longest piece of a path
 _LONGEST_PX = 10_000  # px: a longer path is an error
 _WIDEST_TURN = 20.0  # degrees: a wider turn is an error
 _HINT = "angles are in degrees; give the part of the path while the shutter was open"
-_MOST_BYTES = 50_000_000
+_MOST_BYTES = 50_000_000  # bytes of a path's file, at most
 
 
 @dataclass(frozen=True, eq=False)
