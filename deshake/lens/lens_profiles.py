@@ -209,7 +209,7 @@ def _fixed(lenses: list[Any]) -> float | None:
 
 
 def _similar(name: str) -> str:
-    """Say what to try, with the names that share the most with one."""
+    """Return a hint, with similar names of lenses if there are any."""
     numbers = set(re.findall(r"\d[\d.]*", name))
     alike = {
         lens.model

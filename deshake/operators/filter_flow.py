@@ -120,7 +120,7 @@ class FilterFlow:
         Rotations in radians.
     margin : int, optional
         Pixels by which latent images are larger on every side; by default the reach of the
-        rotations, so that every observed pixel sees only latent ones.
+        rotations, so that every observed pixel depends on latent ones only.
     hop : int, optional
         Distance between patches in pixels; by default `patch_hop`.
     channels : int

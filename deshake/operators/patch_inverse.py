@@ -80,7 +80,7 @@ class PatchInverse:
         Returns
         -------
         (rows, columns) array of float32
-            Over what each patch covers of the frame.
+            The average over the part of each patch within the frame.
 
         """
         grid = self.filters.grid

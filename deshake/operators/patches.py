@@ -195,8 +195,8 @@ class PatchGrid:
     ) -> Iterable[tuple[Strip, T]]:
         """Correlate observed and latent images patch by patch.
 
-        ``cc_p(u) = sum_c sum_i win_p(i) observed_c(i) latent_c(i + u)`` for ``|u| <= r``; `reduce`
-        takes a strip and its (count, 2r+1, 2r+1) correlations to what is yielded.
+        ``cc_p(u) = sum_c sum_i win_p(i) observed_c(i) latent_c(i + u)`` for ``|u| <= r``. `reduce`
+        gets a strip and its (count, 2r+1, 2r+1) correlations; its result is yielded.
 
         Raises
         ------

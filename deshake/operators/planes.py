@@ -58,7 +58,7 @@ def window_of(image: Image, top: int, left: int, height: int, width: int) -> Ima
 
 
 def add_at(image: Image, top: int, left: int, piece: Image) -> None:
-    """Add a piece to (C, H, W) at a place, dropping what reaches beyond the image."""
+    """Add a piece to (C, H, W) at a place; discard the part beyond the image."""
     _, height, width = piece.shape
     y0, y1 = max(top, 0), min(top + height, image.shape[1])
     x0, x1 = max(left, 0), min(left + width, image.shape[2])

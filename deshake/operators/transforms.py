@@ -30,8 +30,8 @@ _EVEN_STEP = 8  # packed lengths are multiples of it: others take up to 1.5 time
 class Transforms(Protocol):
     """Transforms of blocks of N x N pixels.
 
-    Spectra of images have the shape (C, count, N, M), those of filters (count, N, M), and what
-    weighs frequencies (count, N, M) or (N, M); M and the type are the library's own.
+    Spectra of images have the shape (C, count, N, M), those of filters (count, N, M), and weights
+    of frequencies (count, N, M) or (N, M). M and the type depend on the library.
     """
 
     length: int
@@ -109,7 +109,7 @@ class PackedTransforms:
     """Transforms by OpenCV: real and imaginary parts side by side, without redundant ones.
 
     Columns 1 and 2, 3 and 4 and so on hold the real and the imaginary parts of the frequencies
-    1, 2 ... across; column 0 and the last one hold those of 0 and N / 2, whose parts lie below each
+    1, 2 ... across. Column 0 and the last one hold those of 0 and N / 2, with both parts below each
     other in the same order. N is even.
     """
 

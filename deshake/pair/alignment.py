@@ -122,7 +122,7 @@ def seen_in_frame(
 
 
 def smooth(image: Image, fine_px: float, coarse_px: float) -> Image:
-    """Keep what is between two scales: a difference of Gaussians."""
+    """Keep the detail between two scales: a difference of Gaussians."""
     fine = cv2.GaussianBlur(image, (0, 0), fine_px)
     return np.asarray(fine - cv2.GaussianBlur(fine, (0, 0), coarse_px), np.float32)
 

@@ -46,7 +46,7 @@ _BAND = 256  # rows that are transformed at once
 
 @dataclass(frozen=True, eq=False)
 class NoisyPhoto:
-    """The noisy photo, its noise, and what is left without it.
+    """The noisy photo, its noise, and the denoised photo.
 
     Parameters
     ----------

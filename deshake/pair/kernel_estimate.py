@@ -138,8 +138,8 @@ def estimate_pair_kernel(
     blur_size : float, optional
         Bound of the blur in pixels of the photo; by default `BLUR_SHARE`.
     noise : iterable of (h, w) or (h, w, C) arrays, optional
-        Pictures of noise alone, in units of `f_reg` and resampled as it was. Two do. By default
-        `f_reg` is taken to be free of noise, as if it had been denoised.
+        Pictures of noise alone, in units of `f_reg` and resampled in the same way. Two are enough.
+        By default `f_reg` is treated as free of noise.
     blurred_noise : (h, w) or (h, w, C) array of float32, optional
         Noise like that of `g`; by default there is none.
     progress : callable, optional

@@ -52,7 +52,7 @@ _LEAST_ENERGY = 1e-10  # mean square of the derivatives: less is an error
 
 @dataclass(frozen=True, eq=False)
 class PairPictures:
-    """The pair in grey at one scale, with pictures of noise alone, and what may be used.
+    """The pair in grey at one scale, with pictures of noise alone, and masks.
 
     Parameters
     ----------

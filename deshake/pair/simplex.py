@@ -79,7 +79,7 @@ def least_on_simplex(
     count = len(w)
     working, growth = np.arange(count), max(whole // 3, 1)
     if count > whole:
-        likely = np.lexsort((-problem.right, -w))  # of equal weights, what is most like g
+        likely = np.lexsort((-problem.right, -w))  # of equal weights, those most like g
         working = np.sort(likely[: max(whole // 2, 1)])
         w[np.setdiff1d(np.arange(count), working)] = 0
     w /= w.sum()

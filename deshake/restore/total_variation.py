@@ -52,10 +52,10 @@ def divergence(down: Image, across: Image) -> Image:
 def variation_weight(g: Image, margin: int) -> Image:
     """Weigh the variation by the noise: lambda = tau sigma / light.
 
-    Where light x has noise of variance sigma^2, Richardson-Lucy counts a misfit r as r^2 / 2x and
-    not as r^2 / 2 sigma^2, which sigma^2 / x makes up for; variation itself counts in units of
-    sigma, so that dark and bright parts are smoothed alike. The light is averaged over the reach
-    of the blur.
+    Where light x has noise of variance sigma^2, Richardson-Lucy weighs a residual r by r^2 / 2x and
+    not by r^2 / 2 sigma^2. The factor sigma^2 / x corrects this. The variation has units of sigma,
+    so that dark and bright parts are smoothed alike. The light is averaged over the reach of the
+    blur.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def less_varied(u: Image, spread: Image, weight: Image, steps: int) -> Image:
     u : (C, h, w) array of float32
         A picture, >= 0.
     spread : (C, h, w) array of float32
-        How willingly pixels change, >= 0.
+        Variance of each pixel, >= 0: a larger one allows a larger change.
     weight : (h, w) array of float32
         Of the variation, > 0.
     steps : int

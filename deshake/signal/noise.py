@@ -45,14 +45,14 @@ _LEAST = 1e-7  # least variance: rounding mid greys to 8 bits gives a few times 
 def noise_level(picture: Image, where: Mask | None = None) -> float:
     """Estimate the standard deviation of white noise (Immerkaer 1996, with the median).
 
-    What is exactly flat, a black sky, says nothing of the noise and does not count.
+    Exactly flat parts, such as a black sky, give no noise and are ignored.
 
     Parameters
     ----------
     picture : (h, w) array of float32
-        The picture. Of a large one six strips are measured.
+        The picture. Only six strips of a large one are measured.
     where : (h, w) array of bool, optional
-        Pixels that count; by default all.
+        Pixels to use; by default all.
 
     """
     if where is None and picture.size > _MOST_PIXELS:
@@ -123,9 +123,9 @@ def mean_light(g: Image) -> Image:
 def noise_variance(g: Image, margin: int, unexplained: Image | None = None) -> Image:
     """Estimate the variance of the noise at each place: it grows with the light.
 
-    The light is averaged over the reach of the blur first: a weight that changes slowly passes
-    through the blur, nearly, and what a model misses at bright edges is not taken for detail of
-    the dark beside them.
+    The light is averaged over the reach of the blur first. A weight that changes slowly nearly
+    commutes with the blur, and the errors of a model at bright edges do not become detail in the
+    dark beside them.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def noise_variance(g: Image, margin: int, unexplained: Image | None = None) -> I
     margin : int
         Reach of the blur in pixels.
     unexplained : (h, w) array of float32, optional
-        Variance of what else a model leaves unexplained; it is averaged too, and added.
+        Variance of other errors of a model; it is averaged, too, and added.
 
     Returns
     -------

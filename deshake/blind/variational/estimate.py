@@ -61,7 +61,7 @@ def estimate_variational(
     camera : Camera
         Its camera.
     clipped : (h, w) array of bool, optional
-        Pixels that are not to be believed.
+        Pixels that are not used.
     blur_px : float, optional
         Bound of the blur in pixels of the photo. By default the smallest of `BLUR_SHARES` whose
         bounds the kernel does not touch at a coarse scale, or the one that it touches least.
@@ -70,8 +70,8 @@ def estimate_variational(
     uniform : bool
         Use the uniform model: theta_Z = 0 and a very long focal length.
     finest : bool
-        Go on to the finest scale, however wide the blur is. By default the estimate ends at the
-        scale where it is wide enough to be known well.
+        Continue to the finest scale at any width of the blur. By default the estimate ends at the
+        scale where the blur is 22 px wide.
     roll_rate : float
         Rate of the prior on turns about the optical axis, `priors.ROLL_RATE`; 0 for none, where
         the camera was not in a hand.

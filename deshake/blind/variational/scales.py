@@ -51,7 +51,7 @@ _STILL_PX = 1.5  # px at the finest scale: a smaller extent is no shake
 
 @dataclass(frozen=True)
 class ScaleReport:
-    """How one scale ended: its size, rotations left, noise (of 0..256) and C_KL per gradient."""
+    """The result of one scale: its size, rotations, noise (of 0..256) and C_KL per gradient."""
 
     height: int
     width: int
@@ -61,7 +61,7 @@ class ScaleReport:
 
 
 class ScaleByScale:
-    """The estimate under way, scale by scale."""
+    """The state of an estimate, scale by scale."""
 
     def __init__(
         self,
@@ -91,7 +91,7 @@ class ScaleByScale:
         self.latent: Image | None = None
 
     def try_coarse(self) -> float:
-        """Work through the coarse scales; return the weight that touches the bounds."""
+        """Solve the coarse scales; return the weight that touches the bounds."""
         while self._continues():
             self._step()
             if max(self.levels[len(self.reports) - 1].camera.shape) >= _TRIAL_SIDE:
@@ -99,7 +99,7 @@ class ScaleByScale:
         return self.outermost
 
     def run(self) -> tuple[RotationKernel, float]:
-        """Work through the scales left; return the last kernel and how far to trust it."""
+        """Solve the remaining scales; return the last kernel and its confidence."""
         while self._continues():
             self._step()
         self.progress(1.0, "kernel estimated")
