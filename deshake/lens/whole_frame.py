@@ -53,8 +53,9 @@ def whole_frame(
     """Infer the whole frame of a photo.
 
     A picture of the original shape, within the rounding of its sides, was resized. A picture of
-    another shape was cropped. If at least a quarter of the area is left, it was not resized; else
-    the crop is the smallest that explains its shape. The photo may be turned by 90 degrees.
+    another shape was cropped. If at least a quarter of the area is left, it was not resized. Else
+    it was cropped as little as its shape allows, and resized. The photo may be turned by 90
+    degrees.
 
     Parameters
     ----------

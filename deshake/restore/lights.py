@@ -37,8 +37,8 @@ _LAMP = 1.5  # light: a brighter pixel is a lamp; noise and rings may exceed the
 _HASTE = np.float32(1.75)  # power a of the factors: 3 iterations do the work of 6
 _DARK = np.float32(1e-6)  # least divisor
 _HIDDEN = 0.05  # share of trusted pixels: with less, a latent pixel keeps the first estimate
-_DOUBT = 2.0  # how fast the trust in the new estimate grows with that share
-_FRAME_COVERED = np.float32(1e-2)
+_DOUBT = 2.0  # weight of the new estimate over the share of pixels without trust; at most 1
+_FRAME_COVERED = np.float32(1e-2)  # A^T 1: least divisor
 
 
 def trust(f: Image, blur: Filters, clipped: NDArray[np.bool_], variance: Image | float) -> Image:

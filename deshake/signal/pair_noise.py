@@ -24,9 +24,9 @@ __all__ = ["fitted_noise", "noise_of_pair"]
 
 _LEVELS = 12  # levels of brightness
 _FLAT = 0.3  # share of each level, the flattest, that is used
-_FEWEST = 64  # least samples of a level
+_FEWEST = 64  # usable samples: with fewer, the result is the least variance
 _MEDIAN = 0.4549  # median of the squares of standard normal numbers
-_FLATNESS_PX = 5  # px: size of the window that measures flatness
+_FLATNESS_PX = 5  # means of 2 x 2 pixels: side of the window that measures flatness
 _LEAST = 1e-8  # least variance
 
 
