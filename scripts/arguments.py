@@ -24,8 +24,8 @@ def at_least(least: int, text: str) -> int:
 
 def names(text: str, known: Sequence[str]) -> list[str]:
     """Read a list of names, separated by commas."""
-    found = [name.strip() for name in text.split(",")]
-    if not set(found) <= set(known):
+    chosen = [name.strip() for name in text.split(",")]
+    if not set(chosen) <= set(known):
         message = f"{text!r} is not among {', '.join(known)}"
         raise argparse.ArgumentTypeError(message)
-    return found
+    return chosen

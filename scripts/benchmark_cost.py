@@ -8,13 +8,13 @@ One of the three varies at a time. A photo in colour, a mosaic of one that a dev
 ships, is blurred along a random path about all three axes and gets white noise; nothing clips. A
 kernel has the rotations of the camera's grid that lie nearest to such a path, which is longer the
 fewer they are, so that the extent is the same. Each photo is deblurred by the default method with
-the kernel that blurred it, in a process of its own; seconds are those of the deblurring alone, and
-memory is the most that the process ever held, its libraries and the photo included.
+the kernel that blurred it, in a process of its own. Seconds are those of the deblurring alone.
+Memory is the peak of the whole process, with its libraries and the photo.
 
 With --fft every forward, adjoint and inverse operator that the deblurring applies is counted, and
 as many transforms there and back of the same blocks, by SciPy, are timed in the same process, by as
-many threads, a few times before and after: the median counts. What is left out are the transforms
-of the filters themselves, once for each operator.
+many threads, a few times before and after: the median counts. The transforms of the filters
+themselves, once for each operator, are not counted.
 """
 
 from __future__ import annotations
@@ -238,7 +238,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         nargs=3,
         default=AT,
         metavar=("M", "PX", "N"),
-        help="what the two have that do not vary; default: 6 30 300",
+        help="values of the two that do not vary; default: 6 30 300",
     )
     parser.add_argument("--quality", choices=("fast", "default", "high"), default="default")
     parser.add_argument("--threads", type=int, default=available_threads())

@@ -5,9 +5,9 @@
 
 One of the two varies at a time. The photos are those of `benchmark_cost`: mosaics of a photo in
 colour that a development dependency ships, blurred along a random path about all three axes, with
-white noise. Each kernel is estimated at the defaults, nothing told but the camera, in a process of
-its own; seconds are those of the estimate alone, and memory is the most that the process ever held,
-its libraries and the photo included.
+white noise. The estimate of each kernel uses the defaults and the true camera, in a process of its
+own. Seconds are those of the estimate alone. Memory is the peak of the whole process, with its
+libraries and the photo.
 """
 
 from __future__ import annotations
@@ -36,17 +36,17 @@ EXTENTS = [10.0, 20.0, 40.0, 80.0]
 AT = (4.0, 20.0)
 ROTATIONS = 300
 HEAD = (
-    "| megapixels | size | extent, px | found, px | candidate | wall s | CPU s | peak GB |\n"
+    "| megapixels | size | extent, px | estimated, px | candidate | wall s | CPU s | peak GB |\n"
     "|---|---|---|---|---|---|---|---|"
 )
 
 
 class Cost(NamedTuple):
-    """What an estimate took, and what it found."""
+    """The cost of an estimate, and the extents (px) of the true and the estimated kernel."""
 
     shape: tuple[int, int]
     extent: float
-    found: float
+    estimated: float
     name: str
     seconds: float
     cpu: float
@@ -56,7 +56,7 @@ class Cost(NamedTuple):
         """Return a line of the table."""
         height, width = self.shape
         cells = [f"{height * width / 1e6:.2f}", f"{width} x {height}", f"{self.extent:.0f}"]
-        cells += [f"{self.found:.0f}", self.name, f"{self.seconds:.1f}", f"{self.cpu:.1f}"]
+        cells += [f"{self.estimated:.0f}", self.name, f"{self.seconds:.1f}", f"{self.cpu:.1f}"]
         return "| " + " | ".join([*cells, f"{self.peak_gb:.2f}"]) + " |"
 
 
@@ -64,11 +64,11 @@ def estimate(case: Case, file: Path, estimator: str, threads: int) -> Cost:
     """Estimate the kernel of the photo of a file, in a process that has done nothing else."""
     kernel, grey = case.kernel(), mean_light(np.load(file))
     start, start_cpu = time.perf_counter(), time.process_time()
-    found = estimate_kernel(grey, kernel.camera, estimator=estimator, threads=threads)
+    estimate_result = estimate_kernel(grey, kernel.camera, estimator=estimator, threads=threads)
     seconds, cpu = time.perf_counter() - start, time.process_time() - start_cpu
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * BYTES / 1e9
-    extents = kernel.extent_px(), found.kernel.extent_px()
-    return Cost(kernel.camera.shape, *extents, found.name, seconds, cpu, peak)
+    extents = kernel.extent_px(), estimate_result.kernel.extent_px()
+    return Cost(kernel.camera.shape, *extents, estimate_result.name, seconds, cpu, peak)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -84,7 +84,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         nargs=2,
         default=AT,
         metavar=("M", "PX"),
-        help="what the one has that does not vary; default: 4 20",
+        help="value of the one that does not vary; default: 4 20",
     )
     parser.add_argument("--estimator", choices=("edges", "variational"), default="edges")
     parser.add_argument("--threads", type=int, default=available_threads())

@@ -30,7 +30,7 @@ KIB = 1024 if sys.platform == "darwin" else 1  # ru_maxrss is in bytes there, el
 
 
 class Run(NamedTuple):
-    """What a run took."""
+    """The cost of a run."""
 
     seconds: float
     cpu: float
@@ -65,7 +65,7 @@ def shaken_photo(megapixels: float, folder: Path) -> Path:
 
 
 def measure(photo: Path, folder: Path, threads: int | None) -> None:
-    """Print what the stages take on a photo, and fix at once."""
+    """Print the cost of each stage on a photo, and of fix as one command."""
     kernel, sharp = folder / "kernel.npz", folder / f"out{photo.suffix}"
     more = () if threads is None else ("--threads", threads)
     lens = ("--focal-35mm", FILM_MM) if folder in photo.parents else ()

@@ -1,15 +1,15 @@
-"""What a wrong focal length costs, on photos shaken by recorded hands, with the truth in hand.
+"""Measure what a wrong focal length costs, on photos shaken by recorded hands, against the truth.
 
     python scripts/benchmark_focal.py --data DIR
     python scripts/benchmark_focal.py --data DIR --photos coffee --windows 1 --factors 0.5,1,2
 
-DIR holds orientation logs of a hand-held phone (`hand_shakes`). The photos are shaken as
-`shaken_photos` tells, every other one through a wide lens (27 mm-equivalent by its width) and
-through a normal one (50 mm), and become 8-bit JPEGs. The kernel of each is estimated with the true
-focal length times each factor, and the photo deblurred with it. Printed are gains in PSNR (dB) of
-display values over the photo as it is, after the shift and turn that fit the truth best, and in
-brackets the log odds of the kernel's confidence. `judged` is the gain of the factor whose kernel
-has the highest: what `--focal auto` would take, were these its choice.
+DIR holds orientation logs of a hand-held phone (`hand_shakes`). `shaken_photos` describes how the
+photos are shaken, in turn through a wide lens (27 mm-equivalent by its width) and a normal one (50
+mm). They become 8-bit JPEGs. The kernel of each is estimated with the true focal length times each
+factor, and deblurs the photo. The table has gains in PSNR (dB) of display values over the photo
+itself, after the shift and turn that fit the truth best, and in brackets the log odds of the
+kernel's confidence. `judged` is the gain of the factor whose kernel has the highest confidence:
+`--focal auto` would choose it from these.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class Case(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """What came of one focal length: the gain in dB, and the kernel's confidence."""
+    """The result of one focal length: the gain in dB, and the kernel's confidence."""
 
     gain: float
     confidence: float
@@ -106,19 +106,19 @@ def score(case: Case, folder: Path, factors: Sequence[float], seed: int) -> Scor
         if not kernel.theta[kernel.weights > 0].any():
             return 0.0
         done = restore(pixels, kernel, clipped=clipped, threads=1)
-        seen = display(without_dark_halos(done.pixels, pixels, kernel))
-        return max(psnr(one[inner], sharp[inner]) for one in (seen, aligned(seen, sharp))) - blurred
+        ours = display(without_dark_halos(done.pixels, pixels, kernel))
+        return max(psnr(one[inner], sharp[inner]) for one in (ours, aligned(ours, sharp))) - blurred
 
     trials = []
     for factor in factors:
         camera = true.camera
         camera = Camera.from_focal(factor * camera.focal_px, camera.height, camera.width)
         try:
-            found = estimate_kernel(grey, camera, clipped=clipped, threads=1)
+            kernel_estimate = estimate_kernel(grey, camera, clipped=clipped, threads=1)
         except EstimationError:
             trials.append(Trial(0.0, 0.0))
         else:
-            trials.append(Trial(gain(found.kernel), found.confidence))
+            trials.append(Trial(gain(kernel_estimate.kernel), kernel_estimate.confidence))
     return Scores(gain(true), true.extent_px(), tuple(trials))
 
 
@@ -161,11 +161,11 @@ def summary(table: Sequence[Scores], factors: Sequence[float]) -> str:
 
 def numbers(text: str) -> list[float]:
     """Read factors, 1 among them, separated by commas."""
-    found = [float(part) for part in text.split(",")]
-    if 1.0 not in found or min(found) <= 0:
+    factors = [float(part) for part in text.split(",")]
+    if 1.0 not in factors or min(factors) <= 0:
         message = f"{text!r} is not a list of factors with 1 among them"
         raise argparse.ArgumentTypeError(message)
-    return found
+    return factors
 
 
 def main(argv: Sequence[str] | None = None) -> int:

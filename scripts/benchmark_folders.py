@@ -95,12 +95,12 @@ def write_photos(folder: Path, count: int, broken: int) -> None:
 
 def contents(folder: Path) -> dict[str, bytes]:
     """Read all files below a folder."""
-    found = {}
+    files = {}
     for path in folder.rglob("*"):
         with suppress(FileNotFoundError):  # a part file that has taken its name meanwhile
             if path.is_file():
-                found[str(path.relative_to(folder))] = path.read_bytes()
-    return found
+                files[str(path.relative_to(folder))] = path.read_bytes()
+    return files
 
 
 def await_more(folder: Path, process: subprocess.Popen[bytes]) -> None:

@@ -1,13 +1,14 @@
-"""What undoing a lens's distortion gains, with the truth in hand.
+"""Measure the gain of removing a lens's distortion, against the truth.
 
     python scripts/benchmark_lens.py
 
-Photos that a development dependency ships are taken for what a pinhole saw. They are shaken along
-random paths, bent as lensfun's profiles of some wide lenses have it, exposed with noise, and
-deblurred with the true rotations: once as if there were no lens, once straightened first and bent
-back, each over the whole frame. Printed are PSNRs (dB) of display values in the photo's own
+Photos that a development dependency ships serve as photos of a pinhole. They are shaken along
+random paths, distorted by lensfun's profiles of some wide lenses, and exposed with noise. The true
+rotations deblur them twice over the whole frame: once as if there were no lens, once straightened
+before and distorted again afterwards. The table has PSNRs (dB) of display values in the photo's
 geometry, over the whole frame and over its corners (the outer fifth of the diagonal), without a
-border; and by how many pixels the images of straight lines bend, before and after straightening.
+border. It also has the deviation in pixels of the images of straight lines, before and after
+straightening.
 """
 
 from __future__ import annotations
@@ -92,25 +93,25 @@ def psnrs(light: Image, sharp: Image) -> tuple[float, float]:
 
 
 def deblurred(shaken: Shaken, *, undone: bool) -> Image:
-    """Deblur with the true rotations, the lens undone or as if there were none."""
+    """Deblur with the true rotations, with the lens removed or as if there were none."""
     kernel, camera = shaken.kernel, shaken.kernel.camera
     if not undone:
         plain = Camera(camera.matrix, camera.height, camera.width)
         return restore(shaken.pixels, kernel.for_camera(plain), threads=1).pixels
-    seen = pinhole(camera, whole=True)
-    warp = LensWarp(camera, seen)
+    straight_camera = pinhole(camera, whole=True)
+    warp = LensWarp(camera, straight_camera)
     straight = warp.straighten(shaken.pixels)
-    return warp.bend(restore(straight, kernel.for_camera(seen), threads=1).pixels)
+    return warp.bend(restore(straight, kernel.for_camera(straight_camera), threads=1).pixels)
 
 
 def bends(camera: Camera) -> tuple[float, float]:
-    """How far the images of lines deviate from straight ones at most, before and after.
+    """Largest deviation of the images of straight lines, in pixels, before and after.
 
-    Lines of the pinhole's picture are drawn, bent and straightened again; their middles are found
-    in the pictures to a part of a pixel.
+    Lines of the pinhole's picture are drawn, distorted and straightened again; their middles are
+    measured in the pictures to a part of a pixel.
     """
-    seen = pinhole(camera)
-    warp = LensWarp(camera, seen)
+    straight_camera = pinhole(camera)
+    warp = LensWarp(camera, straight_camera)
     height, width = camera.shape
     at = (np.arange(height) - (height - 1) / 2) / height
     lines = [y for y in at * height if abs(y) > 0.3 * height][:: height // 8]
@@ -120,7 +121,7 @@ def bends(camera: Camera) -> tuple[float, float]:
         middle = offset + (height - 1) / 2
         # where photo pixels see the line: through the inverse map, as the photo would show it
         points = np.stack([np.arange(width, dtype=float), np.full(width, middle)], 1)
-        there = distorted(points, camera, seen)
+        there = distorted(points, camera, straight_camera)
         drawn = np.exp(-0.5 * np.square((y - np.interp(x, there[:, 0], there[:, 1])) / 1.5))
         for k, picture in enumerate((drawn, warp.straighten(drawn.astype(np.float32)))):
             columns = np.arange(width // 20, width - width // 20)

@@ -1,12 +1,12 @@
-"""What the operators cost, against the bare FFTs of the same blocks, in one run.
+"""Measure the cost of the operators, against the bare FFTs of the same blocks, in one run.
 
     python scripts/benchmark_operators.py [--megapixels 12] [--extent 15 30 60] [--threads 4]
 
 Each map is timed in turn with SciPy's rfft2 + irfft2 of as many blocks, in the same batches, by the
 same threads, and with the transforms that the maps really use, which may be faster; the best of the
-repeats counts. Ratios tell what the maps cost beyond their FFTs: of A, A^T
-and P, the approximate inverse patch by patch, and of B^T. Memory is the peak of what NumPy
-allocates while a map runs, its result included, but not what was kept before, such as spectra.
+repeats counts. Ratios are the cost of the maps over that of their FFTs: of A, A^T
+and P, the approximate inverse patch by patch, and of B^T. Memory is the peak that NumPy allocates
+while a map runs, with its result, but without earlier arrays such as stored spectra.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def print_maps(
     f = rng.random((*flow.latent_shape, *tail), np.float32)
     g = rng.random((*camera.shape, *tail), np.float32)
     planes = f[None] if channels == 1 else np.moveaxis(f, -1, 0)
-    seen = g[None] if channels == 1 else np.moveaxis(g, -1, 0)
+    blurred_planes = g[None] if channels == 1 else np.moveaxis(g, -1, 0)
     filters = flow.filters(kernel.weights)
     start = time.perf_counter()
     for _ in flow.grid.map_strips(filters.filters):
@@ -107,7 +107,7 @@ def print_maps(
         "FFTs": bare_ffts(flow, channels),
         "transforms used": bare_ffts(flow, channels, flow.grid.transforms),
         "A f": lambda: filters.forward(planes),
-        "A^T g": lambda: filters.adjoint(seen),
+        "A^T g": lambda: filters.adjoint(blurred_planes),
         "P f": lambda: inverse.apply(planes, 0.1),
         "B^T r": lambda: flow.kernel_adjoint(f, g),
     }

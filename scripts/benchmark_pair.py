@@ -5,25 +5,24 @@
     python scripts/benchmark_pair.py --data DIR --camera-files
 
 DIR, or its folder nexus5, holds orientation logs of a hand-held phone (`hand_shakes`);
-`shaken_pairs` tells how the pairs are made. Each is taken through the stages of `fix --noisy`.
+`shaken_pairs` describes how the pairs are made. Each passes the stages of `fix --noisy`.
 
-`off` is what the rotation found is wrong by, against the true one relative to the centroid of the
+`off` is the error of the estimated rotation, against the true one relative to the centroid of the
 blur: pixels, the root mean square over the frame. All else is PSNR (dB) and SSIM of display values
 over the whole frame, border included:
 
-- blurred, noisy, denoised: the photos as they are, the noisy one as bright as the truth is or, with
-  camera files, taken to the tones of the blurred one; denoised as the fusion's guide is;
+- blurred, noisy, denoised: the photos themselves, the noisy one as bright as the truth or, with
+  camera files, with the tones of the blurred one; denoised in the same way as the fusion's guide;
 - single: the blurred photo alone, deblurred with the true kernel;
 - blind: the blurred photo alone, at the lowest noise, after the shift and turn that fit the truth
-  best (with --blind: it takes its time, once for each shake);
-- uniform: fusion, the kernel estimated by the uniform model;
-- residual, fusion: both ways to deblur, with the kernel estimated;
-- stopped: residual at the number of iterations that is best for the PSNR, found with the truth in
-  hand;
-- true: fusion with the true kernel, in the frame that was found.
+  best (with --blind, which takes long; once for each shake);
+- uniform: fusion, with a kernel of the uniform model;
+- residual, fusion: both methods, with the estimated kernel;
+- stopped: residual at the number of iterations with the best PSNR, which needs the truth;
+- true: fusion with the true kernel, in the estimated frame.
 
-`overlap` is what both photos see. --ways names those of single, uniform, residual, stopped, fusion
-and true that are wanted.
+`overlap` is the part that both photos show. --ways chooses from single, uniform, residual, stopped,
+fusion and true.
 """
 
 from __future__ import annotations
@@ -80,25 +79,25 @@ COUNTS = (1, 2, 3, 5, 8, 12)  # of its iterations
 
 
 def options_of(pair: Pair, *, uniform: bool = False) -> EstimateOptions:
-    """Return what the estimate is told: the camera."""
+    """Return the options of the estimate: the true camera."""
     return EstimateOptions(
         camera=CameraChoice(file=CameraFile(pair.kernel.camera, "the truth")), uniform=uniform
     )
 
 
 def own_frame(
-    pair: Pair, blurred: Photo, noisy: Photo, found: Registration, truth: Image
+    pair: Pair, blurred: Photo, noisy: Photo, registration: Registration, truth: Image
 ) -> tuple[Image, Image, Image]:
-    """Return the noisy photo in its own frame, denoised, and where the blurred one sees it."""
-    back = Registration(-found.theta, 1.0, 1.0, found.camera)
-    g, seen = registered(blurred.pixels, back)
+    """Return the noisy photo in its own frame, denoised, and where the blurred one covers it."""
+    back = Registration(-registration.theta, 1.0, 1.0, registration.camera)
+    g, valid = registered(blurred.pixels, back)
     if pair.curve is None:
         f_N = noisy.pixels * np.float32(truth.mean() / noisy.pixels.mean())
     else:
-        turned = RegisteredPair(blurred.with_pixels(g), noisy, back, noisy.pixels, seen)
+        turned = RegisteredPair(blurred.with_pixels(g), noisy, back, noisy.pixels, valid)
         f_N = turned.on_curves().f_reg
-    own, _ = noisy_photo(g, f_N, lambda image: (image, np.ones_like(seen)), threads=1)
-    return f_N, np.ascontiguousarray(np.moveaxis(own.denoised, 0, -1)), seen
+    own, _ = noisy_photo(g, f_N, lambda image: (image, np.ones_like(valid)), threads=1)
+    return f_N, np.ascontiguousarray(np.moveaxis(own.denoised, 0, -1)), valid
 
 
 def blind(case: PairCase, logs: Sequence[Path]) -> Score:
@@ -141,8 +140,8 @@ def compare(
         return done
 
     options = options_of(pair)
-    found = timed("register", partial(find_registration, blurred, noisy, options, threads=1))
-    registration = found.registration
+    registering = timed("register", partial(find_registration, blurred, noisy, options, threads=1))
+    registration = registering.registration
     frame = compose(pair.theta, -registration.theta)
     kernels = {
         what: timed(
@@ -193,8 +192,8 @@ def compare(
     for what, (light, sharp) in results.items():
         shown, truth = display(light), display(sharp)
         scores[what] = Score(psnr(shown, truth), ssim(shown, truth))
-    _, seen = registered(noisy.pixels, registration)
-    for what, both in (("denoised", own > 0), ("fusion", seen > 0)):
+    _, valid = registered(noisy.pixels, registration)
+    for what, both in (("denoised", own > 0), ("fusion", valid > 0)):
         shown, truth = (display(light) for light in results[what])
         scores[f"{what}, overlap"] = Score(psnr(shown, truth, both), ssim(shown, truth, both))
     if crops is not None:
@@ -223,10 +222,10 @@ def save_crops(path: Path, results: dict[str, tuple[Image, Image]]) -> None:
 def chosen_cases(text: str) -> list[str]:
     """Read patterns of cases, ``coffee*; *0.06``."""
     patterns = [pattern.strip() for pattern in text.split(";")]
-    found = [name for name in PAIRS if any(fnmatch(name, pattern) for pattern in patterns)]
-    if not found:
+    chosen = [name for name in PAIRS if any(fnmatch(name, pattern) for pattern in patterns)]
+    if not chosen:
         raise argparse.ArgumentTypeError(f"{text!r} is not among {'; '.join(PAIRS)}")
-    return found
+    return chosen
 
 
 def chosen_ways(text: str) -> list[str]:

@@ -1,4 +1,4 @@
-"""What a blurred and a noisy photo cost: each stage's time and memory, and the kernel's by size.
+"""Measure the cost of a blurred and a noisy photo: time and memory of each stage, and of kernels.
 
     python scripts/benchmark_pair_cost.py [--megapixels 12] [--extent 40] [--threads 2]
     python scripts/benchmark_pair_cost.py --rotations 300 3000 20000 --megapixels
@@ -6,8 +6,8 @@
 The blurred photos are those of `benchmark_cost`: mosaics of a photo in colour that a development
 dependency ships, blurred along a random path about all three axes. The other is the mosaic itself
 with noise, a sixteenth as bright and in the same frame, which is searched for all the same. Stages
-run one after the other in a process of their own; memory is the most that it ever held by the end
-of the stage, its libraries and both photos included.
+run one after the other in a process of their own. Memory is the peak of this process by the end of
+the stage, with its libraries and both photos.
 
 The second table is Eq. (12) for a whole cube of so many rotations on a photo of 1000 px: rows of
 B_N and least squares over the simplex, nothing carried over from a coarser scale.
@@ -110,8 +110,10 @@ def stages(case: Case, file: Path, quality: Quality, threads: int) -> list[Stage
         took.append(Stage(name, seconds, cpu, peak))
         return done
 
-    found = timed("register", lambda: find_registration(blurred, noisy, options, threads=threads))
-    known = {"registration": found.registration, "threads": threads}
+    registering = timed(
+        "register", lambda: find_registration(blurred, noisy, options, threads=threads)
+    )
+    known = {"registration": registering.registration, "threads": threads}
     pair = timed("estimate-pair", lambda: estimate_pair(blurred, noisy, options, **known))
     how = RestorationOptions("fusion", quality=quality)
     timed(
@@ -130,11 +132,11 @@ def solved(case: Case, file: Path, count: str, threads: int) -> list[Stage]:
     side = np.arange(-half, half + 1)
     theta = np.stack(np.meshgrid(side, side, side, indexing="ij"), -1).reshape(-1, 3)
     theta = theta * grid_steps(camera)
-    seen = PairPictures.of(g, f, np.ones(camera.shape, np.float32), (), None)
-    edges = derivatives(seen.g)
-    drawn = drawn_pixels(edges, usable_pixels(seen, camera, theta), 0)
+    pictures = PairPictures.of(g, f, np.ones(camera.shape, np.float32), (), None)
+    edges = derivatives(pictures.g)
+    drawn = drawn_pixels(edges, usable_pixels(pictures, camera, theta), 0)
     start, start_cpu = time.perf_counter(), time.process_time()
-    rows = PairRows(camera, theta, derivatives(seen.f), edges, drawn.fitted, threads=threads)
+    rows = PairRows(camera, theta, derivatives(pictures.f), edges, drawn.fitted, threads=threads)
     w = least_on_simplex(rows, np.ones(len(theta)), ridge=RIDGE)
     seconds, cpu = time.perf_counter() - start, time.process_time() - start_cpu
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * BYTES / 1e9

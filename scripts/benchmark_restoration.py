@@ -1,18 +1,18 @@
-"""Compare the ways to deblur on real photos that are shaken here, with the truth in hand.
+"""Compare the methods of deblurring on real photos with simulated shake, against the truth.
 
     python scripts/benchmark_restoration.py --data DIR
     python scripts/benchmark_restoration.py --cases "coffee,rocket night" --kernels true --crops out
 
 DIR, or its folder nexus5, holds orientation logs of a hand-held phone (`hand_shakes`); without it
-the cases that are shaken by hands are left out. `shaken_photos` tells what the cases are.
+the cases that are shaken by hands are left out. `shaken_photos` describes the cases.
 
-Printed are PSNR (dB) and SSIM of display values over the whole frame, border included: of the
-blurred photo, of plain Richardson-Lucy at the number of iterations that is best for the PSNR, found
-with the truth in hand, and of each method. Of the default also: its processor time over that of 20
-plain iterations; how much worse its outer 16 pixels are than the rest; its noise over the photo's
-where the truth is flattest; and the largest change of a channel's mean, in percent.
+The table has PSNR (dB) and SSIM of display values over the whole frame, border included: of the
+blurred photo, of plain Richardson-Lucy at the number of iterations with the best PSNR, which needs
+the truth, and of each method. For the default it also has: its processor time over that of 20 plain
+iterations; how much worse its outer 16 pixels are than the rest; its noise over the photo's where
+the truth is flattest; and the largest change of a channel's mean, in percent.
 
-The kernel is the path's (true), or one about as wrong as estimates are (wrong).
+The kernel is that of the path (true), or one with errors like those of an estimate (wrong).
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ METHODS: dict[str, Callable[..., Restoration]] = {
 }
 KERNELS = ("true", "wrong")
 COUNTS = (2, 3, 5, 7, 10, 14, 20, 28, 40, 56, 80, 112)  # of plain iterations
-PAST = 0.3  # dB below the best count seen: more iterations will not come back
+PAST = 0.3  # dB below the best count so far: a larger loss ends the search
 TIMED = 20
 BORDER = 16
 
@@ -90,15 +90,15 @@ def restore(method: Callable[[], Restoration], truth: Image) -> tuple[Image, Sco
 
 def best_plain(plain: Callable[[int], Restoration], truth: Image) -> tuple[int, Score, float]:
     """Find the best number of plain iterations; return also the time of `TIMED` of them."""
-    found: dict[int, Score] = {}
+    scores: dict[int, Score] = {}
     timed = 0.0
     for count in COUNTS:
-        found[count] = restore(partial(plain, count), truth)[1]
-        timed = found[count].seconds * TIMED / count
-        if count >= TIMED and found[count].psnr < max(s.psnr for s in found.values()) - PAST:
+        scores[count] = restore(partial(plain, count), truth)[1]
+        timed = scores[count].seconds * TIMED / count
+        if count >= TIMED and scores[count].psnr < max(s.psnr for s in scores.values()) - PAST:
             break
-    best = max(found, key=lambda count: found[count].psnr)
-    return best, found[best], found[TIMED].seconds if TIMED in found else timed
+    best = max(scores, key=lambda count: scores[count].psnr)
+    return best, scores[best], scores[TIMED].seconds if TIMED in scores else timed
 
 
 def border_loss(shown: Image, truth: Image) -> float:
@@ -150,7 +150,7 @@ def compare(
         Score(psnr(before, as_is), ssim(before, as_is), 0),
         count,
         best,
-        {name: found for name, (_, found) in done.items()},
+        {name: method_score for name, (_, method_score) in done.items()},
         score.seconds / timed,
         border_loss(shown, truth),
         flat_noise(shown, before, truth),

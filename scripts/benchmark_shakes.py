@@ -1,24 +1,24 @@
-"""Estimate blindly on photos whose shake is known, by hands and of scenes that are set apart.
+"""Estimate blindly on photos of known shake, with separate scenes and hands for tuning and tests.
 
     python scripts/benchmark_shakes.py --cases DIR --scenes DIR [DIR ...] --set tune
     python scripts/benchmark_shakes.py --cases DIR --scenes DIR --only L01,O03 --out rows.json
 
-`shake_cases` has the list of cases and renders them into DIR, without deshake; they stay there.
-What `tune` has, scenes and recordings of hands, `test` has not: settings are chosen by the one set
-and judged by the other. Photos of .1 to 16 megapixels are shaken by 3 to 120 px; some are sharp,
-soft or out of focus, and better left alone.
+`shake_cases` has the list of cases and renders them into DIR, without deshake; they stay there. The
+sets `tune` and `test` share no scenes and no recordings of hands: settings are chosen on `tune` and
+judged on `test`. Photos of .1 to 16 megapixels are shaken by 3 to 120 px. Some are sharp, soft or
+out of focus; deblurring should not change them.
 
 Each case is estimated in a process of its own, by default options and with one thread. Its CPU
 seconds and peak memory are those of the estimate alone. Photos of up to 1.2 megapixels are
 deblurred whole, and of larger ones two parts: that of the most edges, and that of the most near a
 corner. PSNR (dB) is that of 8-bit display values over the inner 92 %, after the homography that
-fits the sharp photo best: no blind method can tell where the camera pointed on average. The photo
-itself and the result of the true kernel are scored alike, once; DIR keeps these scores
+fits the sharp photo best: no blind method can know where the camera pointed on average. The photo
+itself and the result of the true kernel are scored in the same way, once; DIR keeps these scores
 (`*_base.json`: delete them when deblurring changes).
 
-`gain` is the result's lead on the photo, `below` the true kernel's on the result. `alike` is the
-largest correlation of the kernel's and the truth's local filters over shifts, on average. A result
-is warned of where its confidence is below .5 or a note says `doubtful`.
+`gain` is the result's lead on the photo, `below` the true kernel's lead on the result. `alike` is
+the largest correlation of the kernel's and the truth's local filters over shifts, on average. A
+result has a warning if its confidence is below .5 or a note says `doubtful`.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ class Base:
 
 @dataclass(frozen=True)
 class Row:
-    """How a case went; PSNR in dB, CPU seconds and megabytes of the estimate."""
+    """The result of a case; PSNR in dB, CPU seconds and megabytes of the estimate."""
 
     name: str
     kind: str
@@ -148,12 +148,12 @@ class Row:
 
     @property
     def deblurred(self) -> bool:
-        """Whether the photo was not left as it is."""
+        """Whether the photo was changed."""
         return self.verdict == "deblurred"
 
     @property
     def warned(self) -> bool:
-        """Whether the user is told not to trust the result."""
+        """Whether the user is warned not to trust the result."""
         return self.confidence < SURE or any("doubtful" in note for note in self.notes)
 
 
@@ -171,7 +171,7 @@ def softened(codes: Codes) -> NDArray[np.float32]:
 
 
 def aligned(result: Codes, sharp: Codes) -> NDArray[np.float32]:
-    """Move a result to where it fits the sharp picture best, by a homography."""
+    """Align a result with the sharp picture, by a homography."""
     ours, truth = softened(result), softened(sharp)
     window = cv2.createHanningWindow(truth.shape[::-1], cv2.CV_32F)
     (dx, dy), _ = cv2.phaseCorrelate(truth * window, ours * window)
@@ -218,7 +218,7 @@ def detail_of(sharp: Codes, size: tuple[int, int], blur: float) -> NDArray[np.fl
 
 
 def apartness(shape: tuple[int, int], box: Box) -> NDArray[np.float64]:
-    """Tell what share of each part, by its upper left pixel, lies outside a box."""
+    """Return the share of each part, by its upper left pixel, that lies outside a box."""
     y, x = (np.arange(side) for side in shape)
     rows = np.clip(1 - np.abs(y - box.y) / box.height, 0, 1)
     columns = np.clip(1 - np.abs(x - box.x) / box.width, 0, 1)
@@ -226,7 +226,7 @@ def apartness(shape: tuple[int, int], box: Box) -> NDArray[np.float64]:
 
 
 def parts(sharp: Codes, blur: float) -> list[Box]:
-    """Choose what is deblurred of a photo: all, or two parts that hardly overlap."""
+    """Choose the parts of a photo to deblur: all, or two parts that hardly overlap."""
     height, width = sharp.shape[:2]
     if height * width <= WHOLE:
         return [Box(0, 0, width, height)]
@@ -283,11 +283,11 @@ def true_kernel(case: Case, folder: Path, photo: Photo) -> RotationKernel | None
 
 
 def base_of(case: Case, folder: Path, photo: Photo, sharp: Codes) -> Base:
-    """Score the photo as it is and with the true kernel, or read what that gave before."""
+    """Score the photo itself and the result of the true kernel, or read the stored scores."""
     file = case_file(folder, case, "_base.json")
     if file.is_file():
-        told = json.loads(file.read_text("utf-8"))
-        return Base(**told | {"boxes": [Box(*box) for box in told["boxes"]]})
+        stored = json.loads(file.read_text("utf-8"))
+        return Base(**stored | {"boxes": [Box(*box) for box in stored["boxes"]]})
     boxes = parts(sharp, case.blur)
     before = score(photo, None, sharp, boxes, case.blur)
     kernel = true_kernel(case, folder, photo)
@@ -319,7 +319,7 @@ def local_filter(
 def similarity(ours: RotationKernel, truth: RotationKernel, extent: float) -> float:
     """Return the largest correlation of two kernels' filters over shifts, on average."""
     sigma = max(0.06 * extent, 0.7)
-    found = []
+    peaks = []
     for point in truth.camera.corners[POINTS]:
         drawn = []
         for kernel in (ours, truth):
@@ -329,12 +329,12 @@ def similarity(ours: RotationKernel, truth: RotationKernel, extent: float) -> fl
         far = max(np.abs(moves).max() for _, moves in drawn)
         side = max(int(2 * far + 8 * sigma + 8), 16)
         one, other = (np.fft.rfft2(local_filter(*item, side, sigma)) for item in drawn)
-        found.append(np.fft.irfft2(one * other.conj(), s=(side, side)).max())
-    return float(np.mean(found))
+        peaks.append(np.fft.irfft2(one * other.conj(), s=(side, side)).max())
+    return float(np.mean(peaks))
 
 
 def is_still(kernel: RotationKernel) -> bool:
-    """Whether a kernel leaves the photo as it is."""
+    """Whether a kernel does not change the photo."""
     return not kernel.theta[kernel.weights > 0].any()
 
 
@@ -348,8 +348,12 @@ def measure(case: Case, folder: Path) -> Row:
     kernel, confidence, notes, verdict = None, 0.0, [], "left"
     start = time.process_time()
     try:
-        found = estimate_blind(photo, options, threads=1)
-        kernel, confidence, notes = found.content.kernel, found.content.confidence, found.notes
+        blind_estimate = estimate_blind(photo, options, threads=1)
+        kernel, confidence, notes = (
+            blind_estimate.content.kernel,
+            blind_estimate.content.confidence,
+            blind_estimate.notes,
+        )
     except DeshakeError as error:
         verdict = f"error: {error}"
     seconds = time.process_time() - start
@@ -394,7 +398,7 @@ def send(pipe: Connection, function: Callable[..., Any], args: Sequence[Any]) ->
     """Send what a function returns, or its exception."""
     try:
         pipe.send(function(*args))
-    except Exception as error:  # noqa: BLE001 - the other process tells it
+    except Exception as error:  # noqa: BLE001 - the other process raises it
         pipe.send(error)
     pipe.close()
 
@@ -432,14 +436,14 @@ def number(value: float | None, form: str) -> str:
 def line(row: Row) -> str:
     """One case."""
     extent = f"{number(row.extent, '5.1f')} /{number(row.true_extent, '6.1f')}"
-    told = row.notes[0][:60] if row.notes and row.true is None else ""
+    remark = row.notes[0][:60] if row.notes and row.true is None else ""
     verdict = row.verdict + (", warned" if row.warned and row.deblurred else "")
     return (
         f"{row.name:5} {row.kind:12} {row.megapixels:5.2f} {row.blur:5.1f}"
         f"  | {row.photo:5.2f}  {row.result:6.2f}  {number(row.true, '5.2f')}"
         f"  {row.gain:+6.2f}  {number(row.below, '5.2f')} | {number(row.alike, '5.3f')}"
         f"  {extent}  | {row.confidence:5.3f}  {row.seconds:5.1f}  {row.megabytes:5.0f}"
-        f"  {verdict}{'; ' if told else ''}{told}"
+        f"  {verdict}{'; ' if remark else ''}{remark}"
     )
 
 
@@ -472,7 +476,7 @@ def class_table(rows: Sequence[Row]) -> list[str]:
 
 
 def unwarned_table(rows: Sequence[Row]) -> list[str]:
-    """Count what is made worse without a warning."""
+    """Count the photos that become worse without a warning."""
     lines = [f"made worse by more than {WORSE} dB without a warning:"]
     for kind in KINDS.values():
         some = [row for row in rows if row.kind == kind]
@@ -522,8 +526,8 @@ def report(rows: Sequence[Row]) -> str:
 
 def dump(rows: Sequence[Row], file: Path) -> None:
     """Write all rows as JSON."""
-    told = [asdict(row) | {"gain": row.gain, "below": row.below} for row in rows]
-    file.write_text(json.dumps(told, indent=1) + "\n", "utf-8")
+    records = [asdict(row) | {"gain": row.gain, "below": row.below} for row in rows]
+    file.write_text(json.dumps(records, indent=1) + "\n", "utf-8")
 
 
 def at_hand(cases: Sequence[Case], args: argparse.Namespace, places: Places) -> list[Case]:

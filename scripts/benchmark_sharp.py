@@ -10,8 +10,8 @@ photo by less than 0.5 % rms of full scale, in display values, or not at all, wi
 why.
 
 Photos out of focus are blurred in linear light by a disk of 3 to 15 pixels across, with noise, as
-8-bit files. Printed is the PSNR (dB) of display values before and after, at the shift and turn that
-fit best; none may lose more than 0.1 dB. The last column is the note that says what was seen.
+8-bit files. The table has the PSNR (dB) of display values before and after, at the shift and turn
+that fit best; none may lose more than 0.1 dB. The last column is the note of the estimate.
 """
 
 from __future__ import annotations
@@ -65,14 +65,14 @@ PHOTOS: dict[str, Callable[[], Codes]] = {
     "text": data.text,
 }
 FOUND = {"houses": "houses.jpg", "manmade": "manmade_01.png"}  # in the folder of data
-LONGEST = 1024  # px: what is found there is reduced to it
+LONGEST = 1024  # px: longer side; larger photos of that folder are reduced to it
 MOST_RMS = 0.005  # of full scale
 MOST_LOST = 0.1  # dB
 BORDER = 12  # px left out of the comparison on every side
 
 
 class Case(NamedTuple):
-    """What becomes of a photo before it is fixed.
+    """How a photo is changed before it is fixed.
 
     Light is multiplied by `light`, blurred by a disk so many pixels across, and given noise of so
     much of full scale; `part` is a share of the frame (top, bottom, left, right).
@@ -169,17 +169,17 @@ def prepare(case: Case, folder: Path | None, path: Path) -> tuple[Path, Image]:
         round(top * height) : round(bottom * height), round(left * width) : round(right * width)
     ]
     if case.sigma == case.disk == 0 and case.light == 1:
-        seen = codes  # to the code
+        stored = codes  # to the code
     else:
         light = decode(codes, Srgb()) * np.float32(case.light)
         if case.disk:
             light = cv2.filter2D(light, -1, disk(case.disk), borderType=cv2.BORDER_REFLECT)
         grain = np.random.default_rng(len(case.photo)).standard_normal(light.shape)
         shown = Srgb().from_linear(np.clip(light, 0, 1)) + case.sigma * grain
-        seen = np.rint(255 * np.clip(shown, 0, 1)).astype(np.uint8)
+        stored = np.rint(255 * np.clip(shown, 0, 1)).astype(np.uint8)
     path = path.with_suffix(".png" if case.quality is None else ".jpg")
     options = {} if case.quality is None else {"quality": case.quality}
-    Pictures.fromarray(seen).save(path, **options)
+    Pictures.fromarray(stored).save(path, **options)
     return path, decode(codes, Srgb())
 
 
@@ -198,14 +198,14 @@ def measure(case: Case, folder: Path | None) -> Result:
         path, truth = prepare(case, folder, Path(scratch) / "photo")
         photo = read_photo(path)
         start = time.process_time()
-        found = estimate_blind(photo, EstimateOptions(), threads=1)
-        result = deblur(photo, found.content.kernel, threads=1)
+        blind_estimate = estimate_blind(photo, EstimateOptions(), threads=1)
+        result = deblur(photo, blind_estimate.content.kernel, threads=1)
     seconds = time.process_time() - start
     one, other = (encode(item.pixels, Srgb(), 8).astype(np.float32) for item in (photo, result))
     rms = float(np.sqrt(np.square(one - other).mean()) / 255)
     scores = (fit(photo, truth), fit(result, truth)) if case.disk else (0.0, 0.0)
-    notes = [note for note in found.notes if "50 mm" not in note]
-    confidence = found.content.confidence
+    notes = [note for note in blind_estimate.notes if "50 mm" not in note]
+    confidence = blind_estimate.content.confidence
     return Result(rms, *scores, confidence, seconds, notes, result is photo)
 
 

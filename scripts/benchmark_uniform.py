@@ -1,4 +1,4 @@
-"""Ours against scikit-image on uniform blur, with the truth in hand.
+"""Compare deshake with scikit-image on uniform blur, against the truth.
 
     python scripts/benchmark_uniform.py
     python scripts/benchmark_uniform.py --photos moon coffee --extent 30 --seed 2 --repeats 5
@@ -9,10 +9,10 @@ border nor the operator is known. White noise is added. All methods get the same
 the same blur, and are scored in linear light: PSNR (dB) of the whole frame, and in brackets of what
 lies further within than the blur's extent.
 
-scikit-image's functions know of one plane and of no border: colours are given one by one, and the
-photo as it is, continued by its edges as far as the blur reaches, or mirrored four times as far.
-The best of these is found with the truth in hand, as are the number of iterations and Wiener's
-balance. Times are wall times of one thread, the shortest of the repeats, set-up included.
+scikit-image's functions take one plane and have no border. So they get the colours one by one, and
+the photo itself, or continued by its edge pixels as far as the blur reaches, or mirrored four times
+as far. The truth decides which of these is best, the number of iterations, and Wiener's balance.
+Times are wall times of one thread, the shortest of the repeats, with set-up.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from shaken_photos import Photo, psnr, reduced, seen
+from shaken_photos import Photo, psnr, reduced, scene_in_frame
 from skimage import data, restoration
 
 from deshake.formats.transfer import Srgb, decode
@@ -103,7 +103,7 @@ def shaken(name: str, extent: float, sigma: float, seed: int) -> Photo:
     fine = np.maximum(fine, 0)
     blurred = np.zeros((2 * height, 2 * width, *scene.shape[2:]), np.float32)
     for h, weight in zip(homographies(camera, theta), weights, strict=True):
-        blurred += np.float32(weight) * seen(fine, h, camera)
+        blurred += np.float32(weight) * scene_in_frame(fine, h, camera)
     light = reduced(blurred)
     noise = np.random.default_rng(seed).standard_normal(light.shape, np.float32)
     kernel = RotationKernel(theta, weights, grid_steps(camera), camera)

@@ -1,8 +1,8 @@
-"""Run deshake on files that are broken on purpose, and say where it does not stand it.
+"""Run deshake on files that are broken on purpose, and list its faults.
 
-Every photo goes through calibrate and fix, every .npz file through the command that takes it. What
-is a fault: a crash, more than 10 seconds of the processor or 30 by the clock, more than 1 GB of
-memory, any exit code but 0 and 1, an error that is not one line, or no error at exit code 1.
+Every photo passes calibrate and fix, every .npz file the command that reads it. A fault is a crash,
+more than 10 seconds of the processor or 30 by the clock, more than 1 GB of memory, any exit code
+but 0 and 1, an error that is not one line, or no error at exit code 1.
 
     python scripts/broken_files.py --count 300 --seed 1
 """
@@ -78,28 +78,28 @@ class Outcome:
 
     def faults(self) -> list[str]:
         """Say what is wrong; nothing if the command did what it should."""
-        found = []
+        faults = []
         if self.code is None:
-            found.append("crashed or did not end")
+            faults.append("crashed or did not end")
         elif self.code not in {0, 1}:
-            found.append(f"exit code {self.code}")
+            faults.append(f"exit code {self.code}")
         if self.seconds > _SECONDS:
-            found.append(f"{self.seconds:.1f} s")
+            faults.append(f"{self.seconds:.1f} s")
         if self.memory > _BYTES:
-            found.append(f"{self.memory / 1e9:.2f} GB")
+            faults.append(f"{self.memory / 1e9:.2f} GB")
         lines = self.err.splitlines()
         errors = sum(line.startswith("error: ") for line in lines)
         if self.code is not None and errors != self.code:
-            found.append(f"{errors} lines of errors at exit code {self.code}")
+            faults.append(f"{errors} lines of errors at exit code {self.code}")
         if not all(line.startswith(("error: ", "hint: ", "warning: ")) for line in lines):
-            found.append("lines that are neither errors, hints nor warnings")
+            faults.append("lines that are neither errors, hints nor warnings")
         if "this is a bug" in self.err:
-            found.append("what is called a bug")
-        return found
+            faults.append("what is called a bug")
+        return faults
 
 
 def cases(folder: Path, count: int, seed: int, *, with_bombs: Iterable[str] = ()) -> Iterator[Case]:
-    """Write broken files into a folder, as many as asked for, and tell how to run on them."""
+    """Write as many broken files into a folder as asked for, and yield the runs on them."""
     sound = seeds(folder)
     for name, content in sound.items():
         (folder / name).write_bytes(content)
@@ -177,8 +177,8 @@ def _serve() -> None:
             seconds = time.process_time() - start
             sys.stderr.flush()
             spoken.seek(0)
-            told = {"code": code, "err": spoken.read().decode("utf-8", "replace")}
-            answers.write(json.dumps(told | {"seconds": seconds, "memory": _peak()}) + "\n")
+            answer = {"code": code, "err": spoken.read().decode("utf-8", "replace")}
+            answers.write(json.dumps(answer | {"seconds": seconds, "memory": _peak()}) + "\n")
             answers.flush()
 
 

@@ -1,11 +1,11 @@
-"""Fix photos at the defaults, and show what became of them on one sheet.
+"""Fix photos at the defaults, and show the results on one sheet.
 
     python scripts/contact_sheet.py shaken/ another.jpg -o sheet.png
     python scripts/contact_sheet.py shaken/ -o sheet.png --jobs 2 --keep results
 
-Each photo has a line: as it was, as it is, the kernel's rotations, and a part with much detail at
-100 %, as it was and as it is. Above stand its name, its size, the seconds taken, what estimated the
-kernel, the confidence and the extent, then the notes. Whatever fails is named in its place.
+Each photo has a line: the photo, the result, the kernel's rotations, and a part with much detail at
+100 %, before and after. The text above has its name, its size, the seconds, the estimator of the
+kernel, the confidence and the extent, then the notes. A photo that fails has its error there.
 """
 
 from __future__ import annotations
@@ -45,22 +45,23 @@ WIDTH = 480
 LEAST_WIDTH = 120
 
 
-def caption(photo: Photo, found: Estimate, seconds: float, columns: int) -> list[str]:
+def caption(photo: Photo, blind_estimate: Estimate, seconds: float, columns: int) -> list[str]:
     """Tell about a photo and its estimate, in lines of so many characters."""
-    facts = found.report()
+    facts = blind_estimate.report()
     text = (
         f"{photo.source.name}   {photo.shape[1]} x {photo.shape[0]}   {seconds:.0f} s"
-        f"   {found.content.provenance['estimated_by']}   confidence {facts['confidence']:.2f}"
+        f"   {blind_estimate.content.provenance['estimated_by']}"
+        f"   confidence {facts['confidence']:.2f}"
         f"   extent {facts['extent_px']:.1f} px, {facts['rotations']} rotations"
     )
-    return [text, *(line for note in found.notes for line in textwrap.wrap(note, columns))]
+    return [text, *(line for note in blind_estimate.notes for line in textwrap.wrap(note, columns))]
 
 
-def keep(folder: Path, found: Estimate, result: Photo) -> None:
+def keep(folder: Path, blind_estimate: Estimate, result: Photo) -> None:
     """Keep the result as PNG, and its kernel."""
     source = result.source
     write_photo(folder / f"{source.stem}.deshaken.png", result, overwrite=True)
-    write_kernel(folder / kernel_name(source), found.content, overwrite=True)
+    write_kernel(folder / kernel_name(source), blind_estimate.content, overwrite=True)
 
 
 def fixed(source: Path, width: int, folder: Path | None) -> Line:
@@ -69,34 +70,34 @@ def fixed(source: Path, width: int, folder: Path | None) -> Line:
     start = time.perf_counter()
     try:
         photo = read_photo(source)
-        found = estimate_blind(photo, EstimateOptions(), threads=1)
-        result = deblur(photo, found.content.kernel, threads=1)
+        blind_estimate = estimate_blind(photo, EstimateOptions(), threads=1)
+        result = deblur(photo, blind_estimate.content.kernel, threads=1)
         seconds = time.perf_counter() - start
         if folder is not None:
-            keep(folder, found, result)
+            keep(folder, blind_estimate, result)
     except DeshakeError as error:
         text = f"{source.name}   failed: {error.message}"
         return Line(textwrap.wrap(text, columns), [], failed=True)
-    cells = before_and_after(photo, result, found.content.kernel, width)
-    return Line(caption(photo, found, seconds, columns), cells)
+    cells = before_and_after(photo, result, blind_estimate.content.kernel, width)
+    return Line(caption(photo, blind_estimate, seconds, columns), cells)
 
 
 def checked(photos: Sequence[Path], output: Path, folder: Path | None) -> list[Path]:
     """Check what can be checked before the work, and list the photos."""
     if output.suffix.lower() not in {".png", ".jpg", ".jpeg"}:
         raise OutputError("the sheet's name must end in .png or .jpg", file=output)
-    found = [found.path for found in find_photos(photos)]
-    for source in found:
+    paths = [paths.path for paths in find_photos(photos)]
+    for source in paths:
         check_output(output, source, overwrite=True)
     if folder is not None:
-        if len({source.stem for source in found}) < len(found):
+        if len({source.stem for source in paths}) < len(paths):
             raise OutputError("two photos have one name", hint="leave out --keep", file=folder)
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             reason = (error.strerror or str(error)).lower()
             raise OutputError(f"the folder cannot be made: {reason}", file=folder) from error
-    return found
+    return paths
 
 
 def main(argv: Sequence[str] | None = None) -> int:

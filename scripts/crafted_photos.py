@@ -31,11 +31,11 @@ KINDS = ("EXIF", "maker note", "GPS", "XMP", "IPTC", "profile")
 
 ICC = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 CITY, TITLE = "K\u00f6ln", "A title"
-"""What the XMP and the IPTC tell."""
+"""The caption in the XMP and the IPTC."""
 
 IPTC = b"\x1c\x02\x05\0\x07A title\x1c\x02\x19\0\x04word"
 NOTE = b"what the maker note points at"
-"""What lies at the offset that the maker note tells."""
+"""The bytes at the offset in the maker note."""
 
 _XMP = (
     b'<?xpacket begin="\xef\xbb\xbf" id="W5M0MpCehiHzreSzNTczkc9d"?>\n<x:xmpmeta '

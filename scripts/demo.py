@@ -1,7 +1,7 @@
-"""Show deshake at work, and leave the pictures in a folder.
+"""Run deshake on a photo, and write the pictures into a folder.
 
-Without PHOTO, a real photo that a development dependency ships is shaken by a known camera path,
-and `deshake fix` has to undo that from the shaken JPEG alone. With PHOTO, that one is fixed.
+Without PHOTO, a known camera path shakes a real photo that a development dependency ships, and
+`deshake fix` deblurs the shaken JPEG without further information. With PHOTO, that photo is fixed.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def shipped_photo(name: str) -> Image.Image:
 
 
 def save_with_lens(photo: Image.Image, path: Path) -> None:
-    """Save a photo with the EXIF tag that tells its lens, as a camera does."""
+    """Save a photo with the EXIF tag of its lens, as a camera does."""
     exif = Image.Exif()
     exif[DESCRIPTION_TAG] = "from a development dependency of deshake"
     exif.get_ifd(EXIF_DIRECTORY)[FILM_TAG] = FILM_MM
@@ -73,7 +73,7 @@ def aligned_psnr(photo: np.ndarray, truth: np.ndarray) -> float:
     """Return the PSNR in dB of display values, borders left out.
 
     The truth is first shifted and turned as a whole, to fractions of a pixel, to where it fits
-    the photo best: no blind method can tell where the camera pointed on average.
+    the photo best: no blind method can know where the camera pointed on average.
     """
     motion = np.eye(2, 3, dtype=np.float32)
     stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-7)
@@ -93,7 +93,7 @@ def crop_side(picture: np.ndarray) -> int:
 
 
 def busiest_crops(picture: np.ndarray, count: int) -> list[tuple[int, int]]:
-    """Return the corners (x, y) of crops with much detail, none of which overlap."""
+    """Return the corners (x, y) of crops with much detail that do not overlap."""
     height, width = picture.shape[:2]
     side = crop_side(picture)
     grey = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
@@ -150,10 +150,10 @@ def shake_and_fix(out: Path) -> float:
     deshake("fix", shaken, "-o", fixed, "--keep-kernels", out, "--overwrite")
     truth = display_values(sharp)
     before, after = (aligned_psnr(display_values(path), truth) for path in (shaken, fixed))
-    true, found = (read_kernel(out / name).kernel for name in ("true.npz", "shaken.kernel.npz"))
-    save(render_comparison({"true": true, "estimated": found.centred()}), out / "kernels.png")
+    true, estimated = (read_kernel(out / name).kernel for name in ("true.npz", "shaken.kernel.npz"))
+    save(render_comparison({"true": true, "estimated": estimated.centred()}), out / "kernels.png")
     save(render_filters(true, 4, 6), out / "filters-true.png")
-    save(render_filters(found, 4, 6), out / "filters-estimated.png")
+    save(render_filters(estimated, 4, 6), out / "filters-estimated.png")
     contact_sheet(
         {
             f"shaken, {before:.2f} dB": display_values(shaken),

@@ -5,15 +5,15 @@
 
 DIR holds the authors' test photo, houses.jpg, of 320 x 240 pixels. Its values are taken as linear
 light. The camera, f = 320 px, turns about Y or Z at uniform speed, sampled 250 times, as far as
-blurs the edge of the frame by 10, 20 or 30 px; noise of sigma 0, 5 or 10 of 255 is added, and the
-photo is rounded to 8 bits and clipped. A kernel is estimated by the rotational (R) and by the
-uniform model (U), told how wide the blur is at most, as the paper's was, and without the prior on
-how hands turn a camera, which the paper does not have. Richardson-Lucy, Eq. (11), undoes the blur
-with the estimated kernel and with the true one, by equally many iterations.
+blurs the edge of the frame by 10, 20 or 30 px. Noise of sigma 0, 5 or 10 of 255 is added, and the
+photo is rounded to 8 bits and clipped. The rotational (R) and the uniform model (U) estimate a
+kernel. As in the paper, they get the largest width of the blur, and use no prior on how hands turn
+a camera. Richardson-Lucy, Eq. (11), deblurs with the estimated kernel and with the true one, by
+equally many iterations.
 
 Printed are root mean square errors, of 255, and in brackets their ratio to the true kernel's,
 beside the paper's. Each is of the interior, with the sharp photo turned about three axes to where
-it fits the restored one best: no blind method can tell where the camera pointed on average.
+it fits the restored one best: no blind method can know where the camera pointed on average.
 """
 
 from __future__ import annotations
@@ -99,11 +99,11 @@ def parse_cells(text: str) -> list[Cell]:
     """Read names of cells such as ``Y10s0,Z30s5``."""
     cells = []
     for name in text.split(","):
-        found = re.fullmatch(r"([YZ])(\d+)s(\d+)", name.strip())
-        if not found:
+        match = re.fullmatch(r"([YZ])(\d+)s(\d+)", name.strip())
+        if not match:
             message = f"{name!r} is not a cell such as Y10s0"
             raise argparse.ArgumentTypeError(message)
-        cells.append(Cell(found[1], int(found[2]), int(found[3])))
+        cells.append(Cell(match[1], int(match[2]), int(match[3])))
     return cells
 
 
@@ -171,7 +171,7 @@ def score(sharp: Image, cell: Cell, model: str, seed: int) -> Score:
     start = time.perf_counter()
     photo, true = shaken(sharp, cell, seed)
     light = photo / np.float32(255)
-    found = estimate_variational(
+    blind_estimate = estimate_variational(
         light,
         true.camera,
         blur_px=cell.extent + ROOM_PX,
@@ -187,7 +187,7 @@ def score(sharp: Image, cell: Cell, model: str, seed: int) -> Score:
         return clipped
 
     return Score(
-        aligned_rms(restored(found.kernel), sharp),
+        aligned_rms(restored(blind_estimate.kernel), sharp),
         aligned_rms(restored(true), sharp),
         aligned_rms(photo, sharp),
         time.perf_counter() - start,
@@ -202,9 +202,11 @@ def table(scores: dict[tuple[Cell, str], Score], model: str) -> str:
         for sigma in SIGMAS:
             line = f"| {axis}, sigma {sigma} |"
             for extent, (rms, ratio) in zip(EXTENTS, PAPER[axis, sigma, model], strict=True):
-                found = scores.get((Cell(axis, extent, sigma), model))
+                scored = scores.get((Cell(axis, extent, sigma), model))
                 ours = (
-                    f"{found.estimated:.1f} ({found.estimated / found.true:.2f})" if found else ""
+                    f"{scored.estimated:.1f} ({scored.estimated / scored.true:.2f})"
+                    if scored
+                    else ""
                 )
                 line += f" {ours} | {rms:.1f} ({ratio:.1f}) |"
             lines.append(line)
@@ -212,7 +214,7 @@ def table(scores: dict[tuple[Cell, str], Score], model: str) -> str:
 
 
 def run(sharp: Image, args: argparse.Namespace) -> dict[tuple[Cell, str], Score]:
-    """Score all cells, some at once, and tell of each as it is done."""
+    """Score all cells, some at once, and print each as it is done."""
     scores: dict[tuple[Cell, str], Score] = {}
     with ProcessPoolExecutor(args.jobs, mp_context=get_context("spawn")) as pool:
         works = {
@@ -222,10 +224,11 @@ def run(sharp: Image, args: argparse.Namespace) -> dict[tuple[Cell, str], Score]
         }
         for work in as_completed(works):
             cell, model = works[work]
-            scores[cell, model] = found = work.result()
+            scores[cell, model] = scored = work.result()
             print(
-                f"{cell} {model}: {found.estimated:.2f} ({found.estimated / found.true:.3f}), "
-                f"true kernel {found.true:.2f}, blurred {found.blurred:.2f}, {found.seconds:.0f} s",
+                f"{cell} {model}: {scored.estimated:.2f} ({scored.estimated / scored.true:.3f}), "
+                f"true kernel {scored.true:.2f}, blurred {scored.blurred:.2f}, "
+                f"{scored.seconds:.0f} s",
                 file=sys.stderr,
                 flush=True,
             )

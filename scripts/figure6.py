@@ -5,16 +5,16 @@
 
 DIR holds photos of Levin et al., "Understanding and evaluating blind deconvolution algorithms",
 CVPR 2009, one in a .mat file: y, of 255 x 255 pixels, is the sharp photo x correlated with the
-kernel f, really and not by computation, up to a shift. Fig. 6 shows im06_flit02. Values are taken
-as linear light. Each estimator finds a kernel of the uniform model; with --free it may turn the
-camera about the optical axis, too, behind a long lens. Our default restoration undoes the blur
-with that kernel and with the true one.
+kernel f, by a real camera and not by computation, up to a shift. Fig. 6 shows im06_flit02. Values
+are taken as linear light. Each estimator estimates a kernel of the uniform model; with --free the
+camera may also turn about the optical axis, with a long lens. The default restoration deblurs with
+that kernel and with the true one.
 
-Printed are PSNRs (dB) of the interior. No blind method can tell where the camera pointed on
+Printed are PSNRs (dB) of the interior. No blind method can know where the camera pointed on
 average: as in the authors' own evaluation, the restored photo is shifted by quarters of a pixel,
-linearly interpolated, to where it fits the sharp one best. In brackets stands what is left of the
-PSNR if it may be shifted by whole pixels only. The error ratio is the squared error with the
-estimated kernel over that with the true one.
+linearly interpolated, to where it fits the sharp one best. In brackets is the PSNR with shifts by
+whole pixels only. The error ratio is the squared error with the estimated kernel over that with the
+true one.
 """
 
 from __future__ import annotations
@@ -153,7 +153,9 @@ def score(path: Path, estimator: Estimator, *, free: bool) -> Score:
     height, width = case.blurred.shape
     long = Camera.from_focal(LONG_LENS * max(height, width), height, width)
     start = time.perf_counter()
-    found = estimate_kernel(case.blurred, long, estimator=estimator, uniform=not free, threads=1)
+    blind_estimate = estimate_kernel(
+        case.blurred, long, estimator=estimator, uniform=not free, threads=1
+    )
     seconds = time.perf_counter() - start
 
     def error(kernel: RotationKernel) -> Error:
@@ -162,10 +164,10 @@ def score(path: Path, estimator: Estimator, *, free: bool) -> Score:
 
     true = true_kernel(case.filter, Camera.uniform(height, width))
     return Score(
-        error(found.kernel),
+        error(blind_estimate.kernel),
         error(true),
         shifted_error(case.blurred, case.sharp),
-        found.name,
+        blind_estimate.name,
         seconds,
     )
 
@@ -201,7 +203,7 @@ def table(scores: dict[str, Score], title: str) -> str:
 def run(
     paths: Sequence[Path], args: argparse.Namespace
 ) -> dict[tuple[Estimator, bool], dict[str, Score]]:
-    """Score all cases, some at once, and tell of each as it is done."""
+    """Score all cases, some at once, and print each as it is done."""
     models = (False, True) if args.free else (False,)
     scores: dict[tuple[Estimator, bool], dict[str, Score]] = {
         (estimator, free): {} for estimator in args.estimators for free in models
@@ -214,10 +216,10 @@ def run(
         }
         for work in as_completed(works):
             case, estimator, free = works[work]
-            scores[estimator, free][case] = found = work.result()
+            scores[estimator, free][case] = scored = work.result()
             print(
-                f"{case} {estimator}{' free' * free}: {found.estimated}, ratio {found.ratio:.2f}, "
-                f"{found.seconds:.0f} s",
+                f"{case} {estimator}{' free' * free}: {scored.estimated}, "
+                f"ratio {scored.ratio:.2f}, {scored.seconds:.0f} s",
                 file=sys.stderr,
                 flush=True,
             )

@@ -1,4 +1,4 @@
-"""Fig. 7 of the paper, for any pair: a blurred and a noisy photo, and what becomes of them.
+"""Fig. 7 of the paper, for any pair: a blurred and a noisy photo, and their results.
 
     python scripts/figure7.py BLURRED NOISY -o sheet.png
     python scripts/figure7.py BLURRED NOISY --beside their-result.png -o sheet.png
@@ -67,7 +67,7 @@ Frame = NDArray[np.float64]
 
 
 class PairToShow(NamedTuple):
-    """A pair, what the estimate goes by, and the sharp photo of a registration, if it is known."""
+    """A pair, the options of its estimate, and the sharp photo of a registration, if known."""
 
     name: str
     blurred: Photo
@@ -77,9 +77,9 @@ class PairToShow(NamedTuple):
 
 
 class Shown(NamedTuple):
-    """What was found: the registration, both kernels, both results, and the seconds it took."""
+    """The registration, both kernels, both results, and the seconds of a pair."""
 
-    found: Found
+    registering: Found
     kernels: dict[str, Estimate]
     results: dict[str, Photo]
     seconds: float
@@ -98,11 +98,11 @@ def simulated(name: str, data: Path, *, camera_files: bool) -> PairToShow:
 
 
 def deblurred(pair: PairToShow, threads: int) -> Shown:
-    """Take a pair through the stages of `fix --noisy`, by both models."""
+    """Run the stages of `fix --noisy` on a pair, with both models."""
     start = time.perf_counter()
     g, f_N = pair.blurred, pair.noisy
-    found = find_registration(g, f_N, pair.options, threads=threads)
-    registration = found.registration
+    registering = find_registration(g, f_N, pair.options, threads=threads)
+    registration = registering.registration
     kernels, results = {}, {}
     for model in MODELS:
         options = EstimateOptions(**vars(pair.options) | {"uniform": model == "uniform"})
@@ -110,23 +110,23 @@ def deblurred(pair: PairToShow, threads: int) -> Shown:
         kernels[model] = estimate_pair(g, f_N, options, **known)
         kernel = kernels[model].content.kernel
         results[model] = deblur(g, kernel, RestorationOptions("fusion"), noisy=f_N, **known)
-    return Shown(found, kernels, results, time.perf_counter() - start)
+    return Shown(registering, kernels, results, time.perf_counter() - start)
 
 
-def noisy_in_frame(pair: PairToShow, found: Found) -> Photo:
-    """Return the noisy photo as it lies to the blurred one, and as bright."""
+def noisy_in_frame(pair: PairToShow, registering: Found) -> Photo:
+    """Return the noisy photo, registered to the blurred one and as bright."""
     f_N = pair.noisy.pixels
     if pair.blurred.pixels.ndim == 2:
         f_N = luminance(f_N)
     elif f_N.ndim == 2:
         f_N = np.dstack([f_N] * 3)
-    pixels, _ = registered(f_N, found.registration)
-    return pair.blurred.with_pixels(pixels * np.float32(found.registration.scale))
+    pixels, _ = registered(f_N, registering.registration)
+    return pair.blurred.with_pixels(pixels * np.float32(registering.registration.scale))
 
 
 def caption(pair: PairToShow, done: Shown, columns: int) -> list[str]:
-    """Tell what was found, in lines of so many characters."""
-    facts = done.found.report()
+    """Describe the results, in lines of so many characters."""
+    facts = done.registering.report()
     turned = ", ".join(f"{angle:.2f}" for angle in facts["theta_degrees"])
     height, width = pair.blurred.shape
     scale, confidence = facts["scale"], facts["confidence"]
@@ -141,7 +141,7 @@ def caption(pair: PairToShow, done: Shown, columns: int) -> list[str]:
             f"confidence {report['confidence']:.2f}"
         )
         lines += [f"{model}: {note}" for note in kernel.notes]
-    lines += done.found.notes
+    lines += done.registering.notes
     return [part for text in lines for part in textwrap.wrap(text, columns)]
 
 
@@ -153,10 +153,13 @@ def score(photo: Photo, truth: Photo) -> str:
 
 def lay_out(pair: PairToShow, done: Shown, beside: Sequence[Path], width: int) -> list[Line]:
     """Lay out the lines of the sheet."""
-    photos = {"blurred": pair.blurred, "noisy": noisy_in_frame(pair, done.found)} | done.results
+    photos = {
+        "blurred": pair.blurred,
+        "noisy": noisy_in_frame(pair, done.registering),
+    } | done.results
     names = list(photos)
     if pair.truth is not None:
-        truth = pair.truth(done.found.registration.theta)
+        truth = pair.truth(done.registering.registration.theta)
         names = [name + score(photo, truth) for name, photo in photos.items()]
         photos["truth"] = truth
         names.append("truth")
@@ -229,7 +232,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--data", type=Path, help="folder of orientation logs, for --case")
     parser.add_argument("--camera-files", action="store_true", help="the case as cameras' JPEGs")
     parser.add_argument("--focal-35mm", type=float, metavar="MM", help="default: from EXIF")
-    parser.add_argument("--blur-size", type=float, metavar="PX", help="default: found")
+    parser.add_argument("--blur-size", type=float, metavar="PX", help="default: estimated")
     parser.add_argument("--boxes", action="store_true", help="paint over thin yellow lines first")
     parser.add_argument(
         "--beside", type=Path, nargs="+", default=[], metavar="PHOTO", help="other results to show"

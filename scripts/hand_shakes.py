@@ -58,6 +58,6 @@ def hand_path(
     times, matrices = read_log(logs[rng.integers(len(logs))])
     exposure = rng.uniform(*exposures)
     start = times[0] + rng.uniform() * (times[-1] - times[0] - exposure)
-    seen = matrices[(times >= start) & (times < start + exposure)]
-    turned = np.einsum("nij,ik->njk", seen, seen[len(seen) // 2])
+    exposed = matrices[(times >= start) & (times < start + exposure)]
+    turned = np.einsum("nij,ik->njk", exposed, exposed[len(exposed) // 2])
     return angle_axis(turned) * [1, -1, -1]  # from the phone's axes to the camera's

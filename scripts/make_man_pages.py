@@ -56,7 +56,7 @@ def main() -> int:
             stale.append(path)
     if check:
         for path in stale:
-            print(f"{path.name}: not what the command says; run: make man", file=sys.stderr)
+            print(f"{path.name}: differs from the command's help; run: make man", file=sys.stderr)
         return 1 if stale else 0
     for path in stale:
         if path.name in pages:

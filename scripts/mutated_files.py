@@ -1,4 +1,4 @@
-"""Files that are broken on purpose: sound ones of every format, and a seeded mutator of them."""
+"""Files that are broken on purpose: valid files of every format, and a mutator with a seed."""
 
 from __future__ import annotations
 
@@ -53,9 +53,9 @@ def picture(depth: int = 8) -> np.ndarray:
 
 
 def seeds(folder: Path) -> dict[str, bytes]:
-    """Make sound files of every kind that is read, by name; a folder is needed on the way."""
+    """Make valid files of every kind that is read, by name; the folder holds them meanwhile."""
     plain, deep = picture(), picture(16)
-    found = {
+    files = {
         "a.jpg": written("JPEG", plain, KINDS, 6),
         "a.png": written("PNG", plain, KINDS, 1),
         "deep.png": written("PNG", deep, KINDS, 8),
@@ -71,7 +71,7 @@ def seeds(folder: Path) -> dict[str, bytes]:
     }
     stream = io.BytesIO()
     tifffile.imwrite(stream, deep, tile=(16, 16), compression="zlib", predictor=True, metadata=None)
-    found["tiled.tif"] = stream.getvalue()
+    files["tiled.tif"] = stream.getvalue()
     camera = Camera.from_focal(60, HEIGHT, WIDTH)
     turn = RotationKernel.from_path([(-0.02, -0.02, 0), (0.02, 0.02, 0)], camera)
     write_kernel(folder / "kernel.npz", KernelFile(turn, 0.9, {"command": "none"}), overwrite=True)
@@ -79,8 +79,8 @@ def seeds(folder: Path) -> dict[str, bytes]:
     known = RegistrationFile(np.zeros(3), 1.0, camera, 1.0, {})
     write_registration(folder / "registration.npz", known, overwrite=True)
     for name in ("kernel.npz", "camera.npz", "registration.npz"):
-        found[name] = (folder / name).read_bytes()
-    return found
+        files[name] = (folder / name).read_bytes()
+    return files
 
 
 def _saved(codes: np.ndarray, form: str, **options: object) -> bytes:
@@ -93,7 +93,7 @@ def _dng() -> bytes:
     """Write the sensor's data of a camera with a Bayer pattern, as a DNG."""
     plain = picture(16).astype(float) / 65535
     y, x = np.mgrid[:HEIGHT, :WIDTH]
-    seen = np.take_along_axis(plain**2.2, (y % 2 + x % 2)[..., None], -1)[..., 0]
+    mosaic = np.take_along_axis(plain**2.2, (y % 2 + x % 2)[..., None], -1)[..., 0]
     identity = [part for value in np.eye(3).ravel() for part in (int(value), 1)]
     tags = [
         (33421, "H", 2, (2, 2), True),
@@ -105,7 +105,7 @@ def _dng() -> bytes:
         (50728, "2I", 3, (1, 1, 1, 1, 1, 1), True),
     ]
     stream = io.BytesIO()
-    codes = np.rint(seen * 15000).astype(np.uint16)
+    codes = np.rint(mosaic * 15000).astype(np.uint16)
     tifffile.imwrite(stream, codes, photometric=32803, extratags=tags, metadata=None)
     return stream.getvalue()
 
@@ -242,7 +242,7 @@ def _zeros_png(side: int, kind: int, sample: int, more: bytes = b"") -> bytes:
 
 
 def _resized(sound: bytes, mark: bytes, code: str, *offsets: int) -> bytes:
-    """Let a file's header tell other sides, at offsets from a mark."""
+    """Write other sides into a file's header, at offsets from a mark."""
     out = bytearray(sound)
     for offset in offsets:
         struct.pack_into(code, out, out.index(mark) + offset, 16_000)

@@ -1,4 +1,4 @@
-"""Scores of deblurring with the help of a noisy photo: a table, and what it comes to."""
+"""Scores of deblurring with the help of a noisy photo: a table and its summary."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["Row", "Score", "header", "line", "summary"]
 
 COLUMNS = ("blurred", "noisy", "denoised", "single", "blind", "uniform", "residual", "stopped")
 COLUMNS += ("fusion", "true")
-WIDTH = 1000  # px, of the photos that the registration's error is told for
+WIDTH = 1000  # px: width of the photos that the registration's error refers to
 
 
 class Score(NamedTuple):
@@ -80,12 +80,12 @@ def summary(rows: dict[str, Row]) -> str:
     others = [(other, "") for other in COLUMNS if other not in {"fusion", "true"}]
     for other, where in [*others, ("denoised", ", overlap")]:
         if f"{other}{where}" in table[0].scores:
-            found = margins(f"fusion{where}", f"{other}{where}")
-            (p, s), (least_p, least_s) = found.mean(0), found.min(0)
-            name = list(rows)[int(found[:, 0].argmin())]
+            leads = margins(f"fusion{where}", f"{other}{where}")
+            (p, s), (least_p, least_s) = leads.mean(0), leads.min(0)
+            name = list(rows)[int(leads[:, 0].argmin())]
             lines.append(
                 f"fusion over {other}{where}: mean {p:+.2f} dB, {s:+.3f}; least {least_p:+.2f} "
-                f"({name}), {least_s:+.3f}; better in {(found > 0).all(1).sum()} of {len(table)}"
+                f"({name}), {least_s:+.3f}; better in {(leads > 0).all(1).sum()} of {len(table)}"
             )
     spent = {what: np.mean([row.seconds[what] for row in table]) for what in table[0].seconds}
     lines.append("seconds: " + ", ".join(f"{what} {mean:.1f}" for what, mean in spent.items()))

@@ -2,7 +2,7 @@
 
 Nothing of deshake is used here, so that no error of its own can hide. A scene is reduced in linear
 light to the size that is wanted, with a margin; a recorded hand turns the camera, and exact warps
-are averaged at about every half pixel of its path. What was not wholly seen is cropped away. The
+are averaged at about every half pixel of its path. Pixels that lack a part of it are cropped. The
 noise of photons and readout comes on top, and a JPEG with EXIF, or a 16-bit PNG, is written.
 
 The convention is `g(x) = mean_k f(H_k x)` with `H = K R(theta) K^-1`, pixel centres at integers and
@@ -168,7 +168,7 @@ class Case(NamedTuple):
     Parameters
     ----------
     name : str
-        Its first letter tells its class (`KINDS`).
+        Its first letter is its class (`KINDS`).
     scene : str
         One of `SCENES`, or four of them.
     size : float
@@ -525,8 +525,8 @@ def homographies(theta: Angles, focal: float, height: int, width: int) -> Angles
 def moved(theta: Angles, focal: float, height: int, width: int) -> Angles:
     """Return where corners, edges and middle of the frame move to, (n, 9, 2) in pixels."""
     points = np.array([(x, y, 1.0) for y in (0, height / 2, height) for x in (0, width / 2, width)])
-    seen = np.einsum("nij,pj->npi", homographies(theta, focal, height, width), points)
-    out: Angles = seen[..., :2] / seen[..., 2:] - points[:, :2]
+    projected = np.einsum("nij,pj->npi", homographies(theta, focal, height, width), points)
+    out: Angles = projected[..., :2] / projected[..., 2:] - points[:, :2]
     return out
 
 
@@ -688,13 +688,13 @@ def case_file(folder: Path, case: Case, ending: str) -> Path:
 
 
 def is_rendered(case: Case, folder: Path) -> bool:
-    """Whether a case is in the folder just as the list has it."""
-    told = case_file(folder, case, ".json")
-    return told.is_file() and json.loads(told.read_text("utf-8"))["case"] == list(case)
+    """Whether the folder has a case, with the same settings as the list."""
+    record = case_file(folder, case, ".json")
+    return record.is_file() and json.loads(record.read_text("utf-8"))["case"] == list(case)
 
 
 def render(case: Case, split: str, places: Places, folder: Path) -> bool:
-    """Render a case into a folder, unless it is there; tell whether it was rendered.
+    """Render a case into a folder, unless it is there; return whether it was rendered.
 
     Raises
     ------
@@ -717,7 +717,7 @@ def render(case: Case, split: str, places: Places, folder: Path) -> bool:
     if case.shaken:
         np.savez(case_file(folder, case, "_path.npz"), theta=frame.theta, f=frame.focal)
     case_file(folder, case, "_base.json").unlink(missing_ok=True)
-    told = {
+    record = {
         "case": list(case),
         "shape": [frame.height, frame.width],
         "focal_px": frame.focal,
@@ -725,5 +725,5 @@ def render(case: Case, split: str, places: Places, folder: Path) -> bool:
         "warps": len(frame.theta),
         "oversampled": over,
     }
-    case_file(folder, case, ".json").write_text(json.dumps(told) + "\n", "utf-8")
+    case_file(folder, case, ".json").write_text(json.dumps(record) + "\n", "utf-8")
     return True

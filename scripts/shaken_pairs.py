@@ -1,9 +1,9 @@
-"""Pairs of photos that are made here: one shaken, one short, noisy and turned against it.
+"""Simulated pairs of photos: one shaken, one short, noisy and rotated against it.
 
-The scenes, the paths and the exact warps are those of `shaken_photos`. The short exposure sees the
-scene through a camera that is turned by about a degree; its noise, most of it the photons', has the
-root mean square that is told, counted after it is scaled to the brightness of the long exposure,
-whose own noise is as much less as photons are more. Linear pairs keep their values as numbers.
+The scenes, the paths and the exact warps are those of `shaken_photos`. The camera of the short
+exposure is rotated by about a degree. Most of its noise is that of photons. The noise has the given
+root mean square, measured after it is scaled to the brightness of the long exposure, which has more
+photons and so less noise. Linear pairs keep their values as numbers.
 Camera pairs go through two different tone curves and white balances to 8-bit JPEGs; the short one
 is delivered darker and, as cameras do, denoised.
 """
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from shaken_photos import PHOTOS, Case, path_of, reduced, seen
+from shaken_photos import PHOTOS, Case, path_of, reduced, scene_in_frame
 
 from deshake.formats.encoding import Encoding
 from deshake.formats.photo import Photo
@@ -121,7 +121,7 @@ class Pair:
         """Return the noiseless sharp photo of a camera so turned, as `g` would show it, linear."""
         camera = self.kernel.camera
         [h] = homographies(camera, theta[None])
-        light = np.clip(reduced(seen(self.scene, h, camera)), 0, 1)
+        light = np.clip(reduced(scene_in_frame(self.scene, h, camera)), 0, 1)
         return light if self.curve is None else Srgb().to_linear(self.curve.develop(light))
 
     def photos(self) -> tuple[Photo, Photo]:
@@ -159,13 +159,13 @@ def shaken_pair(case: PairCase, logs: Sequence[Path]) -> Pair:
     fine = np.maximum(cv2.resize(scene, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC), 0)
     blurred = np.zeros((2 * height, 2 * width, 3), np.float32)
     for h, weight in zip(homographies(camera, theta), weights, strict=True):
-        blurred += np.float32(weight) * seen(fine, h, camera)
+        blurred += np.float32(weight) * scene_in_frame(fine, h, camera)
     turn = rng.normal(size=3)
     turn *= (margin - shake.extent / 2 - 4) / np.hypot(width, height) / np.linalg.norm(turn)
     theta_0 = compose(turn, kernel.centroid[None])[0]
     [h] = homographies(camera, theta_0[None])
     long = _exposed(reduced(blurred), case.noise / RATIO**0.5, rng)
-    short = _exposed(reduced(seen(fine, h, camera)), case.noise, rng)
+    short = _exposed(reduced(scene_in_frame(fine, h, camera)), case.noise, rng)
     if not case.camera_files:
         g = np.clip(long, 0, 1)
         return Pair(g, short / np.float32(RATIO), kernel, theta_0, fine, None)

@@ -1,11 +1,11 @@
-"""Photos that are shaken here, with the truth in hand: the cases of the restoration benchmarks.
+"""Photos with simulated shake and known truth: the cases of the restoration benchmarks.
 
 Each photo, which a development dependency ships, is enlarged twice and blurred along a path about
 all three axes by an exact warp every half pixel; then it is reduced and cropped, so that neither
 what lies beyond its border nor the operator is known. Some paths are those of recorded hands, some
 are drawn at random. Some photos are kept as they are but for white noise; others get the noise of
 their photons and of the readout and become 8-bit JPEGs. Night scenes are exposed until their lights
-clip; to two of them lamps are added, a hundred times as bright as white.
+clip; two of them get lamps that are a hundred times as bright as white.
 """
 
 from __future__ import annotations
@@ -131,10 +131,10 @@ class Photo(NamedTuple):
     def sharp(self, centroid: NDArray[np.float64]) -> Image:
         """Return the sharp photo, 0..1, as a camera saw it that a kernel's centroid turned."""
         [h] = homographies(self.kernel.camera, centroid[None])
-        return np.clip(reduced(seen(self.scene, h, self.kernel.camera)), 0, 1)
+        return np.clip(reduced(scene_in_frame(self.scene, h, self.kernel.camera)), 0, 1)
 
 
-def seen(scene: Image, h: NDArray[np.float64], camera: Camera) -> Image:
+def scene_in_frame(scene: Image, h: NDArray[np.float64], camera: Camera) -> Image:
     """Warp a scene at twice the size into a frame at twice the size."""
     margin = (scene.shape[0] // 2 - camera.height) // 2
     out_of = np.array([[0.5, 0, -0.25], [0, 0.5, -0.25], [0, 0, 1]])
@@ -186,7 +186,7 @@ def shaken(case: Case, logs: Sequence[Path]) -> Photo:
     theta, weights = path.pieces(camera)
     kernel = RotationKernel(theta, weights, grid_steps(camera), camera)
     for h, weight in zip(homographies(camera, theta), weights, strict=True):
-        blurred += np.float32(weight) * seen(fine, h, camera)
+        blurred += np.float32(weight) * scene_in_frame(fine, h, camera)
     light = reduced(blurred)
     if case.sigma:
         pixels = np.clip(light + rng.normal(0, case.sigma, light.shape), None, 1)

@@ -1,1 +1,1 @@
-"""The ground: cameras, rotations, and the blur kernel over rotations (Secs. 2 and 7)."""
+"""Cameras, rotations, and the blur kernel over rotations (Secs. 2 and 7)."""

@@ -1,13 +1,13 @@
-"""Lens distortion: how far a lens is from a pinhole.
+"""Lens distortion: the difference between a lens and a pinhole.
 
-OpenCV's model: a ray through (x, y, 1) is seen at ``(x, y) q(r^2)``, with r its distance from the
+OpenCV's model: a ray through (x, y, 1) appears at ``(x, y) q(r^2)``, with r its distance from the
 axis and
 
     q = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6),
 
-and some tangential terms. The photo is that of the camera matrix K; the picture that a pinhole of
-the same place would have taken has a focal length of its own, `pinhole`, such that it is seen
-wholly in the photo, or such that the photo is wholly in it.
+and some tangential terms. The camera matrix K belongs to the photo. The straight picture is the one
+that a pinhole at the same place would have taken. `pinhole` chooses its focal length: either the
+photo shows all of the straight picture, or the straight picture shows all of the photo.
 
 References
 ----------
@@ -34,19 +34,19 @@ if TYPE_CHECKING:
 
 __all__ = ["bent_camera", "distorted", "fit_distortion", "pinhole", "undistorted"]
 
-_STEPS: Final = 12
-_POLE: Final = 0.2  # the least denominator
-_FINE: Final = 1e-5  # of the farthest distance: a fit that is good enough
-_BORDER: Final = 257  # points a side of the frame
-_ITERATIONS: Final = (3, 40, 1e-10)  # at most 40, or until nothing moves: TermCriteria
-_SAME: Final = 0.1  # px: what does not come back to where it was, folds
-_ROUNDING: Final = 1e-6
-_LARGER: Final = 2.0  # the area that all of a photo may take; of strong barrels it is 1.5
-_ZOOM: Final = (0.2, 5.0)
+_STEPS: Final = 12  # reweighted least-squares steps of a fit
+_POLE: Final = 0.2  # least denominator and least scale: a fit below it is discarded
+_FINE: Final = 1e-5  # share of the farthest distance: a fit with a smaller error ends the search
+_BORDER: Final = 257  # points along each side of the frame
+_ITERATIONS: Final = (3, 40, 1e-10)  # TermCriteria: at most 40 iterations, or steps below 1e-10
+_SAME: Final = 0.1  # px: a point that returns farther than this from its start lies in a fold
+_ROUNDING: Final = 1e-6  # px of tolerance at the frame's border
+_LARGER: Final = 2.0  # areas of the photo: a larger straight picture is an error; barrels reach 1.5
+_ZOOM: Final = (0.2, 5.0)  # range of zooms of the straight camera; beyond it is an error
 
 
-def distorted(points: Points, camera: Camera, seen: Camera) -> Points:
-    """Tell where points of the pinhole's picture lie in the photo.
+def distorted(points: Points, camera: Camera, straight_camera: Camera) -> Points:
+    """Map points of the pinhole's picture into the photo.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def distorted(points: Points, camera: Camera, seen: Camera) -> Points:
         Pixels (x, y) of the pinhole's picture.
     camera : Camera
         That of the photo, with its distortion.
-    seen : Camera
+    straight_camera : Camera
         The pinhole.
 
     Returns
@@ -63,20 +63,20 @@ def distorted(points: Points, camera: Camera, seen: Camera) -> Points:
         Pixels of the photo.
 
     """
-    rays = _rays(points, seen)
+    rays = _rays(points, straight_camera)
     nowhere = np.zeros(3)
     there, _ = cv2.projectPoints(rays, nowhere, nowhere, camera.matrix, camera.distortion)
     return np.asarray(there, np.float64).reshape(-1, 2)
 
 
-def undistorted(points: Points, camera: Camera, seen: Camera) -> Points:
-    """Tell where points of the photo lie in the pinhole's picture: the inverse of `distorted`."""
+def undistorted(points: Points, camera: Camera, straight_camera: Camera) -> Points:
+    """Map points of the photo into the pinhole's picture: the inverse of `distorted`."""
     there = cv2.undistortPoints(
         np.ascontiguousarray(points, np.float64).reshape(-1, 1, 2),
         camera.matrix,
         camera.distortion,
         R=np.eye(3),
-        P=seen.matrix,
+        P=straight_camera.matrix,
         criteria=_ITERATIONS,
     )
     return np.asarray(there, np.float64).reshape(-1, 2)
@@ -117,12 +117,12 @@ def pinhole(camera: Camera, *, whole: bool = False) -> Camera:
     return _zoomed(camera, zoom)
 
 
-def bent_camera(seen: Camera, distortion: Points) -> Camera:
+def bent_camera(straight_camera: Camera, distortion: Points) -> Camera:
     """Return the camera of a photo that shows nothing beyond a pinhole's picture.
 
     Parameters
     ----------
-    seen : Camera
+    straight_camera : Camera
         The pinhole.
     distortion : (k,) array
         Of the lens that the photo is taken through, in OpenCV's order.
@@ -140,26 +140,26 @@ def bent_camera(seen: Camera, distortion: Points) -> Camera:
     """
 
     def shows(zoom: float) -> bool:
-        camera = _zoomed(seen, zoom).with_lens(distortion)
+        camera = _zoomed(straight_camera, zoom).with_lens(distortion)
         border = _border(camera)
-        there = undistorted(border, camera, seen)
-        back = distorted(there, camera, seen)
-        return _inside(there, seen) and float(np.abs(back - border).max()) < _SAME
+        there = undistorted(border, camera, straight_camera)
+        back = distorted(there, camera, straight_camera)
+        return _inside(there, straight_camera) and float(np.abs(back - border).max()) < _SAME
 
-    return _zoomed(seen, _least_zoom(shows)).with_lens(distortion)
+    return _zoomed(straight_camera, _least_zoom(shows)).with_lens(distortion)
 
 
 def fit_distortion(straight: Points, bent: Points) -> tuple[Points, float]:
-    """Fit the model to a curve: where rays are seen that lie at given distances from the axis.
+    """Fit the model to a curve: distances from the axis with the lens against those without.
 
-    The scale of the straight picture is free: only its shape matters.
+    The scale of the straight picture is free: only the shape of the curve matters.
 
     Parameters
     ----------
     straight : (N,) array
         Distances without distortion, in focal lengths, rising and > 0.
     bent : (N,) array
-        The distances at which they are seen.
+        The same distances with distortion, in focal lengths.
 
     Returns
     -------
@@ -171,7 +171,7 @@ def fit_distortion(straight: Points, bent: Points) -> tuple[Points, float]:
     Raises
     ------
     ValueError
-        If the distances seen do not rise.
+        If the distances with distortion do not rise.
 
     """
     straight, bent = np.asarray(straight, np.float64), np.asarray(bent, np.float64)
@@ -180,9 +180,9 @@ def fit_distortion(straight: Points, bent: Points) -> tuple[Points, float]:
     best: Points = np.zeros(8)
     error = np.inf
     for terms in range(4):  # of the denominator: no more than are needed
-        found, left = _fit(straight, bent, terms)
+        coefficients, left = _fit(straight, bent, terms)
         if left < error:
-            best, error = found, left
+            best, error = coefficients, left
         if error < _FINE * straight[-1]:
             break
     return best, float(error)
@@ -204,8 +204,8 @@ def _fit(straight: Points, bent: Points, terms: int) -> tuple[Points, float]:
     for _ in range(_STEPS if terms else 1):
         weight = (straight / denominator)[:, None]
         solved = np.linalg.lstsq(matrix * weight, q * weight[:, 0])[0]
-        found: Points = np.asarray(solved, np.float64)
-        a, b = found[:4], found[4:]
+        coefficients: Points = np.asarray(solved, np.float64)
+        a, b = coefficients[:4], coefficients[4:]
         denominator = 1 + below @ b
         if denominator.min() < _POLE or a[0] < _POLE:
             return np.zeros(8), np.inf
@@ -218,7 +218,7 @@ def _fit(straight: Points, bent: Points, terms: int) -> tuple[Points, float]:
 
 
 def _least_zoom(fits: Callable[[float], bool]) -> float:
-    """Find the least zoom that fits, between two that do and do not."""
+    """Return the least zoom that fits, by bisection of `_ZOOM`."""
     inside, outside = _ZOOM[1], _ZOOM[0]
     if not fits(inside):
         raise ValueError("the distortion is too strong")
@@ -228,17 +228,17 @@ def _least_zoom(fits: Callable[[float], bool]) -> float:
     return inside
 
 
-def _sees(camera: Camera, seen: Camera) -> bool:
-    """Tell whether a pinhole shows nothing beyond the photo."""
-    border = _border(seen)
-    there = distorted(border, camera, seen)
+def _sees(camera: Camera, straight_camera: Camera) -> bool:
+    """Return whether a pinhole shows nothing beyond the photo."""
+    border = _border(straight_camera)
+    there = distorted(border, camera, straight_camera)
     if not _inside(there, camera):
         return False
-    return float(np.abs(undistorted(there, camera, seen) - border).max()) < _SAME
+    return float(np.abs(undistorted(there, camera, straight_camera) - border).max()) < _SAME
 
 
 def _inside(points: Points, camera: Camera) -> bool:
-    """Tell whether pixels lie in the frame, and are numbers."""
+    """Return whether all pixels lie in the frame, and are numbers."""
     last = np.array(camera.shape[::-1]) - 1
     return bool(((points >= -_ROUNDING) & (points <= last + _ROUNDING)).all())
 

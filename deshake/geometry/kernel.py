@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 __all__ = ["ALL_AXES", "RotationKernel"]
 
 ALL_AXES = (True, True, True)
-_SUM_TOLERANCE = 1e-6
-_PATH_PIECE = 0.25  # a camera path is sampled at least this finely, in grid steps
-_KEY_RANGE = 1 << 20  # grid indices stay within +- half of it
+_SUM_TOLERANCE = 1e-6  # weights whose sum differs from 1 by more are an error
+_PATH_PIECE = 0.25  # grid steps: longest piece between two samples of a camera path
+_KEY_RANGE = 1 << 20  # grid indices are within +- half of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +177,7 @@ class RotationKernel:
         return replace(self, camera=camera)
 
     def at_size(self, height: int, width: int) -> RotationKernel:
-        """Return the same kernel for the photo resized: angles know no scale, K does."""
+        """Return the same kernel for the resized photo: the angles stay, K is scaled."""
         return replace(self, camera=self.camera.scaled(height, width))
 
     def centred(self) -> RotationKernel:

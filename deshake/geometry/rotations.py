@@ -1,4 +1,4 @@
-"""Rotations of the camera and what they do to the picture: Eqs. (1)-(3), and the grid of Sec. 7.
+"""Rotations of the camera, the homographies of the picture (Eqs. 1-3), and the grid of Sec. 7.
 
 A rotation is an angle-axis vector ``theta`` in radians: its direction is the axis, its length
 the angle. X points right, Y down and Z along the optical axis into the scene.
@@ -24,7 +24,7 @@ __all__ = [
     "rotation_matrices",
 ]
 
-_SMALL_ANGLE = 1e-4  # below it the series of sin(a)/a and (1-cos a)/a^2 are exact in float64
+_SMALL_ANGLE = 1e-4  # radians: below it the series of sin(a)/a, (1-cos a)/a^2 are exact in float64
 
 
 def rotation_matrices(theta: ArrayLike) -> NDArray[np.float64]:
@@ -118,8 +118,8 @@ def displacements(h: ArrayLike, points: ArrayLike) -> NDArray[np.float64]:
     """
     h = np.asarray(h, np.float64)
     points = np.asarray(points, np.float64)
-    seen = points @ np.swapaxes(h[..., :2], -1, -2) + h[:, None, :, 2]  # (K, P, 3)
-    moved: NDArray[np.float64] = seen[..., :2] / seen[..., 2:] - points
+    moved_points = points @ np.swapaxes(h[..., :2], -1, -2) + h[:, None, :, 2]  # (K, P, 3)
+    moved: NDArray[np.float64] = moved_points[..., :2] / moved_points[..., 2:] - points
     return np.ascontiguousarray(np.swapaxes(moved, 0, 1))
 
 

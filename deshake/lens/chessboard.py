@@ -1,7 +1,7 @@
 """A camera from photos of a chessboard: focal length, principal point and distortion.
 
-The board's inner corners are found on a small copy and refined on the photo; the camera is the one
-that explains where they all are, by least squares over the boards' positions, too [1]_.
+OpenCV detects the inner corners of the board on a small copy, and refines them on the photo. A
+least-squares fit over the camera and the positions of the boards explains all corners [1]_.
 
 References
 ----------
@@ -29,20 +29,20 @@ __all__ = ["FEWEST", "BoardCamera", "Corners", "board_camera", "find_board"]
 FEWEST: Final = 3
 """Photos that a calibration needs at least."""
 
-_SEARCH_SIDE: Final = 1200  # px of the longer side of the copy
-_WINDOW: Final = 0.25  # of the distance between corners, to refine one in
-_STOP: Final = (3, 60, 1e-4)
-_UNSURE: Final = 0.05  # of the focal length: a larger standard deviation is no calibration
-_TILTED: Final = np.radians(10)  # between two boards, at the least
-_MANY: Final = 8  # photos from which k3 is fitted, too: fewer do not reach all corners
-_WRONG: Final = 0.004  # of the diagonal: corners that are off by more are not explained
+_SEARCH_SIDE: Final = 1200  # px: longer side of the small copy; smaller photos are not resized
+_WINDOW: Final = 0.25  # share of the distance between corners: half side of the refining window
+_STOP: Final = (3, 60, 1e-4)  # TermCriteria: at most 60 iterations, or steps below 1e-4 px
+_UNSURE: Final = 0.05  # share of the focal length: a larger standard deviation is an error
+_TILTED: Final = np.radians(10)  # radians between two boards: less tilt is an error
+_MANY: Final = 8  # photos: with fewer, which rarely reach all corners, k3 is 0
+_WRONG: Final = 0.004  # share of the diagonal: a larger error of the corners is an error
 
 Corners = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class BoardCamera:
-    """What photos of a board tell.
+    """The camera that photos of a board give, and how well it explains them.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class BoardCamera:
     focal_sigma_px : float
         Standard deviation of the focal length, by the fit.
     reach : float
-        How far out corners were seen, as a share of the way to the frame's corners.
+        Distance of the outermost board corner from the middle, in shares of half the diagonal.
 
     """
 
@@ -79,17 +79,17 @@ def find_board(grey: NDArray[np.uint8], board: tuple[int, int]) -> Corners | Non
     Returns
     -------
     (N, 2) array of float64 or None
-        Pixels (x, y), row by row; None if the board is not seen as a whole.
+        Pixels (x, y), row by row; None if the photo does not show the whole board.
 
     """
     shrink = min(1.0, _SEARCH_SIDE / max(grey.shape))
     small = cv2.resize(grey, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
     how = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
-    found, seen = cv2.findChessboardCornersSB(small, board, flags=how)
-    if not found:
+    detected, peaks = cv2.findChessboardCornersSB(small, board, flags=how)
+    if not detected:
         return None
     sizes = np.array(grey.shape[::-1]) / np.array(small.shape[::-1])
-    corners: Corners = (np.asarray(seen, np.float64).reshape(-1, 2) + 0.5) * sizes - 0.5
+    corners: Corners = (np.asarray(peaks, np.float64).reshape(-1, 2) + 0.5) * sizes - 0.5
     if shrink == 1:
         return corners
     steps = np.linalg.norm(np.diff(corners.reshape(board[1], board[0], 2), axis=1), axis=-1)
@@ -100,13 +100,13 @@ def find_board(grey: NDArray[np.uint8], board: tuple[int, int]) -> Corners | Non
 
 
 def board_camera(
-    seen: Sequence[Corners], board: tuple[int, int], height: int, width: int
+    boards: Sequence[Corners], board: tuple[int, int], height: int, width: int
 ) -> BoardCamera:
     """Find the camera that explains where the corners of a board are in several photos.
 
     Parameters
     ----------
-    seen : sequence of (N, 2) arrays
+    boards : sequence of (N, 2) arrays
         From `find_board`, one for each photo.
     board : (int, int)
         Inner corners along and across the board.
@@ -116,26 +116,26 @@ def board_camera(
     Raises
     ------
     EstimationError
-        If there are fewer than `FEWEST` photos, the boards tell too little, or the corners are not
-        those of one board and one camera.
+        If there are fewer than `FEWEST` photos, the boards leave the focal length too uncertain,
+        or no single board and camera explain the corners.
 
     """
-    if len(seen) < FEWEST:
+    if len(boards) < FEWEST:
         raise EstimationError(
-            f"{len(seen)} photos of a board are too few",
+            f"{len(boards)} photos of a board are too few",
             hint=f"take {FEWEST} at the least, better 10 to 20, the board tilted in all directions",
         )
     columns, rows = board
     places = np.zeros((rows * columns, 3), np.float32)
     places[:, :2] = np.mgrid[0:columns, 0:rows].T.reshape(-1, 2)
-    corners = [np.float32(each).reshape(-1, 1, 2) for each in seen]
+    corners = [np.float32(each).reshape(-1, 1, 2) for each in boards]
     error, matrix, lens, turns, _, sigmas, _, errors = cv2.calibrateCameraExtended(
-        [places] * len(seen),
+        [places] * len(boards),
         corners,
         (width, height),
         np.eye(3),
         np.zeros(5),
-        flags=0 if len(seen) >= _MANY else cv2.CALIB_FIX_K3,
+        flags=0 if len(boards) >= _MANY else cv2.CALIB_FIX_K3,
     )
     focal = float(np.sqrt(matrix[0, 0] * matrix[1, 1])) if matrix[0, 0] * matrix[1, 1] > 0 else 0.0
     sigma = float(np.ravel(sigmas)[:2].max())
@@ -153,7 +153,7 @@ def board_camera(
         )
     camera = Camera(np.asarray(matrix, np.float64), height, width, np.ravel(lens))
     middle = np.array([width - 1, height - 1]) / 2
-    out = max(float(np.linalg.norm(each - middle, axis=1).max()) for each in seen)
+    out = max(float(np.linalg.norm(each - middle, axis=1).max()) for each in boards)
     reach = out / float(np.linalg.norm(middle))
     return BoardCamera(camera, float(error), np.ravel(errors).tolist(), sigma, reach)
 

@@ -1,4 +1,4 @@
-"""From photos of a chessboard to a camera file: what ``calibrate --chessboard`` runs."""
+"""Photos of a chessboard give a camera file: ``calibrate --chessboard`` runs this."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ __all__ = ["ChessboardCalibration", "calibrate_from_chessboards"]
 
 _log = logging.getLogger(__name__)
 
-_REACH = 0.8  # of the way to the frame's corners
-_LARGE_PX = 1.0  # of error: better calibrations have a third of it
+_REACH = 0.8  # share of half the diagonal: boards that reach less far get a note
+_LARGE_PX = 1.0  # px of error: above it a note; good calibrations have a third of it
 
 
 @dataclass(frozen=True, eq=False)
 class ChessboardCalibration:
-    """A camera that photos of a board have told.
+    """A camera measured from photos of a board.
 
     Parameters
     ----------
     content : CameraFile
-        The camera, and in words where it comes from.
+        The camera and its source in words.
     found : BoardCamera
         How well it explains the photos.
     photos : list of Path
@@ -89,40 +89,40 @@ def calibrate_from_chessboards(
     overwrite : bool
         Whether an existing file may be replaced.
     progress : callable, optional
-        Told the fraction done and what is being done.
+        Called with the fraction done and the present step in words.
 
     Raises
     ------
     PhotoError
         If a photo cannot be read, or the photos differ in size.
     EstimationError
-        If the board is not found in a photo, or for the reasons of `board_camera`.
+        If a photo does not show the board, or for the reasons of `board_camera`.
     OutputError
         If the camera file cannot be written.
 
     """
     if output is not None:
         check_output(output, *photos, overwrite=overwrite)
-    seen, shape = _corners(photos, board, progress)
+    boards, shape = _corners(photos, board, progress)
     try:
-        found = board_camera(seen, board, *shape)
+        fit = board_camera(boards, board, *shape)
     except DeshakeError as error:
         error.file = error.file or ", ".join(map(str, photos))
         raise
     size = f"{board[0]}x{board[1]}"
-    source = f"chessboard of {size} corners, {len(seen)} photos, error {found.error_px:.2f} pixels"
+    source = f"chessboard of {size} corners, {len(boards)} photos, error {fit.error_px:.2f} pixels"
     notes = []
-    if found.error_px > _LARGE_PX:
+    if fit.error_px > _LARGE_PX:
         notes.append(
-            f"the corners are off by {found.error_px:.1f} pixels: is the board flat, and are the "
+            f"the corners are off by {fit.error_px:.1f} pixels: is the board flat, and are the "
             "photos sharp?"
         )
-    if found.reach < _REACH:
+    if fit.reach < _REACH:
         notes.append(
             "no photo shows the board near the corners of the frame: the distortion there is a "
             "guess"
         )
-    result = ChessboardCalibration(CameraFile(found.camera, source), found, list(photos), notes)
+    result = ChessboardCalibration(CameraFile(fit.camera, source), fit, list(photos), notes)
     for note in notes:
         _log.warning("%s", note)
     if output is not None:
@@ -134,12 +134,12 @@ def _corners(
     photos: Sequence[Path], board: tuple[int, int], progress: Callable[[float, str], None] | None
 ) -> tuple[list[Corners], tuple[int, int]]:
     """Find the board in all photos; return its corners, and the size of the photos."""
-    tell = progress or (lambda _share, _text: None)
-    seen: list[Corners] = []
+    report_progress = progress or (lambda _share, _text: None)
+    boards: list[Corners] = []
     missing: list[Path] = []
     first: tuple[int, int] | None = None
     for number, path in enumerate(photos):
-        tell(number / len(photos), f"looking for the board in {path.name}")
+        report_progress(number / len(photos), f"looking for the board in {path.name}")
         photo = read_photo(path)
         first = first or photo.shape
         if photo.shape != first:
@@ -154,7 +154,7 @@ def _corners(
         if corners is None:
             missing.append(path)
         else:
-            seen.append(corners)
+            boards.append(corners)
     if missing or first is None:
         raise EstimationError(
             f"no board of {board[0]}x{board[1]} inner corners is seen in "
@@ -162,4 +162,4 @@ def _corners(
             hint="the whole board must be seen, with a white margin; --board counts the corners "
             "where four squares meet, 9x6 for 10 x 7 squares; leave bad photos out",
         )
-    return seen, first
+    return boards, first

@@ -3,7 +3,7 @@
 The confidence of a focal length is a judgement of how likely it is right to within 5 %, by where it
 comes from. It is not a frequency that was measured:
 
-| what tells it | confidence |
+| source | confidence |
 |---|---|
 | `focal_px` or `focal_35mm` | 1 |
 | FocalLengthIn35mmFilm | 0.9 |
@@ -11,14 +11,14 @@ comes from. It is not a frequency that was measured:
 | FocalLength with lensfun's crop factor, or with the sensor's size | 0.8 |
 | nothing: a 50 mm equivalent is assumed | 0.1 |
 
-Where two of them agree to 5 %, it is 0.95; where they differ by more than 15 %, six tenths of what
-it was. It is multiplied by 0.9 where EXIF does not say how large the picture was taken, by 0.7 for
-a crop, by 0.4 to 0.5 for what can hardly be told, and by 0.8 for a digital zoom.
+Where two sources agree to 5 %, the confidence is 0.95. Where they differ by more than 15 %, it is
+multiplied by 0.6. It is also multiplied by 0.9 where EXIF does not state the original size, by 0.7
+for a crop, by 0.4 to 0.5 where the whole frame is a guess, and by 0.8 for a digital zoom.
 
 References
 ----------
 .. [1] CIPA DCG-001, Guideline for noting digital camera specifications in catalogs, 2005: the
-   35 mm equivalent goes by the diagonal, 43.27 mm for 36 x 24 mm.
+   35 mm equivalent refers to the diagonal, 43.27 mm for 36 x 24 mm.
 
 """
 
@@ -47,12 +47,12 @@ _HINT: Final = (
     "give the focal length with --focal-35mm MM (35 mm equivalent) or --focal-px PIXELS, or find "
     "it with calibrate --chessboard"
 )
-_SQUEEZED: Final = 0.05  # resolutions of the two axes that differ by more
-_AGREES: Final = 0.05
-_DIFFERS: Final = 0.15
-_BOTH: Final = 0.95
-_ZOOMED: Final = 0.8
-_ROUNDED: Final = 0.5  # mm: 35 mm equivalents are whole numbers
+_SQUEEZED: Final = 0.05  # relative difference of the two axes' resolutions: more is an error
+_AGREES: Final = 0.05  # relative difference: up to it, two sources agree
+_DIFFERS: Final = 0.15  # relative difference: above it, two sources contradict each other
+_BOTH: Final = 0.95  # confidence where two sources agree
+_ZOOMED: Final = 0.8  # factor of the confidence for a digital zoom
+_ROUNDED: Final = 0.5  # mm: rounding of 35 mm equivalents, which are whole numbers
 
 
 @dataclass(frozen=True)
@@ -66,11 +66,11 @@ class FocalLength:
     source : str
         The option or tag that gave it, such as "EXIF FocalLengthIn35mmFilm = 35 mm".
     confidence : float
-        How likely it is right to within 5 %, as this module's head tells.
+        How likely it is right to within 5 %, by the table at the head of this module.
     notes : tuple of str
         What the user should know.
     considered : tuple of str
-        All that was looked at, for those who ask.
+        All sources that were compared; the log shows them.
     frame : (float, float) or None
         Longer and shorter side of the whole frame in pixels of the photo; None: not known.
 
@@ -92,12 +92,12 @@ def focal_length(
     focal_px: float | None = None,
     focal_35mm: float | None = None,
 ) -> FocalLength:
-    """Tell the focal length of a photo.
+    """Return the focal length of a photo, from the options or its metadata.
 
-    In this order: `focal_px`; `focal_35mm`; FocalLengthIn35mmFilm; FocalLength with the focal
-    plane resolution; FocalLength with lensfun's crop factor, if lensfunpy is installed; FocalLength
-    with the sensor's size. A tag whose value is absurd is passed over. Equivalents are whole
-    numbers: where the focal plane agrees to their rounding, its figure is taken.
+    The sources, in this order: `focal_px`; `focal_35mm`; FocalLengthIn35mmFilm; FocalLength with
+    the focal plane resolution; FocalLength with lensfun's crop factor, if lensfunpy is installed;
+    FocalLength with the sensor's size. A tag with an absurd value is ignored. Equivalents are
+    whole numbers: where the focal plane agrees within their rounding, its value is used.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def focal_length(
     ------
     CalibrationError
         If an option is absurd (outside 0.1 to 100 diagonals of the photo), neither options nor
-        metadata tell, or the picture is squeezed by an anamorphic lens.
+        metadata state a focal length, or an anamorphic lens squeezes the picture.
 
     """
     diagonal = math.hypot(height, width)
@@ -126,19 +126,19 @@ def focal_length(
     tags = metadata.tags()
     _refuse_anamorphic(tags)
     frame = whole_frame(tags, height, width, _full_size(tags))
-    found = [
+    ways = [
         way
         for way in (_from_equivalent(tags, frame), _from_focal_plane(tags, frame))
         if way is not None and _is_sensible(way.pixels, diagonal)
     ]
     by_sensor = _from_sensor(tags, frame)
-    if not found:
+    if not ways:
         by_crop = _from_crop_factor(tags, frame)
-        found = [] if by_crop is None else [by_crop]
-    found += [] if by_sensor is None else [by_sensor]
-    found = [way for way in found if _is_sensible(way.pixels, diagonal)]
-    if found:
-        return _weighed(found, tags, frame, diagonal)
+        ways = [] if by_crop is None else [by_crop]
+    ways += [] if by_sensor is None else [by_sensor]
+    ways = [way for way in ways if _is_sensible(way.pixels, diagonal)]
+    if ways:
+        return _weighed(ways, tags, frame, diagonal)
     if tags.focal_mm is None:
         raise CalibrationError("its metadata state no focal length", hint=_HINT)
     camera = f"{tags.make} {tags.model}".strip() or "the camera"
@@ -150,23 +150,25 @@ def focal_length(
 
 
 def assumed_focal_length(height: int, width: int) -> FocalLength:
-    """Return what is assumed where nothing tells: a 50 mm equivalent.
+    """Return the focal length that is assumed if no source states one: a 50 mm equivalent.
 
-    Rather long than short: a focal length too long turns rotations into translations, which the
-    blur mostly is; one too short bends them.
+    It is long on purpose. With too long a focal length, rotations become translations, and most
+    blur is nearly a translation. With too short a focal length, paths of rotations are bent.
     """
     pixels = _ASSUMED_35MM * math.hypot(height, width) / FULL_FRAME_DIAGONAL
     return FocalLength(pixels, "assumed: 50 mm-equivalent", 0.1)
 
 
 def _weighed(
-    found: list[FocalLength], tags: CameraTags, frame: WholeFrame, diagonal: float
+    ways: list[FocalLength], tags: CameraTags, frame: WholeFrame, diagonal: float
 ) -> FocalLength:
-    """Return the first of what was found, with the confidence that all of it together gives."""
-    first, others = found[0], found[1:]
+    """Return the first focal length, with the confidence that all sources together give."""
+    first, others = ways[0], ways[1:]
     film = FULL_FRAME_DIAGONAL / diagonal
-    told = [*([frame.told] if frame.told else [])]
-    told += [f"{way.source}: {way.pixels:.1f} pixels, {way.pixels * film:.1f} mm" for way in found]
+    considered = [*([frame.reason] if frame.reason else [])]
+    considered += [
+        f"{way.source}: {way.pixels:.1f} pixels, {way.pixels * film:.1f} mm" for way in ways
+    ]
     notes = [frame.note] if frame.note else []
     confidence, pixels, source = first.confidence, first.pixels, first.source
     gaps = [abs(other.pixels / first.pixels - 1) for other in others]
@@ -184,16 +186,17 @@ def _weighed(
             pixels, source = others[0].pixels, f"{first.source}, finer by FocalPlaneXResolution"
     if tags.digital_zoom > 1:
         confidence *= _ZOOMED
-        told.append(f"digital zoom {tags.digital_zoom:g}")
+        considered.append(f"digital zoom {tags.digital_zoom:g}")
     confidence = round(confidence * frame.sure, 3)
     whole = (frame.long, frame.short)
-    return FocalLength(pixels, source, confidence, tuple(notes), tuple(told), whole)
+    return FocalLength(pixels, source, confidence, tuple(notes), tuple(considered), whole)
 
 
 def _from_equivalent(tags: CameraTags, frame: WholeFrame) -> FocalLength | None:
-    """By the diagonal of the frame as it was taken.
+    """Use the 35 mm equivalent and the diagonal of the original frame.
 
-    Most cameras count a digital zoom in. Where the sensor is known, it tells.
+    Most cameras include a digital zoom in the equivalent. The sensor's size, if known, decides
+    whether this one does.
     """
     if tags.focal_35mm is None:
         return None
@@ -209,7 +212,7 @@ def _from_equivalent(tags: CameraTags, frame: WholeFrame) -> FocalLength | None:
 
 
 def _from_focal_plane(tags: CameraTags, frame: WholeFrame) -> FocalLength | None:
-    """By the pixels a millimetre of the picture as taken, and how much it was resized since."""
+    """Use the pixels per millimetre of the original picture, and how it was resized later."""
     if tags.focal_mm is None or tags.focal_plane_px_per_mm is None:
         return None
     pixels = tags.focal_mm * tags.focal_plane_px_per_mm * frame.scale * tags.digital_zoom
@@ -222,7 +225,7 @@ def _from_focal_plane(tags: CameraTags, frame: WholeFrame) -> FocalLength | None
 
 
 def _from_crop_factor(tags: CameraTags, frame: WholeFrame) -> FocalLength | None:
-    """By lensfun's crop factor of the camera."""
+    """Use lensfun's crop factor of the camera."""
     factor = None if tags.focal_mm is None else crop_factor(tags.make, tags.model)
     if tags.focal_mm is None or factor is None:
         return None
@@ -236,7 +239,7 @@ def _from_crop_factor(tags: CameraTags, frame: WholeFrame) -> FocalLength | None
 
 
 def _from_sensor(tags: CameraTags, frame: WholeFrame) -> FocalLength | None:
-    """By the sensor's size; a frame of another shape uses one of its sides in full."""
+    """Use the sensor's size; a frame of another shape uses one side of the sensor in full."""
     size = sensor_size(tags.make, tags.model)
     if tags.focal_mm is None or size is None:
         return None
@@ -276,11 +279,11 @@ def _is_sensible(pixels: float, diagonal: float) -> bool:
     return math.isfinite(pixels) and _RANGE[0] * diagonal <= pixels <= _RANGE[1] * diagonal
 
 
-def _checked(found: FocalLength, diagonal: float) -> FocalLength:
-    if _is_sensible(found.pixels, diagonal):
-        return found
+def _checked(focal: FocalLength, diagonal: float) -> FocalLength:
+    if _is_sensible(focal.pixels, diagonal):
+        return focal
     raise CalibrationError(
-        f"{found.source} makes a focal length of {found.pixels:g} pixels, "
+        f"{focal.source} makes a focal length of {focal.pixels:g} pixels, "
         f"for a photo of {diagonal:.0f} pixels across",
         hint="35 mm equivalents lie between about 10 and 1000",
     )

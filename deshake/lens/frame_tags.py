@@ -1,4 +1,4 @@
-"""EXIF tags of the frame, made true for a picture that was cropped or straightened."""
+"""EXIF tags of the frame, corrected for a picture that was cropped or straightened."""
 
 from __future__ import annotations
 
@@ -25,13 +25,14 @@ _FINE: Final = 10_000  # the denominator of resolutions
 
 
 def reframed(metadata: Metadata, height: int, width: int, focal_px: float) -> Metadata:
-    """Return metadata whose EXIF tells the frame of a picture.
+    """Return metadata whose EXIF states the frame of a picture.
 
-    PixelXDimension and PixelYDimension become its size, and the focal plane resolution what makes
-    the focal length in pixels out of FocalLength. Where that is missing, FocalLengthIn35mmFilm
-    becomes the equivalent to the millimetre; else it goes, being too coarse. What the camera
-    wrote stays in its place, offsets and all: the changed directories are appended. A thumbnail is
-    unlinked. Metadata without EXIF, or with so much that no more fits, stay as they are.
+    PixelXDimension and PixelYDimension become the size of the picture. The focal plane resolution
+    becomes the ratio of the focal length in pixels to FocalLength. If FocalLength is missing,
+    FocalLengthIn35mmFilm becomes the equivalent, rounded to 1 mm; else that tag is removed, since
+    it is too coarse. The bytes that the camera wrote keep their offsets: the changed directories
+    are appended. The link to a thumbnail is removed. Metadata without EXIF, or with no room for
+    more, stay unchanged.
 
     Parameters
     ----------

@@ -34,10 +34,10 @@ __all__ = ["LensProfile", "crop_factor", "find_profile"]
 
 _BOARD: Final = "or find it with calibrate --chessboard"
 _WITH_MORE: Final = re.compile(r"compatibles[^,+]*[,+]")  # converters, macro, other raw formats
-_SMALLER: Final = 0.96  # how much smaller a profile's sensor may be than the camera's: lensfun's
-_SAMPLES: Final = 60
-_BEYOND: Final = 1.02  # corners that the curve is known for
-_FAR: Final = 1000.0  # m
+_SMALLER: Final = 0.96  # least crop factor of the camera, in those of the profile; lensfun's value
+_SAMPLES: Final = 60  # points of the profile's curve
+_BEYOND: Final = 1.02  # half diagonals: how far out the curve is sampled
+_FAR: Final = 1000.0  # m: the distance of the scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class LensProfile:
     distortion : (8,) array of float64
         Its distortion in OpenCV's order.
     error_px : float
-        How far this is from the profile's curve at most, in pixels of the whole frame.
+        Largest distance from the profile's curve, in pixels of the whole frame.
 
     """
 
@@ -103,25 +103,25 @@ def find_profile(
     cameras = _cameras(tags.make, tags.model)
     named = f"{tags.make} {tags.model}".strip() or "a camera without a name"
     if lens is not None:
-        found = [item for item in _database().lenses if _key(item.model) == _key(lens)]
+        lenses = [item for item in _database().lenses if _key(item.model) == _key(lens)]
         missing = f"lensfun has no lens {lens!r}"
     elif not cameras:
         raise CalibrationError(
             f"lensfun has no camera {named}", hint=f"name the lens with --lens-model NAME, {_BOARD}"
         )
     else:
-        found = _lenses_by_exif(cameras, tags)
+        lenses = _lenses_by_exif(cameras, tags)
         missing = f"lensfun has no profile of {tags.lens_model or 'the lens'} on {named}"
-    if not found:
+    if not lenses:
         raise CalibrationError(missing, hint=_similar(lens or tags.lens_model))
-    focal_mm = tags.focal_mm or _fixed(found)
+    focal_mm = tags.focal_mm or _fixed(lenses)
     if focal_mm is None:
         raise CalibrationError(
             "its metadata state no focal length, which the lens's distortion depends on",
             hint=f"use a photo with its metadata, {_BOARD}",
         )
     crop = math.hypot(36, 24) / math.hypot(*frame) * focal_px / focal_mm
-    return _profile(_suitable(found, crop, focal_mm), focal_mm, focal_px, crop, frame)
+    return _profile(_suitable(lenses, crop, focal_mm), focal_mm, focal_px, crop, frame)
 
 
 def _profile(
@@ -140,13 +140,13 @@ def _profile(
     middle = np.array([(width - 1) / 2, (height - 1) / 2])
     shares = np.linspace(0, _BEYOND, _SAMPLES + 1)[1:]
     straight = shares * np.hypot(*middle)
-    seen = np.array(
+    bent_points = np.array(
         [
             modifier.apply_geometry_distortion(*map(float, middle * (1 + share)), 1, 1)[0, 0]
             for share in shares
         ]
     )
-    bent = np.hypot(*(seen - middle).T)
+    bent = np.hypot(*(bent_points - middle).T)
     try:
         distortion, error = fit_distortion(straight / focal_px, bent / focal_px)
     except ValueError as cause:
@@ -175,41 +175,41 @@ def _lenses_by_exif(cameras: list[Any], tags: CameraTags) -> list[Any]:
     ]
 
 
-def _suitable(found: list[Any], crop: float, focal_mm: float) -> Any:  # noqa: ANN401
+def _suitable(lenses: list[Any], crop: float, focal_mm: float) -> Any:  # noqa: ANN401
     """Return the profile of a lens that was made on the sensor nearest to the camera's."""
-    lens = found[0].model
-    found = [item for item in found if "FISHEYE" not in str(item.type)]
-    if not found:
+    lens = lenses[0].model
+    lenses = [item for item in lenses if "FISHEYE" not in str(item.type)]
+    if not lenses:
         raise CalibrationError(f"{lens} is a fisheye", hint="fisheye lenses cannot be undone")
-    found = [item for item in found if item.calib_distortion]
-    if not found:
+    lenses = [item for item in lenses if item.calib_distortion]
+    if not lenses:
         raise CalibrationError(
             f"lensfun's profile of {lens} says nothing of its distortion",
             hint=f"try without --lens, {_BOARD}",
         )
-    low, high = min(item.min_focal for item in found), max(item.max_focal for item in found)
-    found = [item for item in found if 0.95 * item.min_focal <= focal_mm <= 1.05 * item.max_focal]
-    if not found:
+    low, high = min(item.min_focal for item in lenses), max(item.max_focal for item in lenses)
+    lenses = [item for item in lenses if 0.95 * item.min_focal <= focal_mm <= 1.05 * item.max_focal]
+    if not lenses:
         raise CalibrationError(
             f"the photo was taken at {focal_mm:g} mm, and {lens} has {low:g} to {high:g} mm",
             hint="name the lens with --lens-model NAME",
         )
-    found = [item for item in found if item.crop_factor * _SMALLER <= crop]
-    if not found:
+    lenses = [item for item in lenses if item.crop_factor * _SMALLER <= crop]
+    if not lenses:
         raise CalibrationError(
             f"lensfun knows {lens} on smaller sensors only", hint=f"try without --lens, {_BOARD}"
         )
-    return max(found, key=lambda item: item.crop_factor)
+    return max(lenses, key=lambda item: item.crop_factor)
 
 
-def _fixed(found: list[Any]) -> float | None:
+def _fixed(lenses: list[Any]) -> float | None:
     """Return the focal length of lenses that have but one."""
-    lengths = {float(end) for lens in found for end in (lens.min_focal, lens.max_focal)}
+    lengths = {float(end) for lens in lenses for end in (lens.min_focal, lens.max_focal)}
     return lengths.pop() if len(lengths) == 1 else None
 
 
 def _similar(name: str) -> str:
-    """Say what to try, with the names that share the most with one."""
+    """Return a hint, with similar names of lenses if there are any."""
     numbers = set(re.findall(r"\d[\d.]*", name))
     alike = {
         lens.model
@@ -222,8 +222,8 @@ def _similar(name: str) -> str:
 
 
 def _key(name: str, maker: str | None = None) -> str:
-    """Reduce a name to what tells lenses apart."""
-    key = re.sub(r"\s+|f/", lambda found: "f" if "/" in found[0] else "", name.casefold())
+    """Reduce a name to the part that distinguishes lenses."""
+    key = re.sub(r"\s+|f/", lambda match: "f" if "/" in match[0] else "", name.casefold())
     if maker is not None:
         brand = maker.casefold().split()
         key = key.removeprefix(brand[0]) if brand else key

@@ -31,47 +31,47 @@ Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 _BAND = 128  # rows that are resampled at once
-_NODE = 8  # pixels between those whose inverse is found by iteration
+_NODE = 8  # px between the nodes whose inverse an iteration computes
 _NEAR = np.ones((5, 5), np.uint8)
 _TOUCHED = np.ones((3, 3), np.uint8)
-_CLEAR = 1e-3  # share of marked pixels that does not count
+_CLEAR = 1e-3  # share of marked pixels up to which a result counts as unmarked
 
 
 class LensWarp:
-    """The way between a photo and the picture of a pinhole, there and back.
+    """Resampling between a photo and the straight picture of a pinhole, in both directions.
 
     Parameters
     ----------
     camera : Camera
         The photo's, with its distortion.
-    seen : Camera
+    straight_camera : Camera
         The pinhole, see `geometry.distortion.pinhole`.
 
     """
 
-    def __init__(self, camera: Camera, seen: Camera) -> None:
+    def __init__(self, camera: Camera, straight_camera: Camera) -> None:
         self.camera = camera
-        self.seen = seen
+        self.straight_camera = straight_camera
 
     def straighten(self, image: Image) -> Image:
         """Turn a photo (h, w[, C]) into the pinhole's picture."""
-        return self._resampled(image, self.seen.shape, self._straight_bands)
+        return self._resampled(image, self.straight_camera.shape, self._straight_bands)
 
     def bend(self, image: Image) -> Image:
         """Turn the pinhole's picture (h, w[, C]) into a photo."""
         return self._resampled(image, self.camera.shape, self._bent_bands)
 
     def straighten_mask(self, mask: Mask) -> Mask:
-        """Tell where the pinhole's picture is made of pixels of the photo that are marked."""
+        """Return where the pinhole's picture depends on marked pixels of the photo."""
         wide = np.asarray(cv2.dilate(mask.astype(np.float32), _TOUCHED), np.float32)
-        out = np.empty(self.seen.shape, bool)
+        out = np.empty(self.straight_camera.shape, bool)
         for rows, where in self._straight_bands():
             out[rows] = _interpolated(wide, where, order=1) > _CLEAR
         return out
 
     def straighten_codes(self, codes: NDArray[np.unsignedinteger]) -> NDArray[np.unsignedinteger]:
         """Resample a plane of codes (h, w), such as an opacity, bilinearly."""
-        return _codes(codes, self.seen.shape, self._straight_bands)
+        return _codes(codes, self.straight_camera.shape, self._straight_bands)
 
     def bend_codes(self, codes: NDArray[np.unsignedinteger]) -> NDArray[np.unsignedinteger]:
         """Resample a plane of codes the other way."""
@@ -96,11 +96,11 @@ class LensWarp:
         return image_like(channels_first(out), image)
 
     def _straight_bands(self) -> Iterator[tuple[slice, Image]]:
-        """Tell where the pixels of the pinhole's picture lie in the photo, as (y, x) by rows."""
-        height, width = self.seen.shape
+        """Yield where the pixels of the pinhole's picture lie in the photo, as (y, x) by rows."""
+        height, width = self.straight_camera.shape
         for top in range(0, height, _BAND):
             rows = slice(top, min(top + _BAND, height))
-            matrix = self.seen.cropped(0, top, width, rows.stop - top).matrix
+            matrix = self.straight_camera.cropped(0, top, width, rows.stop - top).matrix
             x, y = cv2.initUndistortRectifyMap(
                 self.camera.matrix,
                 self.camera.distortion,
@@ -112,14 +112,14 @@ class LensWarp:
             yield rows, np.stack([y, x])
 
     def _bent_bands(self) -> Iterator[tuple[slice, Image]]:
-        """Tell where the pixels of the photo lie in the pinhole's picture, as (y, x) by rows.
+        """Yield where the pixels of the photo lie in the pinhole's picture, as (y, x) by rows.
 
-        The inverse is found on a grid of nodes, and its smooth rest between them.
+        An iteration computes the inverse on a grid of nodes; splines interpolate between them.
         """
         height, width = self.camera.shape
         y, x = (np.linspace(0, n - 1, max(-(-n // _NODE), 4) + 1) for n in (height, width))
         nodes = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
-        there = undistorted(nodes, self.camera, self.seen)
+        there = undistorted(nodes, self.camera, self.straight_camera)
         moved = (there - nodes).reshape(len(y), len(x), 2)
         across, down = (RectBivariateSpline(y, x, moved[..., axis]) for axis in (0, 1))
         columns = np.arange(width)

@@ -1,7 +1,7 @@
 """Sizes of the sensors of well-known cameras, as the makers' specifications give them.
 
-For cameras that may write FocalLength alone. The names are EXIF's Model; they must match to the
-letter, but for case, since a near miss is often another sensor.
+The table serves cameras that write FocalLength alone. The names are EXIF's Model. They must match
+exactly, except for case, since a similar name often means another sensor.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import Final
 
 __all__ = ["sensor_size"]
 
-# Width and height in millimetres, and the cameras that have it.
+# Width and height in millimetres, and the cameras with this sensor.
 _SENSORS: Final[dict[tuple[float, float], tuple[str, ...]]] = {
     (43.8, 32.9): ("GFX 50S", "GFX 50R"),
     (36.0, 24.0): (

@@ -1,14 +1,14 @@
-"""Photos through lenses that bend: straightened before anything else, and bent back if asked for.
+"""Lens distortion is removed before all other steps, and applied again at the end if wanted.
 
-Rotations are homographies of a pinhole's picture only. So a photo whose camera has a distortion is
-made straight, in one resampling; what is estimated is estimated, and what is deblurred is deblurred
-on the straight picture. That has the size of the photo, and is as wide as it can be without looking
-beyond it: of a barrel the corners are cut off. The result is this picture, deblurred. Where the
-geometry is to be kept, the straight picture is wide enough for all of the photo, continued by its
-mirror image, and the result is bent back by one more resampling.
+Rotations are homographies only in the picture of a pinhole. So the photo of a camera with
+distortion is straightened, in one resampling. All estimates and all deblurring work on the straight
+picture. It has the size of the photo, and is as wide as possible without pixels from beyond the
+photo: a barrel distortion loses its corners. The result is this picture, deblurred. If the geometry
+is to be kept, the straight picture is wide enough for the whole photo, its mirror image fills the
+rest, and one more resampling applies the distortion to the result.
 
-Kernels and registrations are stored with the photo's camera and its distortion: from these each
-stage finds the same straight picture again.
+Kernels and registrations are stored with the photo's camera and its distortion. From these, each
+stage computes the same straight picture again.
 """
 
 from __future__ import annotations
@@ -45,18 +45,18 @@ Region = tuple[int, int, int, int]
 
 
 def is_straightened(photo: Photo) -> bool:
-    """Tell whether a photo says in its provenance that its lens was undone already."""
-    told = carried_provenance(photo.metadata)
-    return told is not None and bool(told.get("straightened"))
+    """Return whether the photo's provenance says that its distortion was removed already."""
+    provenance = carried_provenance(photo.metadata)
+    return provenance is not None and bool(provenance.get("straightened"))
 
 
 def check_unstraightened(photo: Photo) -> None:
-    """Refuse to undo the lens of a photo a second time.
+    """Refuse to remove the distortion of a photo a second time.
 
     Raises
     ------
     CalibrationError
-        If it was undone already.
+        If it was removed already.
 
     """
     if is_straightened(photo):
@@ -68,7 +68,7 @@ def check_unstraightened(photo: Photo) -> None:
 
 
 def straightened(photo: Photo, camera: Camera, *, whole: bool = False) -> tuple[Photo, Camera]:
-    """Return what a pinhole would have taken instead of a photo, and that pinhole.
+    """Return the picture that a pinhole would have taken, and that pinhole.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def straightened(photo: Photo, camera: Camera, *, whole: bool = False) -> tuple[
     Returns
     -------
     photo : Photo
-        Pixels, clipped pixels and opacity are resampled; EXIF tells the new frame.
+        Pixels, clipped pixels and opacity are resampled; EXIF states the new frame.
     camera : Camera
         Of the same principal point, without distortion.
 
@@ -95,16 +95,16 @@ def straightened(photo: Photo, camera: Camera, *, whole: bool = False) -> tuple[
     if camera.is_pinhole:
         return photo, camera
     check_unstraightened(photo)
-    seen = _pinhole(photo, camera, whole=whole)
-    warp = LensWarp(camera, seen)
+    straight_camera = _pinhole(photo, camera, whole=whole)
+    warp = LensWarp(camera, straight_camera)
     straight = replace(
         photo,
         pixels=warp.straighten(photo.pixels),
         clipped=warp.straighten_mask(photo.clipped),
         alpha=None if photo.alpha is None else warp.straighten_codes(photo.alpha),
-        metadata=reframed(photo.metadata, *seen.shape, seen.focal_px),
+        metadata=reframed(photo.metadata, *straight_camera.shape, straight_camera.focal_px),
     )
-    return straight, seen
+    return straight, straight_camera
 
 
 def bent(straight: Photo, photo: Photo, camera: Camera) -> Photo:
@@ -113,7 +113,7 @@ def bent(straight: Photo, photo: Photo, camera: Camera) -> Photo:
     Parameters
     ----------
     straight : Photo
-        What came of `straightened` with `whole`.
+        The result of `straightened` with `whole`.
     photo : Photo
         The photo: its opacity and metadata are kept.
     camera : Camera
@@ -141,21 +141,23 @@ def straight_pair(
         As for `straightened`.
 
     """
-    straight, seen = straightened(blurred, camera, whole=whole)
+    straight, straight_camera = straightened(blurred, camera, whole=whole)
     if camera.is_pinhole:
-        return straight, noisy, seen
+        return straight, noisy, straight_camera
     other, _ = straightened(noisy, camera_at(camera, noisy.shape), whole=whole)
-    return straight, other, seen
+    return straight, other, straight_camera
 
 
-def straight_region(region: Region | None, camera: Camera, seen: Camera) -> Region | None:
-    """Return the part of the straight picture that a region of the photo became.
+def straight_region(
+    region: Region | None, camera: Camera, straight_camera: Camera
+) -> Region | None:
+    """Return the region of the straight picture that holds a region of the photo.
 
     Parameters
     ----------
     region : (x, y, width, height) or None
         In pixels of the photo.
-    camera, seen : Camera
+    camera, straight_camera : Camera
         The photo's and the pinhole's.
 
     """
@@ -166,24 +168,28 @@ def straight_region(region: Region | None, camera: Camera, seen: Camera) -> Regi
         [(a, b) for a in (x, x + (width - 1) / 2, x + width - 1) for b in (y, y + height - 1)],
         np.float64,
     )
-    there = undistorted(corners, camera, seen)
-    last = np.array(seen.shape[::-1]) - 1
+    there = undistorted(corners, camera, straight_camera)
+    last = np.array(straight_camera.shape[::-1]) - 1
     low = np.clip(np.floor(there.min(0)), 0, last).astype(int)
     high = np.clip(np.ceil(there.max(0)), 0, last).astype(int)
     return int(low[0]), int(low[1]), int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1
 
 
-def straight_kernel(kernel: RotationKernel, camera: Camera, seen: Camera) -> RotationKernel:
+def straight_kernel(
+    kernel: RotationKernel, camera: Camera, straight_camera: Camera
+) -> RotationKernel:
     """Return the kernel of a photo for its straight picture; see `bent_kernel`."""
     if camera.is_pinhole:
         return kernel
     if not kernel.camera.is_uniform:
-        return kernel.for_camera(seen)
-    zoom = seen.focal_px / camera.focal_px
-    return kernel.for_camera(Camera.from_focal(zoom * kernel.camera.focal_px, *seen.shape))
+        return kernel.for_camera(straight_camera)
+    zoom = straight_camera.focal_px / camera.focal_px
+    return kernel.for_camera(
+        Camera.from_focal(zoom * kernel.camera.focal_px, *straight_camera.shape)
+    )
 
 
-def bent_kernel(kernel: RotationKernel, camera: Camera, seen: Camera) -> RotationKernel:
+def bent_kernel(kernel: RotationKernel, camera: Camera, straight_camera: Camera) -> RotationKernel:
     """Return the kernel of a straight picture with the camera of its photo.
 
     Rotations are the same for both. Those of the uniform model are shifts, which have the size of
@@ -193,7 +199,7 @@ def bent_kernel(kernel: RotationKernel, camera: Camera, seen: Camera) -> Rotatio
     ----------
     kernel : RotationKernel
         For the pinhole, or for the camera of the uniform model.
-    camera, seen : Camera
+    camera, straight_camera : Camera
         The photo's and the pinhole's.
 
     """
@@ -201,7 +207,7 @@ def bent_kernel(kernel: RotationKernel, camera: Camera, seen: Camera) -> Rotatio
         return kernel
     if not kernel.camera.is_uniform:
         return kernel.for_camera(camera)
-    zoom = seen.focal_px / camera.focal_px
+    zoom = straight_camera.focal_px / camera.focal_px
     return replace(
         kernel,
         theta=kernel.theta / zoom,

@@ -1,7 +1,7 @@
-"""The whole frame that a photo was taken with, whether it was cropped or resized since.
+"""The whole frame of a photo that was perhaps cropped or resized later.
 
-Focal lengths in millimetres tell the angle of view of the whole frame. EXIF states the size of the
-picture as it was taken; where a file's size differs, it was resized or cropped.
+A focal length in millimetres gives the angle of view of the whole frame. EXIF states the original
+size of the picture. Where the file has another size, the picture was resized or cropped.
 """
 
 from __future__ import annotations
@@ -14,30 +14,28 @@ if TYPE_CHECKING:
 
 __all__ = ["WholeFrame", "whole_frame"]
 
-_CLOSE: Final = 0.02  # sides that differ by less do not matter
-_SHAPES: Final = (1.0, 5 / 4, 4 / 3, 3 / 2, 16 / 9, 2.0, 20 / 9)  # of pictures as cameras take them
-_RESIZED: Final = 1.25  # who makes a picture smaller makes it so by more
-_QUARTER: Final = (
-    0.25  # of the area: who crops more than that away makes the rest larger or smaller
-)
+_CLOSE: Final = 0.02  # relative difference of two sides: smaller ones are ignored
+_SHAPES: Final = (1.0, 5 / 4, 4 / 3, 3 / 2, 16 / 9, 2.0, 20 / 9)  # aspect ratios of cameras
+_RESIZED: Final = 1.25  # factor: people reduce a picture by more than this, or not at all
+_QUARTER: Final = 0.25  # share of the area: a smaller crop is taken to be resized, too
 
 
 @dataclass(frozen=True)
 class WholeFrame:
-    """The frame as it was taken, in pixels of the photo.
+    """The original frame, in pixels of the photo.
 
     Parameters
     ----------
     long, short : float
         Its longer and its shorter side.
     scale : float
-        Pixels of the photo a pixel of the picture as it was taken.
+        Pixels of the photo per pixel of the original picture.
     sure : float
-        How far that is to be trusted, 0 to 1.
+        The confidence, 0 to 1.
     note : str
-        What the user should know; empty: nothing.
-    told : str
-        What was found, for those who ask.
+        A note to the user; empty: none.
+    reason : str
+        Why this frame was chosen; the log shows it.
 
     """
 
@@ -46,17 +44,18 @@ class WholeFrame:
     scale: float = 1.0
     sure: float = 1.0
     note: str = ""
-    told: str = ""
+    reason: str = ""
 
 
 def whole_frame(
     tags: CameraTags, height: int, width: int, full: tuple[float, float] | None = None
 ) -> WholeFrame:
-    """Tell the whole frame of a photo.
+    """Infer the whole frame of a photo.
 
-    A picture of the same shape, to the rounding of its sides, was resized. One of another shape
-    was cropped: without resizing, if more than a quarter of the area is left, else as little as
-    its shape allows. Whether a photo lies on its side does not matter.
+    A picture of the original shape, within the rounding of its sides, was resized. A picture of
+    another shape was cropped. If at least a quarter of the area is left, it was not resized. Else
+    it was cropped as little as its shape allows, and resized. The photo may be turned by 90
+    degrees.
 
     Parameters
     ----------
@@ -77,24 +76,26 @@ def whole_frame(
     if taken is None:
         return _by_shape(long, short)
     if (long, short) == taken:
-        return WholeFrame(long, short, told=f"as taken, {long} x {short} pixels")
+        return WholeFrame(long, short, reason=f"as taken, {long} x {short} pixels")
     scale = long / taken[0]
     if abs(taken[1] * scale - short) <= max(1.0, scale):
-        return WholeFrame(long, short, scale, told=f"{scale:.3g} times the size of what was taken")
+        return WholeFrame(
+            long, short, scale, reason=f"{scale:.3g} times the size of what was taken"
+        )
     left = long * short / (taken[0] * taken[1])
     return _cropped((long, short), taken, resized=left < _QUARTER)
 
 
 def _by_sensor(long: int, short: int, full: tuple[float, float]) -> WholeFrame:
-    """Tell the whole frame of a photo that has fewer pixels than its sensor."""
+    """Infer the whole frame of a photo that has fewer pixels than its sensor."""
     alike = abs(full[0] * short / (full[1] * long) - 1) < _CLOSE
     if alike and full[0] > _RESIZED * long:
-        return WholeFrame(long, short, long / full[0], 0.9, told="resized, by its sensor")
+        return WholeFrame(long, short, long / full[0], 0.9, reason="resized, by its sensor")
     return _cropped((long, short), (round(full[0]), round(full[1])))
 
 
 def _cropped(size: tuple[int, int], whole: tuple[int, int], *, resized: bool = False) -> WholeFrame:
-    """Tell the whole frame of a photo of another shape."""
+    """Infer the whole frame of a photo of another shape."""
     if size[0] > (1 + _CLOSE) * whole[0] or size[1] > (1 + _CLOSE) * whole[1]:
         return WholeFrame(
             *size,
@@ -106,26 +107,31 @@ def _cropped(size: tuple[int, int], whole: tuple[int, int], *, resized: bool = F
         )
     scale = max(size[0] / whole[0], size[1] / whole[1]) if resized else 1.0
     small = min(size[0] / whole[0], size[1] / whole[1])
-    told = f"cropped from {whole[0]} x {whole[1]} pixels"
+    reason = f"cropped from {whole[0]} x {whole[1]} pixels"
     if small >= 1 - _CLOSE:
-        return WholeFrame(*whole, told=told)
+        return WholeFrame(*whole, reason=reason)
     note = f"it was taken as {whole[0]} x {whole[1]} pixels, and has {size[0]} x {size[1]}: "
     if scale == 1:
         note += "it is taken to be a crop out of the whole frame"
-        return WholeFrame(*whole, sure=0.7, note=note, told=told)
+        return WholeFrame(*whole, sure=0.7, note=note, reason=reason)
     note += "it is taken to be cropped and resized, and its focal length is a guess"
     return WholeFrame(
-        whole[0] * scale, whole[1] * scale, scale, 0.4, note, f"{told}, {scale:.3g} times the size"
+        whole[0] * scale,
+        whole[1] * scale,
+        scale,
+        0.4,
+        note,
+        f"{reason}, {scale:.3g} times the size",
     )
 
 
 def _by_shape(long: int, short: int) -> WholeFrame:
-    """Tell the whole frame where nothing but the photo itself tells it."""
+    """Infer the whole frame from the shape of the photo alone."""
     if any(abs(long / short / shape - 1) < _CLOSE for shape in _SHAPES):
-        told = "its EXIF does not say how large it was taken; its shape is a camera's"
-        return WholeFrame(long, short, sure=0.9, told=told)
+        reason = "its EXIF does not say how large it was taken; its shape is a camera's"
+        return WholeFrame(long, short, sure=0.9, reason=reason)
     note = (
         f"its EXIF does not say how large it was taken, and {long} x {short} is the shape of no "
         "camera: if it is cropped, its focal length is longer than what is taken for it"
     )
-    return WholeFrame(long, short, sure=0.5, note=note, told="of no camera's shape")
+    return WholeFrame(long, short, sure=0.5, note=note, reason="of no camera's shape")

@@ -1,8 +1,8 @@
-"""Bilinear taps: what lies between pixels, shared among the four pixels around it.
+"""Bilinear taps: a place between pixels is shared among the four pixels around it.
 
-A filter of weights at displacements that are no whole pixels is splatted onto a block of pixels; a
-block is read between its pixels by the same shares. Blocks are periodic, lag 0 is at the origin.
-Rasters are not periodic: what lies beyond their border goes to the border.
+Weights at fractional displacements are splatted onto a block of pixels; a block is read between its
+pixels with the same shares. Blocks are periodic, with lag 0 at the origin. Rasters are not
+periodic: places beyond their border are moved to the border.
 """
 
 from __future__ import annotations

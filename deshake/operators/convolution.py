@@ -1,8 +1,8 @@
 """Uniform blur: one filter for the whole frame, through one FFT of it.
 
-Where every rotation moves all of the frame alike, filter flow has the same filter in every patch,
-and the windows that fade from patch to patch add up to nothing but work. With f zero beyond the
-latent image and a torus on which nothing meets by wrapping,
+Where every rotation moves the whole frame alike, filter flow has the same filter in every patch,
+and its windows are of no use. With f zero beyond the latent image, and a torus so large that
+nothing wraps around,
 
     forward   g = F^-1[ F f conj(F h) ],     adjoint   f = F^-1[ F g F h ]
 
@@ -25,7 +25,7 @@ Spectrum = NDArray[np.complex64]
 
 
 class Convolution:
-    """One filter for all of the frame: the linear operator and its adjoint.
+    """One filter for the whole frame: the linear operator and its adjoint.
 
     Parameters
     ----------
@@ -73,10 +73,10 @@ class Convolution:
         """
         check_size(latent, self.latent_shape)
         out = np.empty((len(latent), *self.shape), np.float32)
-        for plane, seen in zip(latent, out, strict=True):
+        for plane, blurred in zip(latent, out, strict=True):
             product = self.rfft(plane, conjugate=True)
             product *= self.spectrum
-            seen[...] = self.irfft(product, self.shape, conjugate=True)
+            blurred[...] = self.irfft(product, self.shape, conjugate=True)
         return out
 
     def adjoint(self, observed: Image) -> Image:

@@ -1,9 +1,10 @@
 """Efficient filter flow for rotations: the maps of Eqs. (7)-(9) at the cost of FFTs.
 
-Within a patch p the blur is taken as one filter ``h_p = sum_k w_k splat(d_k(c_p))``: each rotation
-moves the patch by the displacement ``d_k(c_p)`` of its middle, with bilinear weights. Triangular
-windows fade from each patch's filter to the next one's. Hirsch, Schuler, Harmeling & Schoelkopf,
-"Fast removal of non-uniform camera shake", ICCV 2011, use the same for the rotational model.
+Within a patch p one filter approximates the blur, ``h_p = sum_k w_k splat(d_k(c_p))``: each
+rotation moves the patch by the displacement ``d_k(c_p)`` of its middle, with bilinear weights.
+Triangular windows blend the filters of neighbouring patches. Hirsch, Schuler, Harmeling &
+Schoelkopf, "Fast removal of non-uniform camera shake", ICCV 2011, do the same for the rotational
+model.
 
 The cost does not depend on the number of rotations; the error against exact warps grows with how
 far a rotation's displacement changes from patch to patch (`patch_hop`).
@@ -33,14 +34,14 @@ __all__ = ["FilterFlow", "checked_rotations", "checked_weights", "patch_hop", "r
 
 Image = NDArray[np.float32]
 
-_TAPS_KEPT = 4_000_000  # bilinear taps of this many (patch, rotation) pairs are kept
-_LEAST_HOP = 12
-_CACHED = 320  # pixels a side of blocks whose transforms stay in the cache
-_BEYOND = 1.2  # how much longer larger ones take, a pixel
-_LARGEST = 640
-_BLOCK_EFFORT = 4096  # pixels that take as long as what a block costs besides its own
-_FADE = 0.072  # px that displacements may change from patch to patch, per root of the blur's px
-_PROBES = 5  # points of the frame, along each side, where that is measured
+_TAPS_KEPT = 4_000_000  # (patch, rotation) pairs whose bilinear taps are kept, at most
+_LEAST_HOP = 12  # px: least distance from patch to patch
+_CACHED = 320  # px: largest side of blocks whose transforms stay in the cache
+_BEYOND = 1.2  # factor of the time a pixel for larger blocks
+_LARGEST = 640  # px: largest side of blocks, except for blurs that need larger ones
+_BLOCK_EFFORT = 4096  # pixels whose time equals the fixed cost of a block
+_FADE = 0.072  # px: change of displacements from patch to patch, per root of the blur's px
+_PROBES = 5  # points along each side of the frame that measure this change
 
 
 def reach(camera: Camera, theta: ArrayLike) -> int:
@@ -52,11 +53,11 @@ def reach(camera: Camera, theta: ArrayLike) -> int:
 def patch_hop(camera: Camera, theta: ArrayLike) -> int:
     """Distance from patch to patch: the cheapest with errors below 1e-3 rms of the range.
 
-    Between two patches the filters of both are mixed: displacements that differ by delta blur the
-    picture as a second moment of up to delta^2 / 4 would. Its mean over the rotations and its
-    root mean square over the frame, which the Jacobian of the displacements tells, foretell the
-    error against exact warps; a wider blur leaves less detail to be hurt. Of the distances that
-    are short enough, the one counts whose blocks take the least time in all.
+    Between two patches the filters of both are mixed. Displacements that differ by delta blur the
+    picture by a second moment of up to delta^2 / 4. The Jacobian of the displacements gives its
+    mean over the rotations and its root mean square over the frame, which predict the error
+    against exact warps. A wider blur allows a larger error, since it leaves less detail. Of the
+    distances that are short enough, the result is the one whose blocks take the least time.
     """
     h = homographies(camera, theta)
     along = (np.arange(_PROBES) + 0.5) / _PROBES
@@ -119,7 +120,7 @@ class FilterFlow:
         Rotations in radians.
     margin : int, optional
         Pixels by which latent images are larger on every side; by default the reach of the
-        rotations, so that every observed pixel sees only latent ones.
+        rotations, so that every observed pixel depends on latent ones only.
     hop : int, optional
         Distance between patches in pixels; by default `patch_hop`.
     channels : int
@@ -221,7 +222,7 @@ class FilterFlow:
     def gram(
         self, f: Image, mask: Image | None = None, variance: Image | None = None
     ) -> NDArray[np.float64]:
-        """Approximate ``B^T M B``, (K, K): patches see f where they lie, not where they look.
+        """Approximate ``B^T M B``, (K, K): each patch reads f at its own place.
 
         Good as a Hessian beside the exact gradient (2-9 % off), and positive semi-definite.
 
@@ -240,23 +241,25 @@ class FilterFlow:
             If an image has another size than it should.
 
         """
-        seen = channels_first(f)
-        check_size(seen, self.camera.shape)
+        planes = channels_first(f)
+        check_size(planes, self.camera.shape)
         if mask is not None:
-            seen = seen * np.sqrt(mask)
+            planes = planes * np.sqrt(mask)
         n = self.grid.reach
         local: dict[Strip, Image] = {}
         if variance is not None:
             ones = np.ones(self.camera.shape, np.float32) if mask is None else mask
             local = dict(
                 self.grid.cross_correlations(
-                    np.broadcast_to(ones, (len(seen), *ones.shape)), channels_first(variance), _keep
+                    np.broadcast_to(ones, (len(planes), *ones.shape)),
+                    channels_first(variance),
+                    _keep,
                 )
             )
 
         def work(strip: Strip) -> NDArray[np.float64]:
             index, share = self.taps(strip)
-            correlations = self.grid.autocorrelations(seen, strip)
+            correlations = self.grid.autocorrelations(planes, strip)
             return patch_grams(*np.divmod(index, n), share, correlations, local.get(strip)).astype(
                 np.float64
             )

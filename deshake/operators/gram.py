@@ -1,7 +1,7 @@
 """Gram matrices of bilinear taps: ``sum_p S_p C_p S_p'``, the inner loop of kernel estimates.
 
-S_p holds four taps for each rotation, so two sparse products do what dense ones of the filters'
-area would. The patches of a strip stand side by side in one product, which sums them as it goes.
+S_p has four taps for each rotation, so two sparse products replace dense ones of the filters' area.
+The patches of a strip stand side by side in one product, which sums over them.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ __all__ = ["patch_grams"]
 
 Image = NDArray[np.float32]
 
-_COLUMNS = 128  # columns that are worked on at once
-_FULL_BOX = 0.6  # a box of places that is fuller than this is cheaper taken as a whole
+_COLUMNS = 128  # columns that are processed at once
+_FULL_BOX = 0.6  # share of used places: above it, a whole box of places costs less
 
 
 def patch_grams(

@@ -20,22 +20,22 @@ __all__ = ["LocalFilters"]
 
 Image = NDArray[np.float32]
 
-_KEPT_BYTES = 768 << 20  # filters and spectra that are kept, unless told otherwise
+_KEPT_BYTES = 768 << 20  # bytes of filters and spectra that are kept, by default
 
 
 class LocalFilters:
     """One filter per patch: the linear operator and its adjoint.
 
-    Filters and spectra are worked out when they are first needed and kept as far as the budget
-    goes: the filters of all strips before any spectrum, as they are smaller and, of a blur of many
-    rotations, dearer. What is not kept is worked out again, with the same result.
+    Filters and spectra are computed at the first need, and kept within the budget. The filters of
+    all strips come before any spectrum, since they are smaller, and cost more for a blur of many
+    rotations. The others are computed again each time, with the same result.
 
     Parameters
     ----------
     grid : PatchGrid
         The patches.
     filters : callable
-        Takes a strip to its filters (count, 2r+1, 2r+1) of float32.
+        Returns the filters (count, 2r+1, 2r+1) of a strip, in float32.
     budget : int
         Bytes that filters and spectra may fill together.
 
@@ -51,7 +51,7 @@ class LocalFilters:
         self._keep_filters, self._keep_spectra = self._plan(budget)
 
     def _plan(self, budget: int) -> tuple[frozenset[Strip], frozenset[Strip]]:
-        """Choose the strips of which to keep the filters, and those of which the spectra."""
+        """Choose the strips whose filters are kept, and those whose spectra are kept."""
         strips = self.grid.strips
         filters = [4 * strip.count * self.grid.reach**2 for strip in strips]
         spectra = [strip.count * self.grid.transforms.nbytes for strip in strips]

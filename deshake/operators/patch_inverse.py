@@ -4,10 +4,10 @@ For ``M = A^T A + rho D^T D + alpha``, with D the differences of neighbouring pi
 
     P = sum_p block_p' v_p F^-1[ 1 / (|F h_p|^2 + rho |F D|^2 + alpha + floor) ] F v_p block_p
 
-with v_p the root of patch p's window, is symmetric and positive. Were the blur the same all over
-the frame, and the frame a torus, it would be the inverse; as a preconditioner one step with it does
-the work of many without. Where the blur is the same, one patch without a window is enough, and the
-latent image with zeros around it is the torus.
+with v_p the root of patch p's window, is symmetric and positive. It is the exact inverse if the
+blur is the same over the whole frame, and the frame is a torus. As a preconditioner, it makes one
+step as good as many steps without it. If the blur is the same everywhere, one patch without a
+window is enough, and the latent image with zeros around it is the torus.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ __all__ = ["FourierInverse", "PatchInverse", "approximate_inverse"]
 
 Image = NDArray[np.float32]
 
-_FLOOR = np.float32(1e-4)
+_FLOOR = np.float32(1e-4)  # least divisor, in powers of a filter of sum 1
 
 
 def approximate_inverse(blur: Convolution | LocalFilters) -> FourierInverse | PatchInverse:
@@ -80,7 +80,7 @@ class PatchInverse:
         Returns
         -------
         (rows, columns) array of float32
-            Over what each patch covers of the frame.
+            The average over the part of each patch within the frame.
 
         """
         grid = self.filters.grid
@@ -127,8 +127,8 @@ class PatchInverse:
                     self._window(strip.row, strip.first + j) for j in range(strip.count)[batch]
                 ]
                 for j, window in enumerate(windows):
-                    for seen, part in zip(blocks, windowed, strict=True):
-                        cv2.multiply(seen[batch.start + j], window, part[j])
+                    for block, part in zip(blocks, windowed, strict=True):
+                        cv2.multiply(block[batch.start + j], window, part[j])
                 product = transforms.rfft(windowed[:, :count])
                 power = transforms.power(spectra[batch])
                 power += near[strip.row, strip.first : strip.last][batch, None, None]
@@ -154,7 +154,7 @@ class PatchInverse:
 
     @staticmethod
     def _ends(index: int, count: int) -> tuple[bool, bool]:
-        """Tell whether a patch is the first, and the last, of its column or row."""
+        """Return whether a patch is the first, and the last, of its column or row."""
         return index == 0, index == count - 1
 
 

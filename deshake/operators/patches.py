@@ -1,19 +1,19 @@
 """Overlapping patches of the frame, filtered one by one through FFTs.
 
-The machinery of efficient filter flow (Hirsch et al., CVPR 2010), knowing nothing of rotations.
-The observed frame, h x w, is cut into patches of 2s x 2s pixels at every s pixels, with triangular
-windows that sum to one everywhere. Patch p, whose upper left pixel is ``o_p = p s - s``, looks at
-the block of N x N pixels of the latent image that begins at ``o_p - r``, where r bounds the reach
-of every filter. With filters ``h_p(u)``, ``|u| <= r``, stored at indices 0 .. 2r:
+This is efficient filter flow (Hirsch et al., CVPR 2010) without rotations. The observed frame,
+h x w, is cut into patches of 2s x 2s pixels at every s pixels, with triangular windows that sum to
+one everywhere. Patch p, whose upper left pixel is ``o_p = p s - s``, depends on the block of N x N
+pixels of the latent image that begins at ``o_p - r``, where r bounds the reach of every filter.
+With filters ``h_p(u)``, ``|u| <= r``, stored at indices 0 .. 2r:
 
     forward   g = sum_p win_p . F^-1[ F(block_p f) conj(F h_p) ]
     adjoint   f = sum_p block_p' F^-1[ F(win_p . g) F h_p ]
 
-needs no shift. The latent image has a margin of m pixels on every side of the observed frame;
-what lies beyond is zero.
+need no shift. The latent image has a margin of m pixels on every side of the observed frame; beyond
+it, it is zero.
 
-Work is cut into strips, which the threads share, and these into batches that stay in the cache.
-Neither depends on the number of threads, so that results do not either.
+The work is cut into strips, which the threads share, and these into batches that stay in the cache.
+Neither depends on the number of threads, so the results do not depend on it.
 """
 
 from __future__ import annotations
@@ -43,15 +43,16 @@ __all__ = [
 Image = NDArray[np.float32]
 T = TypeVar("T")
 
-_STRIP_BYTES = 4 << 20  # the blocks of a strip, one channel, fill at most this much memory
-_BATCH_BYTES = 1 << 20  # the blocks that are transformed at once, all channels: they stay in cache
+_STRIP_BYTES = 4 << 20  # bytes of the blocks of a strip, one channel, at most
+_BATCH_BYTES = 1 << 20  # bytes of the blocks transformed at once, all channels: they stay in cache
 
 
 def _keep_freed_memory() -> None:
-    """Let batches find their memory again, which saves up to a third of their time.
+    """Make batches reuse their memory, which saves up to a third of their time.
 
-    The C library of Linux returns freed arrays to the kernel, and takes them anew page by page,
-    until it has seen one of nearly 32 MiB freed: this one is never touched. Elsewhere it is vain.
+    The C library of Linux returns freed arrays to the system, and requests them again page by
+    page, until one array of nearly 32 MiB was freed. This function frees such an array, which is
+    never touched. On other systems it has no effect.
     """
     piece = np.empty((32 << 20) - (64 << 10), np.uint8)
     del piece
@@ -61,7 +62,7 @@ _keep_freed_memory()
 
 
 class PatchGrid:
-    """The patches of a frame and the blocks of the latent image that they see.
+    """The patches of a frame and the blocks of the latent image that they depend on.
 
     Parameters
     ----------
@@ -136,7 +137,7 @@ class PatchGrid:
             yield slice(first, min(first + self.batch, strip.count))
 
     def blocks(self, latent: Image, strip: Strip) -> Image:
-        """View the blocks (C, count, N, N) that a strip's patches see of a latent (C, H, W)."""
+        """View the blocks (C, count, N, N) of a latent (C, H, W) for a strip's patches."""
         origin = self._origin(strip, self.margin - self.radius)
         n = self.block
         covered = window_of(latent, *origin, n, n + (strip.count - 1) * self.hop)
@@ -194,8 +195,8 @@ class PatchGrid:
     ) -> Iterable[tuple[Strip, T]]:
         """Correlate observed and latent images patch by patch.
 
-        ``cc_p(u) = sum_c sum_i win_p(i) observed_c(i) latent_c(i + u)`` for ``|u| <= r``; `reduce`
-        takes a strip and its (count, 2r+1, 2r+1) correlations to what is yielded.
+        ``cc_p(u) = sum_c sum_i win_p(i) observed_c(i) latent_c(i + u)`` for ``|u| <= r``. `reduce`
+        gets a strip and its (count, 2r+1, 2r+1) correlations; its result is yielded.
 
         Raises
         ------
@@ -212,8 +213,8 @@ class PatchGrid:
             padded = self.padding(len(observed), strip)
             for batch in self.batches(strip):
                 product = self.transforms.rfft(blocks[:, batch])
-                seen = self.transforms.rfft(self.padded(patches[:, batch], padded))
-                self.transforms.multiply(product, seen, conjugate=True)
+                patch_spectra = self.transforms.rfft(self.padded(patches[:, batch], padded))
+                self.transforms.multiply(product, patch_spectra, conjugate=True)
                 for more in product[1:]:
                     product[0] += more
                 out[batch] = self.transforms.irfft(product[0], self.reach)

@@ -1,4 +1,4 @@
-"""Images as stacks of planes: channels first, windows that reach beyond, sizes that must fit."""
+"""Images as stacks of planes: channels first, windows beyond the border, checks of sizes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def image_like(channels: Image, image: Image) -> Image:
 def fitted(planes: Image, shape: tuple[int, int], *, beyond: float | None = None) -> Image:
     """Cut planes (..., h, w) on all sides alike to a height and width, or continue them.
 
-    Beyond them is what is told, or else what is at their edges. Raise ValueError unless one lies
+    `beyond` continues them, or else their edges do. Raise ValueError unless one lies
     in the middle of the other.
     """
     margin = (shape[0] - planes.shape[-2]) // 2
@@ -58,7 +58,7 @@ def window_of(image: Image, top: int, left: int, height: int, width: int) -> Ima
 
 
 def add_at(image: Image, top: int, left: int, piece: Image) -> None:
-    """Add a piece to (C, H, W) at a place, dropping what reaches beyond the image."""
+    """Add a piece to (C, H, W) at a place; discard the part beyond the image."""
     _, height, width = piece.shape
     y0, y1 = max(top, 0), min(top + height, image.shape[1])
     x0, x1 = max(left, 0), min(left + width, image.shape[2])

@@ -1,9 +1,9 @@
-"""Camera shake as an operator: what deconvolution and estimation see of the blur.
+"""Camera shake as an operator, for deconvolution and estimation.
 
 `RotationModel` is the bilinear map ``(f, w) -> A f = B w`` with its transposes, in two
 exchangeable kinds: `FilterFlow`, fast, and `Warps`, exact. `ShakeBlur` binds a kernel to it.
-Uniform blur is the special case of `Camera.uniform`, through whose long lens every rotation is a
-translation of the whole frame: there the blur is a `Convolution`, both fast and exact.
+Uniform blur is the special case of `Camera.uniform`. Its lens is so long that every rotation is a
+translation of the whole frame. There the blur is a `Convolution`, both fast and exact.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ Image = NDArray[np.float32]
 Filters = Convolution | LocalFilters
 """The operator A of a known kernel, on images (C, ., .)."""
 
-_SPREAD = 0.01  # pixels that a rotation's displacements may differ by over the frame
+_SPREAD = 0.01  # px: if a rotation's displacements vary by more over the frame, it is not uniform
 
 
 class RotationModel(Protocol):
@@ -141,7 +141,7 @@ def blur_filters(
     channels: int = 1,
     threads: int | None = None,
 ) -> Filters:
-    """Turn a kernel into the filters that blur by it: one for all of the frame if that will do.
+    """Return the filters of a kernel: one for the whole frame if the blur is uniform.
 
     Parameters
     ----------
@@ -200,9 +200,9 @@ def observation_mask(camera: Camera, theta: ArrayLike) -> Image:
     for start in range(0, height * width, 1 << 20):
         part = slice(start, start + (1 << 20))
         points = np.stack([x[part], y[part]], 1).astype(np.float64)
-        seen = displacements(h, points) + points[:, None]
+        moved = displacements(h, points) + points[:, None]
         inside[part] = np.all(
-            (seen >= -slack) & (seen <= np.array([width - 1, height - 1]) + slack), (1, 2)
+            (moved >= -slack) & (moved <= np.array([width - 1, height - 1]) + slack), (1, 2)
         )
     return inside.reshape(height, width).astype(np.float32)
 

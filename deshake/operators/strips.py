@@ -1,7 +1,7 @@
 """Strips of patches and bands of rows: the pieces of work that threads share.
 
-There is one pool of threads of each size. What is worked out strip by strip comes back in the
-strips' order, so that sums over strips do not depend on the number of threads.
+There is one pool of threads of each size. Results come back in the order of the strips, so that
+sums over strips do not depend on the number of threads.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Fourier transforms of square blocks, by the library that is faster on the machine.
 
-Where OpenCV has Intel's primitives below it, it transforms a large block in about two thirds of
-SciPy's time; without them in two to three times that. SciPy takes many small ones at once. Each
-library lays out spectra in its own way, complex or packed into as many real numbers as the block
-has pixels, so that only `Transforms` looks into them: callers pass them from one method to another.
+With Intel's primitives, OpenCV transforms a large block in about two thirds of SciPy's time;
+without them it needs two to three times that. SciPy transforms many small blocks in one call. Each
+library has its own layout of spectra: complex, or packed into as many real numbers as the block has
+pixels. So only `Transforms` reads them; callers pass them from one method to another.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ Spectrum = NDArray[np.complex64]
 Spectra = NDArray[Any]
 """Spectra of blocks, (..., N, M): complex64 or float32."""
 
-_ONE_BY_ONE = 100  # pixels a side from which blocks are worth a call each
-_EVEN_STEP = 8  # packed lengths are multiples of it: others take up to half as long again
+_ONE_BY_ONE = 100  # px: least side of blocks that get a call each
+_EVEN_STEP = 8  # packed lengths are multiples of it: others take up to 1.5 times as long
 
 
 class Transforms(Protocol):
     """Transforms of blocks of N x N pixels.
 
-    Spectra of images have the shape (C, count, N, M), those of filters (count, N, M), and what
-    weighs frequencies (count, N, M) or (N, M); M and the type are the library's own.
+    Spectra of images have the shape (C, count, N, M), those of filters (count, N, M), and weights
+    of frequencies (count, N, M) or (N, M). M and the type depend on the library.
     """
 
     length: int
@@ -106,10 +106,10 @@ class ComplexTransforms:
 
 
 class PackedTransforms:
-    """Transforms by OpenCV: real and imaginary parts side by side, without what symmetry tells.
+    """Transforms by OpenCV: real and imaginary parts side by side, without redundant ones.
 
     Columns 1 and 2, 3 and 4 and so on hold the real and the imaginary parts of the frequencies
-    1, 2 ... across; column 0 and the last one hold those of 0 and N / 2, whose parts lie below each
+    1, 2 ... across. Column 0 and the last one hold those of 0 and N / 2, with both parts below each
     other in the same order. N is even.
     """
 

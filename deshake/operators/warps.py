@@ -30,7 +30,7 @@ __all__ = ["Warps"]
 
 Image = NDArray[np.float32]
 
-_TILE = 256
+_TILE = 256  # px: side of a tile
 _EXACT_CHANNELS = (3, 4)  # OpenCV interpolates these and grey exactly, others at 1/32 px
 
 
@@ -40,7 +40,7 @@ class _Tile:
 
     rows: slice
     columns: slice
-    source: tuple[slice, slice]  # the latent pixels that are seen, with a border of one pixel
+    source: tuple[slice, slice]  # the latent pixels that it reads, with a border of one pixel
     x: Image  # latent coordinates within the source
     y: Image
 
@@ -109,8 +109,8 @@ class Warps:
         total = np.zeros(len(self.theta))
         for k in range(len(total)):
             for tile in self._tiles(k):
-                seen = _gather(f, tile).astype(np.float64)
-                total[k] += np.vdot(seen, r[tile.rows, tile.columns].astype(np.float64))
+                warped = _gather(f, tile).astype(np.float64)
+                total[k] += np.vdot(warped, r[tile.rows, tile.columns].astype(np.float64))
         return total
 
     def gram(self, f: Image, mask: Image | None = None) -> NDArray[np.float64]:

@@ -1,8 +1,8 @@
 """Alignment of two small pictures by a rotation, to a fraction of a pixel (Sec. 7).
 
-One of the two is blurred by shake. Where both are smoothed as widely as that blur, the rotation
-that fits best is the one onto the blur's centroid; where less, the heaviest stroke of the blur
-draws it. So the sharper scales do not refine a registration: they spoil it.
+One of the two is blurred by shake. If both are smoothed as widely as that blur, the best rotation
+maps onto the blur's centroid. If they are smoothed less, the heaviest stroke of the blur attracts
+the rotation. So finer scales do not improve a registration: they spoil it.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 _SMOOTH_PX = 2.5  # sigma before fitting
-_SLOW_PX = 12.0  # sigma of the variations that are left out
-_ITERATIONS = 12
-_ENOUGH_PX = 0.01
-_LONGEST_STEP_PX = 2.0
-_HUBER = 2.0  # residuals beyond so many sigmas count less
-_MAD = 1.4826
-_LEAST_PIXELS = 100
-_BLOCKS = 4  # down and across the frame, each judged apart
-_FINE_PX, _COARSE_PX = 0.75, 8.0  # sigmas between which likeness is judged
+_SLOW_PX = 12.0  # sigma: slower variations are removed
+_ITERATIONS = 12  # Gauss-Newton steps at most
+_ENOUGH_PX = 0.01  # px at the frame's edge: a shorter step ends the iteration
+_LONGEST_STEP_PX = 2.0  # px at the frame's edge: longer steps are shortened to it
+_HUBER = 2.0  # sigmas: larger residuals get less weight
+_MAD = 1.4826  # standard deviation per median absolute deviation of normal noise
+_LEAST_PIXELS = 100  # shared pixels: with fewer, there is no fit and no likeness
+_BLOCKS = 4  # blocks down and across the frame; each gives a likeness of its own
+_FINE_PX, _COARSE_PX = 0.75, 8.0  # sigmas of the details that likeness compares
 
 
 def align(
@@ -55,7 +55,7 @@ def align(
     Returns
     -------
     theta : (3,) array of float64
-        The rotation of the highest ZNCC that was met.
+        The rotation with the highest ZNCC of all iterations.
     score : float
         That ZNCC, of the smoothed pictures.
 
@@ -65,18 +65,18 @@ def align(
     smooth_a = smooth(a, _SMOOTH_PX, _SLOW_PX)
     best, best_score = theta, -1.0
     for _ in range(_ITERATIONS):
-        seen, mask = seen_in_frame(a, b, camera, theta)
-        seen = smooth(seen, _SMOOTH_PX, _SLOW_PX)
+        turned, mask = seen_in_frame(a, b, camera, theta)
+        turned = smooth(turned, _SMOOTH_PX, _SLOW_PX)
         mask = _within(mask, _SMOOTH_PX)
         if mask.sum() < _LEAST_PIXELS:
             break
-        score = _correlation(smooth_a[mask], seen[mask])
+        score = _correlation(smooth_a[mask], turned[mask])
         if score > best_score:
             best, best_score = theta, score
-        dy, dx = np.gradient(seen)
-        columns = [fx * dx + fy * dy for fx, fy in fields] + [seen, np.ones_like(seen)]
-        found = _robust_fit(np.stack([column[mask] for column in columns], 1), smooth_a[mask])
-        step = found[:3] / max(found[3], 0.2)  # pixels at the frame's edge
+        dy, dx = np.gradient(turned)
+        columns = [fx * dx + fy * dy for fx, fy in fields] + [turned, np.ones_like(turned)]
+        fit = _robust_fit(np.stack([column[mask] for column in columns], 1), smooth_a[mask])
+        step = fit[:3] / max(fit[3], 0.2)  # pixels at the frame's edge
         longest = float(np.abs(step).max())
         theta = compose(step * steps * min(1.0, _LONGEST_STEP_PX / max(longest, 1e-9)), theta)
         if longest < _ENOUGH_PX:
@@ -85,22 +85,22 @@ def align(
 
 
 def likeness(a: Image, b: Image, camera: Camera, theta: NDArray[np.float64]) -> float:
-    """Tell how alike ``a(x)`` and ``b(H^-1 x)`` are, all over the frame.
+    """Measure how alike ``a(x)`` and ``b(H^-1 x)`` are, over the whole frame.
 
     Returns
     -------
     float
-        The mean of two ZNCCs of details: of the whole frame, and of its blocks the lower
-        quartile. Pictures of other things may have one edge in common, but not everywhere.
+        The mean of two ZNCCs of details: that of the whole frame, and the lower quartile of those
+        of its blocks. Pictures of different scenes may share one edge, but not edges everywhere.
 
     """
-    seen, mask = seen_in_frame(a, b, camera, theta)
+    turned, mask = seen_in_frame(a, b, camera, theta)
     mask = _within(mask, 2 * _FINE_PX)
     if mask.sum() < _LEAST_PIXELS:
         return 0.0
     details = smooth(a, _FINE_PX, _COARSE_PX)
     # The other picture is the sharper one.
-    others = smooth(seen, 2 * _FINE_PX, _COARSE_PX)
+    others = smooth(turned, 2 * _FINE_PX, _COARSE_PX)
     rows, columns = (np.linspace(0, side, _BLOCKS + 1).astype(int) for side in a.shape)
     blocks = []
     for top, bottom in pairwise(rows):
@@ -115,20 +115,20 @@ def likeness(a: Image, b: Image, camera: Camera, theta: NDArray[np.float64]) -> 
 def seen_in_frame(
     a: Image, b: Image, camera: Camera, theta: NDArray[np.float64]
 ) -> tuple[Image, Mask]:
-    """Return ``b(H^-1 x)``, and where `b` sees it; elsewhere it is `a`, so that no edge shows."""
-    seen, weight = turn(np.stack([b, np.ones_like(b)]), camera, -theta)
+    """Return ``b(H^-1 x)``, and where `b` covers it; elsewhere it is `a`, which avoids an edge."""
+    turned, weight = turn(np.stack([b, np.ones_like(b)]), camera, -theta)
     mask = weight > 0.99
-    return np.where(mask, seen, a), mask
+    return np.where(mask, turned, a), mask
 
 
 def smooth(image: Image, fine_px: float, coarse_px: float) -> Image:
-    """Keep what is between two scales: a difference of Gaussians."""
+    """Keep the detail between two scales: a difference of Gaussians."""
     fine = cv2.GaussianBlur(image, (0, 0), fine_px)
     return np.asarray(fine - cv2.GaussianBlur(fine, (0, 0), coarse_px), np.float32)
 
 
 def _within(mask: Mask, sigma: float) -> Mask:
-    """Leave out what is so near the edge of a mask, or of the frame, that smoothing reaches it."""
+    """Remove the pixels that smoothing mixes with others from beyond the mask or the frame."""
     side = 2 * int(np.ceil(1.5 * sigma)) + 1
     shrunk = cv2.erode(mask.astype(np.uint8), np.ones((side, side), np.uint8), borderValue=0)
     inside: Mask = shrunk > 0

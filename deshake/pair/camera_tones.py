@@ -1,11 +1,11 @@
-"""A noisy photo that is given the tones of a blurred one, for pairs that cameras developed.
+"""Tone matching of a noisy photo to a blurred one, for pairs that cameras developed.
 
 In linear light one factor relates two exposures. The JPEGs of cameras have contrast curves, white
-balances and denoising of their own. Whether they do is told by how much better than a factor a
-curve for each channel takes the noisy photo, blurred, to the blurred one. If so, the noisy photo
-is denoised in display values, and its curves are found, once more after it has been blurred by the
-kernel. Where its colours are wrong even so, as after compression in the dark, it is matched place
-by place (`local_tones`).
+balances and denoising of their own. To detect this, the noisy photo is blurred and compared with
+the blurred one, once with a factor and once with a curve for each channel. If the curves fit much
+better, the noisy photo is denoised in display values, and its curves are estimated, then estimated
+again after a blur by the kernel. If its colours are still wrong, for example after compression in
+the dark, its tones are matched locally (`local_tones`).
 """
 
 from __future__ import annotations
@@ -36,39 +36,43 @@ __all__ = ["blurred_planes", "camera_pair", "fitted_factor", "needs_curves", "wi
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-_FARTHEST: Final = (0.8, 1.25)  # that the factor may be off the one it was brought near by
-_SMOOTH_PX: Final = 1.5  # of photos that are blurred alike
-_BROAD_PX: Final = 3.0  # over which light is averaged to see if tones differ
-_SMOOTHED_PX: Final = 0.5  # of what is smooth
-_BETTER: Final = 0.5  # share of the mean square that curves leave: cameras 0.05 to 0.32, linear 0.7
-_SPREAD: Final = np.float32(1.5)  # of noise that is left near edges, over that of flat areas
-_WRONG: Final = 0.2  # of the contrast of colours; simulated cameras 0.04 to 0.12, real 0.27 to 1.1
-_MISFIT: Final = 0.15  # there, since coarse noise passes for errors of the kernel
-_EVEN: Final = 0.03  # least variance anywhere, in means: none is known to be free of noise
-_STEP: Final = np.float32(1 / 512)  # for slopes
+_FARTHEST: Final = (0.8, 1.25)  # range of the factor, relative to the registration's; clipped to it
+_SMOOTH_PX: Final = 1.5  # px: sigma before curves, where both photos have the same blur
+_BROAD_PX: Final = 3.0  # px: sigma of the light before the test for curves
+_SMOOTHED_PX: Final = 0.5  # px: sigma before curves of light that is smooth already
+_BETTER: Final = 0.5  # share of the squared error left by curves: cameras 0.05 to 0.32, linear 0.7
+_SPREAD: Final = np.float32(1.5)  # noise near edges over noise in flat areas
+_WRONG: Final = (
+    0.2  # error over contrast of colours: simulated cameras 0.04 to 0.12, real 0.27 to 1.1
+)
+_MISFIT: Final = (
+    0.15  # `NoisyPhoto.misfit` for wrong colours: coarse noise looks like kernel errors
+)
+_EVEN: Final = 0.03  # least variance of the noise, in shares of its mean
+_STEP: Final = np.float32(1 / 512)  # display values: half the step of a difference quotient
 _DISPLAY: Final = Srgb()
 
 
 def blurred_planes(f: Image, blur: ShakeBlur) -> Image:
-    """Blur planes (C, h, w), which go on beyond the frame by their edges."""
+    """Blur planes (C, h, w); their edge pixels continue them beyond the frame."""
     around = [(blur.margin, blur.margin)] * 2
     return np.stack([blur.forward(np.pad(plane, around, mode="edge")) for plane in f])
 
 
 def fitted_factor(g: Image, Af: Image, usable: Mask, blur: ShakeBlur) -> float:
     """Fit the factor that makes the noisy photo, blurred, as bright as the other one."""
-    seen = blur.forward(np.pad(usable.astype(np.float32), blur.margin)) > 1 - 1e-3
-    seen &= usable
+    inside = blur.forward(np.pad(usable.astype(np.float32), blur.margin)) > 1 - 1e-3
+    inside &= usable
     product = power = 0.0
     for one, other in zip(channels_first(g), Af, strict=True):
-        product += float(np.sum(one * other, where=seen, dtype=np.float64))
-        power += float(np.sum(other * other, where=seen, dtype=np.float64))
+        product += float(np.sum(one * other, where=inside, dtype=np.float64))
+        power += float(np.sum(other * other, where=inside, dtype=np.float64))
     scale = product / power if power > 0 else 1.0
     return float(np.clip(scale, *_FARTHEST))
 
 
 def needs_curves(g: Image, Af: Image, mask: Mask) -> bool:
-    """Tell whether tone curves relate a pair much better than a factor does.
+    """Return whether tone curves relate a pair much better than a factor does.
 
     Parameters
     ----------
@@ -89,7 +93,7 @@ def needs_curves(g: Image, Af: Image, mask: Mask) -> bool:
     inside = cv2.erode(mask.astype(np.uint8), np.ones((side, side), np.uint8), borderValue=0) > 0
     factor = curved = 0.0
     for plane, other in zip(channels_first(g), Af, strict=True):
-        # in light, where noise has no bias, before it is as displayed
+        # averaged in linear light, where noise has no bias, then as display values
         x, y = (
             _shown(np.asarray(cv2.GaussianBlur(light, (0, 0), _BROAD_PX), np.float32))
             for light in (other, plane)
@@ -111,10 +115,10 @@ def camera_pair(
     mask: Mask,
     threads: int | None = None,
 ) -> tuple[NoisyPhoto | None, Image]:
-    """Take a noisy photo to the tones of the blurred one, if it has tone curves of its own.
+    """Match a noisy photo to the tones of the blurred one, if it has tone curves of its own.
 
-    Parameters are those of `needs_curves` and `with_tones_of`. With the photo, or None, comes how
-    far to go by it in each place, (h, w), 0..1.
+    Parameters are those of `needs_curves` and `with_tones_of`. Return the matched photo, or None,
+    and its trust at each pixel, (h, w), 0..1.
     """
     with contextlib.suppress(EstimationError):  # then one factor has to do
         if needs_curves(g, Af, mask):
@@ -134,18 +138,18 @@ def with_tones_of(
     *,
     threads: int | None = None,
 ) -> NoisyPhoto:
-    """Denoise and register a noisy photo, and take it to the tones of the blurred one.
+    """Denoise and register a noisy photo, and match it to the tones of the blurred one.
 
     Parameters
     ----------
     g : (h, w) or (h, w, C) array of float32
         The blurred photo, linear light.
     f_N : (h', w') or (h', w', C) array of float32
-        The noisy photo as its file has it.
+        The noisy photo as in its file.
     registration : Registration
-        How it lies.
+        Its registration.
     blur : ShakeBlur
-        The blur, as seen from the registered photo.
+        The blur in the frame of the registered photo.
     mask : (h, w) array of bool
         Where both photos are known, not clipped.
     threads : int, optional
@@ -199,7 +203,7 @@ def with_tones_of(
 
 
 def _slope(curve: ToneCurve, tone: Image) -> Image:
-    """Slope of a curve on display values, from these to linear light."""
+    """Slope of linear light against display values, for a curve on display values."""
     shown = curve(tone)
     steep = _light(shown + _STEP) - _light(shown - _STEP)
     steep *= curve.slope(tone) / (2 * _STEP)

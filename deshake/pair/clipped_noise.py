@@ -1,20 +1,20 @@
-"""What clipping does to noise, and how to undo it on the mean.
+"""Clipping makes noisy shadows brighter on average; this module corrects the mean.
 
-A file holds no negative light: noise of sigma around a dark mean mu comes out as max(x, 0), which
-is brighter on the mean,
+A file holds no negative light: noise of sigma around a dark mean mu becomes max(x, 0), which is
+brighter on average,
 
     E max(x, 0) = mu Phi(a) + sigma phi(a),    a = mu / sigma,
 
-and in display values, which rise steeply in the dark, that is a veil over all shadows. How often a
-pixel is exactly 0 near a place tells a, since P(x <= 0) = Phi(-a); sigma follows from the mean of
-the light there. What is too much of it, sigma (phi(a) - a Phi(-a)), is taken off. Noise in whites,
-clipped at 1, is the same upside down.
+and in display values, which rise steeply in the dark, that is a veil over all shadows. The share of
+pixels near a place that are exactly 0 gives a, since P(x <= 0) = Phi(-a). sigma follows from the
+mean of the light there. The excess sigma (phi(a) - a Phi(-a)) is subtracted. Noise in whites, which
+is clipped at 1, is treated in the same way, upside down.
 
-That zeros are noise's and not the scene's is told by their neighbours: of noise with a share z of
-zeros, 2 z (1 - z) of all neighbours differ in being 0, of a black thing its rim only. Where no
-pixel is 0, or only things are black, nothing is changed. It is the censored regression of
-J. Tobin, "Estimation of relationships for limited dependent variables", Econometrica 26, 1958,
-https://doi.org/10.2307/1907382, for a mean.
+The neighbours distinguish zeros of noise from zeros of the scene. In noise with a share z of zeros,
+2 z (1 - z) of all pairs of neighbours have exactly one zero. In a black object only its rim has
+such pairs. Where no pixel is 0, or only objects are black, nothing changes. This is the censored
+regression of J. Tobin, "Estimation of relationships for limited dependent variables", Econometrica
+26, 1958, https://doi.org/10.2307/1907382, for a mean.
 """
 
 from __future__ import annotations
@@ -32,26 +32,26 @@ __all__ = ["unclipped_mean"]
 
 Image = NDArray[np.float32]
 
-_WINDOW = 11  # pixels a side
-_TELLING = (0.1, 0.9)  # shares of zeros that tell sigma
-_FEWEST = 0.003  # share of windows that must tell it
-_LEAST_ZEROS, _MOST_ZEROS = 1e-4, 0.5  # a mean below 0 is none
-_BAND = 512
+_WINDOW = 11  # px: side of a window
+_INFORMATIVE = (0.1, 0.9)  # shares of zeros: windows outside this range do not estimate sigma
+_FEWEST = 0.003  # share of all windows: with fewer informative ones, nothing changes
+_LEAST_ZEROS, _MOST_ZEROS = 1e-4, 0.5  # shares of zeros are clipped to them: no mean is below 0
+_BAND = 512  # rows that are processed at once
 
 
 def unclipped_mean(image: Image) -> Image:
-    """Take shadows and whites of a photo whose noise was clipped to their mean.
+    """Correct the mean of shadows and whites in a photo whose noise was clipped.
 
     Parameters
     ----------
     image : (h, w) or (h, w, C) array of float32
-        The photo as its file has it, in linear light, 0..1; before it is resampled.
+        The photo as in its file, in linear light, 0..1; before it is resampled.
 
     Returns
     -------
     (h, w) or (h, w, C) array of float32
-        Of the same local means as the photo would have unclipped, but not beyond 0 and 1; some
-        pixels are.
+        With the local means of the photo before clipping, within 0..1; single pixels may lie
+        beyond 0 and 1.
 
     """
     out = np.array(image, np.float32)
@@ -63,7 +63,7 @@ def unclipped_mean(image: Image) -> Image:
 
 
 class _Window(NamedTuple):
-    """Around the pixels of a band: mean light, share of zeros, and whether noise made these."""
+    """Around the pixels of a band: mean light, share of zeros, whether these come from noise."""
 
     light: Image
     zeros: Image
@@ -71,13 +71,13 @@ class _Window(NamedTuple):
 
 
 def _excess(plane: Image) -> Image:
-    """Return what clipping at 0 has added to a plane, on the mean."""
+    """Return the light that clipping at 0 adds to a plane on average."""
     out = np.zeros(plane.shape, np.float32)
     tops = range(0, len(plane), _BAND)
-    found = np.concatenate([_sigmas(_windows(plane, top)) for top in tops])
-    if len(found) < max(_FEWEST * plane.size, 1):
+    sigmas = np.concatenate([_sigmas(_windows(plane, top)) for top in tops])
+    if len(sigmas) < max(_FEWEST * plane.size, 1):
         return out
-    sigma = float(np.median(found))
+    sigma = float(np.median(sigmas))
     for top in tops:
         window = _windows(plane, top)
         a = -ndtri(np.clip(window.zeros, _LEAST_ZEROS, _MOST_ZEROS))
@@ -88,7 +88,7 @@ def _excess(plane: Image) -> Image:
 
 
 def _windows(plane: Image, top: int) -> _Window:
-    """Look around the pixels of a band."""
+    """Measure the window around each pixel of a band."""
     halo = _WINDOW // 2
     first, last = max(top - halo, 0), min(top + _BAND + halo, len(plane))
     rows = np.ascontiguousarray(plane[first:last], np.float32)
@@ -106,10 +106,10 @@ def _windows(plane: Image, top: int) -> _Window:
 
 
 def _sigmas(window: _Window) -> NDArray[np.float64]:
-    """Return the sigma of noise in every window that tells it."""
-    telling = (window.zeros > _TELLING[0]) & (window.zeros < _TELLING[1]) & window.noise
-    a = -ndtri(window.zeros[telling].astype(np.float64))
-    sigmas: NDArray[np.float64] = window.light[telling] / (a * ndtr(a) + _density(a))
+    """Return the sigma of noise in every informative window."""
+    informative = (window.zeros > _INFORMATIVE[0]) & (window.zeros < _INFORMATIVE[1]) & window.noise
+    a = -ndtri(window.zeros[informative].astype(np.float64))
+    sigmas: NDArray[np.float64] = window.light[informative] / (a * ndtr(a) + _density(a))
     return sigmas
 
 

@@ -1,8 +1,8 @@
-"""The noisy photo of a pair, denoised: a guide for deblurring the other one.
+"""Denoising of the noisy photo of a pair, which guides the deblurring of the other one.
 
-Its noise is told by the blurred photo (`pair_noise`). Noise whose variance grows with the light,
-slope x + floor, is alike everywhere in the root of the light [1]; there non-local means take it
-off. Where the noisy photo sees nothing, the blurred one stands in.
+The blurred photo helps to estimate its noise (`pair_noise`). Noise whose variance grows with the
+light, slope x + floor, has one variance everywhere in the root of the light [1]; there non-local
+means remove it. Where the noisy photo has no pixels, those of the blurred one replace them.
 
 References
 ----------
@@ -35,29 +35,29 @@ __all__ = ["NoisyPhoto", "denoised_tones", "noisy_photo"]
 
 Image = NDArray[np.float32]
 
-_STRENGTH = 0.85  # of the noise, that non-local means are told
-_TONE_STRENGTH = 1.2  # the same of display values, where cameras took noise off flat areas
-_MAD = 1.4826
-_FINE_PX = 1.2
-_LEAST_TONE = 0.004  # the rounding to 8 bits, about
-_STEEPEST = 20.0  # floor over slope: with less slope the root would not be one
-_BAND = 256
+_STRENGTH = 0.85  # strength of the non-local means, in standard deviations of the noise
+_TONE_STRENGTH = 1.2  # the same for display values, where cameras denoise flat areas
+_MAD = 1.4826  # standard deviation per median absolute deviation of normal noise
+_FINE_PX = 1.2  # px: sigma of the smoothing whose residual is the fine noise
+_LEAST_TONE = 0.004  # display values: least noise, about the rounding to 8 bits
+_STEEPEST = 20.0  # floor over slope, at most: with less slope the root is nearly linear
+_BAND = 256  # rows that are transformed at once
 
 
 @dataclass(frozen=True, eq=False)
 class NoisyPhoto:
-    """The noisy photo, its noise, and what is left without it.
+    """The noisy photo, its noise, and the denoised photo.
 
     Parameters
     ----------
     pixels : (C, H, W) array of float32
-        The noisy photo f_N, registered; where it sees nothing, the blurred one.
+        The noisy photo f_N, registered; where it has no pixels, the blurred one.
     denoised : (C, H, W) array of float32
         The same denoised, f_D, >= 0.
     slope, floor : float
         The variance of the noise is ``slope x + floor`` at the light x.
     misfit : float
-        Of (g - A f_D)^2, the largest share that the kernel may be held to blame for.
+        The largest share of (g - A f_D)^2 that counts as errors of the kernel.
 
     """
 
@@ -87,8 +87,8 @@ def noisy_photo(
     f_N : (h', w') or (h', w', C) array of float32
         The noisy one as bright as the blurred one, not registered.
     resample : callable
-        Takes it to the blurred one's frame, or further by the same on all sides, and tells where
-        it is seen there, 1 or 0.
+        Resamples it in the blurred one's frame, or in one that is wider by the same on all sides.
+        It also returns where the noisy photo has pixels, 1 or 0.
     threads : int, optional
         Threads to use; by default all processors. The result does not depend on it.
 
@@ -97,7 +97,7 @@ def noisy_photo(
     noisy : NoisyPhoto
         Registered.
     valid : (h + 2 r, w + 2 r) array of float32
-        Where it is seen.
+        Where the noisy photo has pixels.
 
     Raises
     ------
@@ -121,9 +121,9 @@ def noisy_photo(
 
 
 def _filled(planes: Image, g: Image, valid: Image) -> Image:
-    """Let the blurred photo stand in where the noisy one sees nothing."""
-    unseen = fitted(channels_first(g), valid.shape)
-    return np.where(valid > 0, planes, unseen).astype(np.float32, copy=False)
+    """Fill the pixels that the noisy photo lacks with those of the blurred one."""
+    blurred_planes = fitted(channels_first(g), valid.shape)
+    return np.where(valid > 0, planes, blurred_planes).astype(np.float32, copy=False)
 
 
 def _denoised(f_N: Image, slope: float, floor: float, threads: int | None) -> Image:
@@ -145,7 +145,7 @@ def _denoised(f_N: Image, slope: float, floor: float, threads: int | None) -> Im
 
 
 def denoised_tones(u: Image, *, threads: int | None = None) -> tuple[Image, Image]:
-    """Denoise a photo in display values, all channels together, as cameras' files need it.
+    """Denoise a photo in display values, all channels together, for files of cameras.
 
     Parameters
     ----------
@@ -169,12 +169,12 @@ def denoised_tones(u: Image, *, threads: int | None = None) -> tuple[Image, Imag
 
 
 def _tone_noise(plane: Image) -> float:
-    """Tell the standard deviation of noise: the larger of two medians, of fine and finest."""
+    """Estimate the standard deviation of noise: the larger one of fine and finest noise."""
     fine = plane - gaussian_filter(plane, _FINE_PX)
     down = plane[1:] - plane[:-1]
     finest = (down[:, 1:] - down[:, :-1]) / 2
-    found = (_MAD * float(np.median(np.abs(part))) for part in (fine, finest) if part.size)
-    return max(_LEAST_TONE, *found)
+    deviations = (_MAD * float(np.median(np.abs(part))) for part in (fine, finest) if part.size)
+    return max(_LEAST_TONE, *deviations)
 
 
 def _bands(planes: Image) -> Iterator[slice]:

@@ -1,25 +1,26 @@
-"""Two photos of one scene made into one: a blurred one with its kernel, and a noisy, sharp one.
+"""Fusion of two photos of one scene: a blurred one with its kernel, and a noisy, sharp one.
 
 The sharp photo is the f that minimises
 
     1/2 |(A f - g) / sigma_g|^2 + 1/2 |sqrt(v) (f - f_M) / sigma_M|^2 + tau sum |s D f|_k^p,
 
-with the symbols of `sparse_gradients`. The blurred photo knows light and all that is coarser than
-its blur, the noisy one where the edges are; the frequencies that the blur took away come from it
-alone, and the prior takes its noise off them. f_M is a mean of the noisy photo and of the same
-photo denoised, f_M = (1 - b) f_N + b f_D: the better g is, the less has to be taken on trust from
-a denoiser, which removes faint detail with the noise; b = r / (r + r_0), r = sigma_g / sigma_N.
-sigma_g has the errors of the kernel in it; where the photos disagree, as where something moved, g
-does not count, and the scene is as the noisy photo saw it (`pair_weights`). v is 0 where that sees
-nothing. It is registered beyond the frame as far as the blur reaches, for what lies there is in g,
-too. s = (1 / sigma_g^2 + 1 / sigma_N^2)^(1/2), where the second is averaged, is about what both
-together tell.
+with the symbols of `sparse_gradients`. The blurred photo has the light and all detail that is
+coarser than its blur. The noisy photo has the edges. It alone has the frequencies that the blur
+removed; the prior reduces its noise there. f_M is a mean of the noisy photo and of the same photo
+denoised, f_M = (1 - b) f_N + b f_D, with b = r / (r + r_0) and r = sigma_g / sigma_N. A denoiser
+removes faint detail with the noise. So the better g is, the smaller is the share of f_D.
 
-It begins with f_D, or where v = 0 with a few iterations of Richardson-Lucy, and takes a few stages
-of half-quadratic splitting (`half_quadratic`). Where v = 0 it is a deconvolution of the blurred
-photo alone. The noisy photo in such a sum is what L. Yuan, J. Sun,
-L. Quan and H.-Y. Shum, "Image deblurring with blurred/noisy image pairs", ACM Transactions on
-Graphics 26, 2007, https://doi.org/10.1145/1276377.1276379, do without.
+sigma_g includes the errors of the kernel. Where the photos disagree, for example where something
+moved, g has no weight, and the result shows the scene of the noisy photo (`pair_weights`). v is 0
+where the noisy photo has no pixels. The noisy photo is registered beyond the frame, as far as the
+blur reaches, since g has light from there. s = (1 / sigma_g^2 + 1 / sigma_N^2)^(1/2), where the
+second term is averaged, approximates the precision of both photos together.
+
+The start is f_D, or where v = 0 the result of a few iterations of Richardson-Lucy. A few stages of
+half-quadratic splitting follow (`half_quadratic`). Where v = 0 this is a deconvolution of the
+blurred photo alone. L. Yuan, J. Sun, L. Quan and H.-Y. Shum, "Image deblurring with blurred/noisy
+image pairs", ACM Transactions on Graphics 26, 2007, https://doi.org/10.1145/1276377.1276379, have
+no term of the noisy photo in such a sum.
 """
 
 from __future__ import annotations
@@ -58,16 +59,19 @@ Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 _STAGES = {"fast": 5, "default": 10, "high": 16}
-_RHO = (0.015, 1.0)
-_TAU = 0.25
-_DENOISED = np.float32(0.08)  # r_0
-_PRECISION_PX = 15  # over which the noisy photo's precision is averaged for s
-_WHITE = 0.9  # light that is displayed as white or nearly so, even if it was clipped
-_BLACK = 0.003  # light of a noisy photo that may be shadows which a camera cut off
-_CLIPPED_PX, _CLIPPED_SHARE = 5, 0.5  # noise clips a few pixels of bright parts: that is no harm
-_BEYOND = 1.05  # light that a clipped pixel does not tell: below, it is about as bright as it looks
-_ALONE = 6  # iterations of Richardson-Lucy, to begin with where the noisy photo sees nothing
-_PREPARING = 8.0  # effort of all before the first stage, in stages
+_RHO = (0.015, 1.0)  # rho of `half_quadratic` in the first and in the last stage
+_TAU = 0.25  # weight of the prior
+_DENOISED = np.float32(0.08)  # r_0: at sigma_g / sigma_N = r_0, f_M is half f_N and half f_D
+_PRECISION_PX = 15  # px: half side of the windows that average the noisy photo's precision for s
+_WHITE = 0.9  # light: brighter clipped pixels of the noisy photo stay in use
+_BLACK = 0.003  # light: darker pixels of the noisy photo may be shadows that a camera cut off
+_CLIPPED_PX, _CLIPPED_SHARE = (
+    5,
+    0.5,
+)  # px: side of a window; share of clipped pixels that rejects it
+_BEYOND = 1.05  # light: a clipped pixel that should be brighter is not trusted
+_ALONE = 6  # iterations of Richardson-Lucy where the noisy photo has no pixels
+_PREPARING = 8.0  # duration of the preparation for the progress bar, in stages
 
 
 def fuse(
@@ -85,20 +89,20 @@ def fuse(
 ) -> Restoration:
     """Deblur a photo with the help of a sharp but noisy one.
 
-    The result lies in the frame of the noisy photo as it was registered: that is what the kernel
-    refers to, which is not centred.
+    The result lies in the frame of the registered noisy photo. The kernel refers to this frame; it
+    is not centred.
 
     Parameters
     ----------
     g : (h, w) or (h, w, C) array of float32
         The blurred photo in linear light, 1 where it clips, after `unclipped_mean`.
     noisy : NoisyPhoto
-        The noisy photo, registered and as bright as the blurred one: in its frame, or further on
-        all sides, which tells what lies over the blurred one's border. It may be changed.
+        The noisy photo, registered and as bright as the blurred one: in its frame, or wider on all
+        sides, to show the scene beyond the blurred photo's border. Its arrays may be overwritten.
     valid : (h + 2 r, w + 2 r) array of float32
-        1 where the noisy photo sees the scene, else 0.
+        1 where the noisy photo shows the scene, else 0.
     kernel : RotationKernel
-        The blur, for a camera of the photo's size, as seen from the registered photo.
+        The blur in the frame of the registered photo, for a camera of the photo's size.
     clipped, noisy_clipped : arrays of bool, optional
         Where the photos clipped, (h, w); the second one registered, of the shape of valid.
     quality : {"fast", "default", "high"}
@@ -108,7 +112,7 @@ def fuse(
     threads : int, optional
         Threads to use; by default all processors. The result does not depend on it.
     progress : callable, optional
-        Told the fraction done, 0 to 1, and what is being done.
+        Called with the fraction done, 0 to 1, and the present step in words.
 
     Returns
     -------
@@ -126,7 +130,7 @@ def fuse(
         raise ValueError(f"a noisy photo of {noisy.pixels.shape} does not fit one of {g.shape}")
     stages = iterations or _STAGES[quality]
 
-    def tell(done: float, text: str) -> None:
+    def report_progress(done: float, text: str) -> None:
         if progress is not None:
             progress(1.0 if done == stages else (_PREPARING + done) / (_PREPARING + stages), text)
 
@@ -146,7 +150,7 @@ def fuse(
         clipped=clipped,
         iterations=_ALONE,
         threads=threads,
-        progress=lambda part, text: tell(_PREPARING * (part - 1) / 2, text),
+        progress=lambda part, text: report_progress(_PREPARING * (part - 1) / 2, text),
     )
     start = _start(g, noisy, v, alone, blur)
     del alone
@@ -154,7 +158,7 @@ def fuse(
     del noisy, start, v
     for stage, rho in enumerate(np.geomspace(*_RHO[::-1], stages)[::-1], 1):
         descent.step(float(rho))
-        tell(stage, f"deblurring, stage {stage}")
+        report_progress(stage, f"deblurring, stage {stage}")
     out = np.empty_like(g, np.float32, order="C")
     inside = descent.f[:, margin:-margin, margin:-margin]
     np.maximum(inside, 0, out=channels_first(out))
@@ -162,7 +166,7 @@ def fuse(
 
 
 class _Start(NamedTuple):
-    """The first estimate with its margin, the same blurred, and the trust in either photo."""
+    """The first estimate f with its margin, A f, and the weights m of g and v of f_N."""
 
     f: Image
     Af: Image
@@ -171,7 +175,7 @@ class _Start(NamedTuple):
 
 
 def _start(g: Image, noisy: NoisyPhoto, v: Image, alone: Image, blur: Filters) -> _Start:
-    """Take the denoised photo where it tells anything, else the blurred one, deblurred alone."""
+    """Start from the denoised photo where valid, else from the blurred one, deblurred alone."""
     f = noisy.denoised.copy()
     Af = blur.forward(f)
     noise = fitted(noisy.variance(), g.shape[:2])
@@ -192,7 +196,7 @@ def _descent(
     *,
     threads: int | None,
 ) -> HalfQuadratic:
-    """Weigh all terms against each other; the noisy photo becomes f_M."""
+    """Compute the weights of all terms; the noisy photo's array becomes f_M."""
     f, Af, m, v = start
     margin = (f.shape[1] - len(g)) // 2
     frame, latent = g.shape[:2], v.shape

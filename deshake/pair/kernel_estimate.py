@@ -1,11 +1,12 @@
-"""A blurred photo and a noisy, sharp one of the same scene to the blur kernel: Eq. (12), Sec. 6.
+"""Estimate of the kernel from a blurred photo and a noisy, sharp one: Eq. (12), Sec. 6.
 
-Coarse to fine, each scale twice as large as the one before. At the coarsest a whole cube of
-rotations is solved for, at the others the active region: what had weight at the scale before, and
-its neighbours. Compared are the derivatives of both photos after a little smoothing, at pixels
-drawn where the blurred photo has edges; what the noise of the noisy one would do to the kernel is
-taken off (`pair_rows`), and the photometric factor is fitted anew at each scale. The frame is that
-of the registered noisy photo: the kernel holds what registration has left, and is not centred.
+The estimate runs from coarse to fine; each scale is twice as large as the one before. At the
+coarsest scale the unknowns are the weights of a whole cube of rotations. At the other scales they
+are those of the active region: the rotations with weight at the scale before, and their neighbours.
+The data are the derivatives of both photos after a little smoothing, at pixels drawn where the
+blurred photo has edges. The effect of the noisy photo's noise is subtracted (`pair_rows`), and the
+photometric factor is fitted again at each scale. The frame is that of the registered noisy photo.
+The kernel includes the error of the registration, and is not centred.
 """
 
 from __future__ import annotations
@@ -43,28 +44,28 @@ Indices = NDArray[np.int64]
 BLUR_SHARE = 0.06
 """Bound of the blur where none is given, in longer sides of the photo; twice as wide ones fit."""
 
-_ENOUGH_BLUR = 45.0  # px: no finer scale is worked on where the blur would be wider than that
-_COARSEST_BLUR = 6.0  # px, of its bound at the coarsest scale
-_SMALLEST_PHOTO = 48  # px, shorter side
-_SMALLEST_SIDE = 32  # px, of the coarsest scale
-_SPARE = 2  # grid steps beyond the bound, for what registration left
-_RIDGE = 0.01
-_CUT = 0.03  # weights below this share of the largest do not pass to the next scale
-_MOST_PASSED = 160  # weights that do
-_FINAL_CUT = 0.02
-_TOUCHING = 0.05  # share of the weight on the faces of the cube that calls for a larger one
-_FINE_SIDE = 400  # px, of the longer side up to which every scale is worked on
-_LEAST_LIGHT = 1e-7  # of the noisy photo
-_MOST_CHANGE = 2.0  # of the photometric factor at one scale
-_STILL_PX = 2.0  # an extent below it at the finest scale is no shake
-_EVEN_MISFIT = 0.22  # share of the edges left unexplained at which a kernel is half believed
-_MISFIT_RANGE = 0.25  # of its logarithm
-_NOTHING = 1e-12  # mean square of edges
+_ENOUGH_BLUR = 45.0  # px: width of the blur; finer scales, where it is wider, are not solved
+_COARSEST_BLUR = 6.0  # px: bound of the blur at the coarsest scale
+_SMALLEST_PHOTO = 48  # px: shorter side of the photo; a smaller photo is an error
+_SMALLEST_SIDE = 32  # px: least side of the coarsest scale
+_SPARE = 2  # grid steps beyond the bound, for the error of the registration
+_RIDGE = 0.01  # ridge, in shares of the mean diagonal of G
+_CUT = 0.03  # share of the largest weight: smaller weights do not pass to the next scale
+_MOST_PASSED = 160  # weights that pass to the next scale, at most
+_FINAL_CUT = 0.02  # share of the largest weight: smaller weights are removed at the end
+_TOUCHING = 0.05  # share of the weight on the faces of the cube: above it, the cube grows
+_FINE_SIDE = 400  # px: longer side; every scale up to it is solved
+_LEAST_LIGHT = 1e-7  # mean light of the noisy photo: less is an error
+_MOST_CHANGE = 2.0  # factor: the photometric factor changes by no more at one scale
+_STILL_PX = 2.0  # px at the finest scale: a smaller extent is no shake
+_EVEN_MISFIT = 0.22  # share of the edges left unexplained that gives a confidence of 0.5
+_MISFIT_RANGE = 0.25  # scale of the logarithm of that share
+_NOTHING = 1e-12  # mean square of edges: avoids division by 0
 
 
 @dataclass(frozen=True)
 class PairScale:
-    """How one scale ended: its size, rotations tried and kept, and the photometric factor."""
+    """The result of one scale: its size, rotations tried and kept, the photometric factor."""
 
     height: int
     width: int
@@ -85,14 +86,14 @@ class PairEstimate:
     scale : float
         The photometric factor a.
     confidence : float
-        0..1, by what is unexplained: 0.5 where that is 22 %.
+        0..1, a falling function of `unexplained`: 0.5 at 22 %.
     unexplained : float
         Share of the blurred photo's edges, noise aside, that the pair does not explain, at pixels
         that the kernel was not fitted to.
     explained : float
-        Share of what the best single rotation leaves that the kernel explains.
+        Share of the best single rotation's squared error that the kernel removes.
     notes : list of str
-        In plain words.
+        Notes to the user.
     scales : list of PairScale
         From coarse to fine.
 
@@ -137,8 +138,8 @@ def estimate_pair_kernel(
     blur_size : float, optional
         Bound of the blur in pixels of the photo; by default `BLUR_SHARE`.
     noise : iterable of (h, w) or (h, w, C) arrays, optional
-        Pictures of noise alone, in units of `f_reg` and resampled as it was. Two do. By default
-        `f_reg` is taken to be free of noise, as if it had been denoised.
+        Pictures of noise alone, in units of `f_reg` and resampled in the same way. Two are enough.
+        By default `f_reg` is treated as free of noise.
     blurred_noise : (h, w) or (h, w, C) array of float32, optional
         Noise like that of `g`; by default there is none.
     progress : callable, optional
@@ -248,16 +249,16 @@ class _Scales:
         height, width = self.pictures.g.shape
         shape = round(height / 2**level), round(width / 2**level)
         camera, steps = self.finest.scaled(*shape), grid_steps(self.finest) * 2**level
-        seen = self.pictures.at(shape)
+        pictures = self.pictures.at(shape)
         theta = indices * steps
-        usable = usable_pixels(seen, camera, theta)
-        edges = derivatives(seen.g)
+        usable = usable_pixels(pictures, camera, theta)
+        edges = derivatives(pictures.g)
         drawn = drawn_pixels(edges, usable, level)
         if self.scale == 0:
-            self.scale = _brightness(seen.g[usable], seen.f[usable])
+            self.scale = _brightness(pictures.g[usable], pictures.f[usable])
         a = np.float32(self.scale)
-        louder = a * np.float32(noise_excess(seen) ** 0.5)
-        f, noise = derivatives(seen.f) * a, [derivatives(e) * louder for e in seen.noise]
+        louder = a * np.float32(noise_excess(pictures) ** 0.5)
+        f, noise = derivatives(pictures.f) * a, [derivatives(e) * louder for e in pictures.noise]
         rows = PairRows(camera, theta, f, edges, drawn.fitted, noise=noise, threads=self.threads)
         w = least_on_simplex(rows, start, ridge=_RIDGE)
         used = w > 0
@@ -265,14 +266,14 @@ class _Scales:
         judge = PairRows(camera, theta, f, edges, drawn.held_out, noise=noise, threads=self.threads)
         self.misfits = judge.misfits(w)
         x, y = drawn.held_out.T
-        self.noise = float(np.square(derivatives(seen.own)[:, y, x]).sum() / len(judge))
+        self.noise = float(np.square(derivatives(pictures.own)[:, y, x]).sum() / len(judge))
         light = PairRows(
             camera,
             theta,
-            seen.f[None] * a,
-            seen.g[None],
+            pictures.f[None] * a,
+            pictures.g[None],
             drawn.fitted,
-            noise=[e[None] * louder for e in seen.noise],
+            noise=[e[None] * louder for e in pictures.noise],
             threads=self.threads,
         )
         self.scale *= min(max(light.scale(w), 1 / _MOST_CHANGE), _MOST_CHANGE)

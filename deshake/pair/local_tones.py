@@ -1,10 +1,9 @@
-"""What a blurred photo tells of a noisy one place by place: its tones, and how far to go by it.
+"""Local tones of a noisy photo, matched to a blurred one, and the trust in it at each pixel.
 
-Cameras lighten shadows, take noise off and crush blacks as they see fit, differently in each part
-of a photo. What a curve for the whole frame leaves is straight over a small part of it: there
-``g ~ p A f + q``, with a gain p and an offset q for each channel that change no faster than the
-blur is wide, so that they pass through A. Where the noisy photo, blurred, even then explains little
-of the detail that the blurred one shows, it is not gone by.
+Cameras lighten shadows, remove noise and cut off blacks, differently in each part of a photo. After
+a curve for the whole frame, the rest is linear over a small part of it: ``g ~ p A f + q``. The gain
+p and the offset q of each channel vary no faster than the blur is wide, so that they commute with
+A. Where the noisy photo, blurred, still explains little detail of the blurred one, its trust is 0.
 """
 
 from __future__ import annotations
@@ -24,15 +23,15 @@ __all__ = ["LocalTones", "local_tones", "local_trust", "wrong_colours"]
 
 Image = NDArray[np.float32]
 
-_LEAST_PX: Final = 8  # reach of the parts
-_CONTRAST: Final = np.float32(0.1)  # of the light, below which a part tells no gain of its own
-_GAINS: Final = (0.4, 2.5)
-_AROUND_PX: Final = 4  # over which detail is compared
-_FAINT: Final = (np.float32(3.0), np.float32(1.0))  # median misfits that tell nothing; if strict
-_TIMES: Final = 2.0  # the usual share of detail unexplained: there the noisy photo counts little
-_HALF: Final = (0.15, 0.5)  # bounds of that
-_NOTHING: Final = 1e-9
-_DARKEST: Final = np.float32(0.002)
+_LEAST_PX: Final = 8  # px: least reach of a part
+_CONTRAST: Final = np.float32(0.1)  # contrast over light: below it, the gain of a part tends to 1
+_GAINS: Final = (0.4, 2.5)  # range of gains; others are clipped to it
+_AROUND_PX: Final = 4  # px: half side of the windows that average squared detail
+_FAINT: Final = (np.float32(3.0), np.float32(1.0))  # median misfits that are ignored; if strict
+_TIMES: Final = 2.0  # of the usual share of unexplained detail, if strict: there the trust is 1/e
+_HALF: Final = (0.15, 0.5)  # range of that share; the upper end, if not strict
+_NOTHING: Final = 1e-9  # avoids division by 0
+_DARKEST: Final = np.float32(0.002)  # light: least light of the ridge
 
 
 class LocalTones(NamedTuple):
@@ -42,34 +41,34 @@ class LocalTones(NamedTuple):
     offset: Image
 
     def __call__(self, f: Image) -> Image:
-        """Take planes (C, h, w) to the tones of the blurred photo, >= 0."""
+        """Match planes (C, h, w) to the tones of the blurred photo, >= 0."""
         matched: Image = np.maximum(self.gain * f + self.offset, 0)
         return matched
 
 
 def wrong_colours(g: Image, Af: Image, mask: Mask, reach: int) -> float:
-    """Tell how wrong the colours of the noisy photo are, in shares of the true ones' contrast.
+    """Measure the error of the noisy photo's colours, in shares of the true colours' contrast.
 
     Parameters
     ----------
     g, Af, mask, reach
-        As of `local_tones`; what is finer than the blur does not count, nor does lightness.
+        As of `local_tones`. Lightness and detail finer than the blur are ignored.
 
     """
     planes = channels_first(g)
     if len(planes) == 1:
         return 0.0
     mean = _Mean(mask, reach)
-    seen, wrong = (
+    colours, wrong = (
         np.stack([mean(part) for part in parts])[:, mask]
         for parts in (
             (_tone(y) for y in planes),
             (_tone(y) - _tone(x) for y, x in zip(planes, Af, strict=True)),
         )
     )
-    if not seen.size:
+    if not colours.size:
         return 0.0
-    contrast, error = (float(_colours(part).std()) for part in (seen, wrong))
+    contrast, error = (float(_colours(part).std()) for part in (colours, wrong))
     return error / max(contrast, 1e-6)
 
 
@@ -106,14 +105,14 @@ def local_tones(g: Image, Af: Image, mask: Mask, reach: int) -> LocalTones:
 
 
 def local_trust(g: Image, Af: Image, mask: Mask, reach: int, *, strict: bool = False) -> Image:
-    """Tell how far the noisy photo explains what detail the blurred one shows, (h, w), 0..1.
+    """Measure how far the noisy photo explains the detail of the blurred one, (h, w), 0..1.
 
     Parameters
     ----------
     g, Af, mask, reach
-        As of `local_tones`, after those have been matched.
+        As of `local_tones`, after the tones are matched.
     strict : bool
-        Whether to ask for as much as the noisy photo explains elsewhere.
+        Whether the noisy photo must explain as much as it does in most of the frame.
 
     """
     reach = max(reach, _LEAST_PX)
@@ -136,7 +135,7 @@ def local_trust(g: Image, Af: Image, mask: Mask, reach: int, *, strict: bool = F
 
 
 class _Mean:
-    """Means of a picture about each pixel, of what lies within a mask."""
+    """Means of a picture about each pixel, over the pixels of a mask."""
 
     def __init__(self, mask: Mask, reach: int) -> None:
         self.reach = max(reach, _LEAST_PX)
@@ -161,7 +160,7 @@ def _tone(light: Image) -> Image:
 
 
 def _detail(light: Image, reach: int) -> Image:
-    """Return what is finer than the blur and no noise, about as it is displayed."""
+    """Return detail that is finer than the blur and coarser than noise, in about display values."""
     tone = _tone(light)
     fine: Image = smoothed(tone, 1) - smoothed(tone, reach)
     return fine

@@ -1,7 +1,7 @@
-"""What of a blurred and a noisy photo is compared, at each scale: edges, and pixels to take.
+"""The data of a pair estimate at each scale: derivatives of both photos, and chosen pixels.
 
-Compared are derivatives, after a little smoothing. What noise does to a kernel is the less, the
-more of the pixels that are gone by lie on edges: they are drawn by the energy of the edges there.
+The derivatives are taken after a little smoothing. Noise changes a kernel less if more of the
+chosen pixels lie on edges. So pixels are drawn with a chance that grows with the energy of edges.
 """
 
 from __future__ import annotations
@@ -35,24 +35,24 @@ Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 
-_LONGEST_SIDE = 1600  # px, of the finest scale
-_SMOOTHING_PX = 1.0
-_PIXELS = 188 * ROW_BLOCK  # whose rows are taken
-_HELD_OUT = 47 * ROW_BLOCK  # more, to judge by
-_FLAT = 0.1  # chance of a flat pixel, in those of the mean one
-_NEAR_PX = 2.0  # edges this far are a pixel's own
-_CLIPPED = 0.98
-_ANY = 0.01  # share of a reduced pixel
-_CLEAR_PX = 3  # of clipped pixels, at every scale
-_MOST_CUT_OFF = 0.3  # shorter sides, of the border
-_BRIGHTNESSES, _FEWEST = 4, 400  # levels at which noise is compared, and pixels of each
-_AROUND_PX = 7  # that tell whether a pixel is in a flat part
-_LEAST_ENERGY = 1e-10  # mean square of the derivatives, below which there are no edges
+_LONGEST_SIDE = 1600  # px: longer side of the finest scale; larger photos are reduced
+_SMOOTHING_PX = 1.0  # px: sigma before the derivatives
+_PIXELS = 188 * ROW_BLOCK  # pixels that the kernel is fitted to, at most
+_HELD_OUT = 47 * ROW_BLOCK  # further pixels that judge the kernel, at most
+_FLAT = 0.1  # extra chance of every pixel, in mean chances: flat pixels have this alone
+_NEAR_PX = 2.0  # px: sigma of the smoothing of the energy of edges
+_CLIPPED = 0.98  # light: a brighter pixel counts as clipped
+_ANY = 0.01  # share of a reduced pixel: up to it, clipped or unknown pixels are ignored
+_CLEAR_PX = 3  # px from clipped pixels that are not used, at every scale
+_MOST_CUT_OFF = 0.3  # shorter sides: the border that is not used is no wider
+_BRIGHTNESSES, _FEWEST = 4, 400  # levels of brightness that compare noise; least pixels of each
+_AROUND_PX = 7  # px: side of the window that decides whether a pixel is flat
+_LEAST_ENERGY = 1e-10  # mean square of the derivatives: less is an error
 
 
 @dataclass(frozen=True, eq=False)
 class PairPictures:
-    """The pair in grey at one scale, with pictures of noise alone, and what may be used.
+    """The pair in grey at one scale, with pictures of noise alone, and masks.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class PairPictures:
         noise: Iterable[Image],
         own: Image | None = None,
     ) -> PairPictures:
-        """Reduce a pair to its finest scale; of many pictures of noise one is held at a time."""
+        """Reduce a pair to its finest scale; pictures of noise are read one at a time."""
         factor = min(_LONGEST_SIDE / max(g.shape[:2]), 1.0)
         shape = round(g.shape[0] * factor), round(g.shape[1] * factor)
         brightest = g if g.ndim == 2 else g.max(-1)
@@ -108,27 +108,27 @@ class PairPictures:
         )
 
 
-def noise_excess(seen: PairPictures) -> float:
-    """Tell how much stronger the photo's noise is than what was drawn, in its power, >= 1.
+def noise_excess(pictures: PairPictures) -> float:
+    """Measure the power of the photo's noise over that of the simulated noise, >= 1.
 
-    Cameras take the finest noise off, from which noise is told, and leave what is coarser. Where
-    the blurred photo is flat, the noisy one shows hardly anything but noise: in the flattest parts
-    of some levels of brightness the power of derivatives is compared, and the least ratio taken.
+    The noise estimate uses the finest noise. Cameras remove it, and leave coarser noise. Where the
+    blurred photo is flat, the noisy one shows little but noise. So the power of the derivatives is
+    compared in the flattest parts of a few levels of brightness. The result is the least ratio.
     """
-    if not seen.noise:
+    if not pictures.noise:
         return 1.0
     inside = cv2.erode(
-        (seen.known > 1 - _ANY).astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0
+        (pictures.known > 1 - _ANY).astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0
     )
-    usable = (inside > 0) & (seen.clipped < _ANY)
+    usable = (inside > 0) & (pictures.clipped < _ANY)
     if usable.sum() < _BRIGHTNESSES * _FEWEST:
         return 1.0
     noisy, drawn = (
-        np.square(derivatives(image)).sum(0)[usable] for image in (seen.f, seen.noise[0])
+        np.square(derivatives(image)).sum(0)[usable] for image in (pictures.f, pictures.noise[0])
     )
-    near = cv2.blur(np.square(derivatives(seen.g)).sum(0), (_AROUND_PX, _AROUND_PX))[usable]
+    near = cv2.blur(np.square(derivatives(pictures.g)).sum(0), (_AROUND_PX, _AROUND_PX))[usable]
     ratios = []
-    for part in np.array_split(np.argsort(seen.g[usable], kind="stable"), _BRIGHTNESSES):
+    for part in np.array_split(np.argsort(pictures.g[usable], kind="stable"), _BRIGHTNESSES):
         flat = part[np.argsort(near[part], kind="stable")[: max(len(part) // 5, 1)]]
         ratios.append(float(np.median(noisy[flat])) / max(float(np.median(drawn[flat])), 1e-12))
     return max(min(ratios), 1.0)
@@ -142,7 +142,7 @@ class DrawnPixels(NamedTuple):
 
 
 def _grey(image: Image, shape: tuple[int, int]) -> Image:
-    """Reduce an image to the mean of its channels, whose noise is the least."""
+    """Reduce an image to the mean of its channels, which has the least noise."""
     small = _reduced(image, shape)
     return small if small.ndim == 2 else small.mean(-1, dtype=np.float32)
 
@@ -163,27 +163,27 @@ def derivatives(image: Image) -> Image:
     return out
 
 
-def usable_pixels(seen: PairPictures, camera: Camera, theta: NDArray[np.float64]) -> Mask:
-    """Mark pixels that are not clipped and see the known part of the noisy photo only."""
+def usable_pixels(pictures: PairPictures, camera: Camera, theta: NDArray[np.float64]) -> Mask:
+    """Mark pixels that are not clipped and depend on the known part of the noisy photo only."""
     moved = np.abs(displacements(homographies(camera, theta), camera.corners)).max((0, 1))
     most = int(_MOST_CUT_OFF * min(camera.shape))
     across, down = np.minimum(np.ceil(moved).astype(int) + 2, most)
     kernel = np.ones((2 * down + 1, 2 * across + 1), np.uint8)
-    known = (seen.known > 1 - _ANY).astype(np.uint8)
+    known = (pictures.known > 1 - _ANY).astype(np.uint8)
     inside = cv2.erode(known, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0)
     clear = np.ones((2 * _CLEAR_PX + 1, 2 * _CLEAR_PX + 1), np.uint8)
-    clipped = cv2.dilate((seen.clipped > _ANY).astype(np.uint8), clear)
+    clipped = cv2.dilate((pictures.clipped > _ANY).astype(np.uint8), clear)
     usable: Mask = (inside > 0) & (clipped == 0)
     return usable
 
 
 def drawn_pixels(edges: Image, usable: Mask, seed: int) -> DrawnPixels:
-    """Draw pixels, the likelier the stronger the edges about them.
+    """Draw pixels, with a chance that grows with the energy of the edges near them.
 
     Parameters
     ----------
     edges : (2, h, w) array of float32
-        Derivatives of the blurred photo: a choice by the noisy one's would go by its noise.
+        Derivatives of the blurred photo: those of the noisy photo would favour its noise.
     usable : (h, w) array of bool
         The pixels to choose from.
     seed : int

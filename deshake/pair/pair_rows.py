@@ -1,9 +1,9 @@
 """Rows of B_N at chosen pixels: the least squares of Eq. (12) without ever holding B_N.
 
 B_N has a row for each pixel and a column for each rotation: ``B_ik`` is the noisy photo where
-rotation k takes pixel i. What its noise adds to ``B_N' B_N``, mostly on the diagonal, would favour
-kernels that are spread out. It is told by noise alone that was drawn like the photo's and put
-through all that the photo went through: with the rows E of such a twin,
+rotation k maps pixel i to. Its noise adds to ``B_N' B_N``, mostly on the diagonal, and would favour
+kernels that are spread out. Twins measure this: pictures of simulated noise like the photo's, after
+the same processing as the photo. With the rows E of such a twin,
 
     G = B_N' B_N - mean E' E,    h = B_N' g
 
@@ -35,9 +35,9 @@ Indices = NDArray[np.int64]
 ROW_BLOCK = 64
 """Pixels come in blocks of this many."""
 
-_ENTRIES = 4_000_000  # of B_N and E that are held at once, for each thread
-_MOST_PLANES = 4  # that OpenCV interpolates at once
-_INEXACT_PLANES = 2  # of which it rounds coordinates to 1/32 px
+_ENTRIES = 4_000_000  # entries of B_N and E in memory at once, for each thread
+_MOST_PLANES = 4  # planes that OpenCV interpolates at once
+_INEXACT_PLANES = 2  # with this number of planes OpenCV rounds coordinates to 1/32 px
 
 
 class PairRows:
@@ -50,13 +50,13 @@ class PairRows:
     theta : (K, 3) array
         Rotations in radians.
     f : (C, h, w) array of float32
-        The registered noisy photo, or what is compared of it.
+        The registered noisy photo, or its derivatives.
     g : (C, h, w) array of float32
         The same of the blurred photo.
     places : (n, 2) array of int
         Pixels (x, y) whose rows are taken; n is a multiple of `ROW_BLOCK`.
     noise : sequence of (C, h, w) arrays
-        The same of noise alone; without any, f is taken to have none.
+        The same of simulated noise; empty: f is taken to have no noise.
     threads : int, optional
         Threads to use; by default all processors. The result does not depend on it.
 
@@ -132,9 +132,9 @@ class PairRows:
         return slope
 
     def misfits(self, w: Vector) -> tuple[float, float, float]:
-        """Return the mean squares of g, of ``g - B w``, and of what the best rotation leaves.
+        """Return the mean squares of g, of ``g - B w``, and of the best single rotation's residual.
 
-        Without what the noise of f adds to them; (K,) weights, of which the non-zero ones count.
+        The effect of the noise of f is subtracted. Only rotations with a weight in w, (K,), count.
         """
         used = np.flatnonzero(w)
         gram, right = self.gram(used), self.right[used]
@@ -159,8 +159,8 @@ class PairRows:
 
         def work(strip: Strip) -> list[Image]:
             chosen = np.arange(strip.first, strip.last)
-            seen = self._columns(chosen, whole, sets=len(rows))
-            return [b @ row for b, row in zip(seen, rows, strict=True)]
+            columns = self._columns(chosen, whole, sets=len(rows))
+            return [b @ row for b, row in zip(columns, rows, strict=True)]
 
         out = [np.zeros(len(self._h)) for _ in rows]
         strips = _strips(len(self._h), max(self._affordable // len(self), 1))
@@ -183,9 +183,9 @@ class PairRows:
                 first = number * _MOST_PLANES
                 if first >= len(out):
                     break
-                seen = cv2.remap(planes, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+                sampled = cv2.remap(planes, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
                 last = min(first + planes.shape[-1], len(out))
-                out[first:last, place] = seen.reshape(strip.count, -1).T[: last - first]
+                out[first:last, place] = sampled.reshape(strip.count, -1).T[: last - first]
         columns = out.reshape(count, self._channels, len(chosen), -1)
         joined: Image = np.moveaxis(columns, 1, 2).reshape(count, len(chosen), -1)
         return joined

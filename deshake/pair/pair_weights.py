@@ -1,17 +1,17 @@
-"""How far each of two photos is trusted, pixel by pixel.
+"""Weights of two photos, pixel by pixel.
 
-The blurred one is explained no better than its kernel is known. g - A f_N has three parts: the
-noise of g, that of f_N, blurred, and what the kernel gets wrong; the first two are known, and the
-third is what is left. As a share kappa of (g - A f_D)^2, where the kernel's errors stand at the
-edges and f_N's noise is no more, it makes up the variance of g beside its noise.
+The errors of the kernel limit how well the blurred photo can be explained. g - A f_N has three
+parts: the noise of g, the blurred noise of f_N, and the errors of the kernel. The first two are
+known; the third is the rest. In (g - A f_D)^2, without the noise of f_N, the kernel's errors stand
+at the edges. So their variance is a share kappa of it, and adds to the noise of g.
 
-f_D, the denoised photo, is a better witness than f_N where the scene is even, a worse one where
-detail was taken for noise: where f_N - f_D has the power that noise has, its error is small; where
-it has less, noise is left in it, and where more, detail is missing from it.
+The denoised photo f_D is better than f_N where the scene is even, and worse where the denoiser
+removed detail. Where f_N - f_D has the power of noise, the error of f_D is small. Where it has
+less power, f_D has noise left; where it has more, f_D lacks detail.
 
-Where both photos saw the scene, A f_D and g agree but for small errors. Where something moved
-between them, or the kernel or the registration is wrong, they do not, and the noisy one is gone by,
-which is at least sharp; unless it is black there, as where a camera cut its shadows off.
+Where both photos show the same scene, A f_D and g agree except for small errors. Where something
+moved, or the kernel or the registration is wrong, they disagree, and the noisy photo is used, which
+is at least sharp, unless it is black there, for example where a camera cut off its shadows.
 """
 
 from __future__ import annotations
@@ -34,24 +34,24 @@ __all__ = ["agreement", "blurred_variance", "denoising_error"]
 
 Image = NDArray[np.float32]
 
-_LEAST_SHARE = 0.02  # kappa
-_SUPPORT = 0.2  # share of pixels around that must tell kappa
-_LEFT = 0.3  # of the noise's variance, the least error of the denoised photo
-_PATCH = 7  # pixels a side over which that is judged
-_DISAGREEMENT = 0.12  # in display values, from which on two photos do not agree
-_OUTLYING = 3.0  # or so many of its median
-_AGREEMENT_PX = 2.0
-_NOISE = 0.3  # share of the noise, with which faint detail was lost, that is tolerated beside
-_STRICT = 0.25  # share of that, near pixels that are farther apart
-_SPREADING, _LEAST_REACH = 4.0, 8  # how near: times their share within so many pixels
-_DARKEST = np.float32(0.003)
-_BAND = 512
+_LEAST_SHARE = 0.02  # least kappa; the largest is `NoisyPhoto.misfit`
+_SUPPORT = 0.2  # share of usable pixels nearby: with less, kappa is that of the whole frame
+_LEFT = 0.3  # least error of the denoised photo, in variances of the noise
+_PATCH = 7  # px: side of the window that averages the power of f_N - f_D
+_DISAGREEMENT = 0.12  # display values: two photos that differ by more do not agree
+_OUTLYING = 3.0  # sigmas of the difference, if that is larger than the value above
+_AGREEMENT_PX = 2.0  # px: sigma of the smoothing of the difference
+_NOISE = 0.3  # sigmas of the noise that are tolerated, too: denoising loses faint detail
+_STRICT = 0.25  # factor of the tolerance near pixels that clearly disagree
+_SPREADING, _LEAST_REACH = 4.0, 8  # factor of their share nearby; px: least half side of windows
+_DARKEST = np.float32(0.003)  # light: darker pixels count as this bright
+_BAND = 512  # rows that get their noise at once
 
 
 def blurred_variance(
     g: Image, Af: Image, noisy: NoisyPhoto, trusted: Image, *, blur: Filters, margin: int
 ) -> Image:
-    """Tell how far off the blurred photo may be: by its noise and by the kernel's errors.
+    """Estimate the variance of the blurred photo by its noise and the kernel's errors.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def blurred_variance(
     noisy : NoisyPhoto
         The noisy photo, with the blur's margin.
     trusted : (h, w) array of float32
-        How far the photos can be compared, 0..1.
+        Weight of each pixel in the comparison of the photos, 0..1.
     blur : Filters
         The blur A.
     margin : int
@@ -100,7 +100,7 @@ def blurred_variance(
 
 
 def denoising_error(noisy: NoisyPhoto) -> Image:
-    """Tell the variance of f_D about the scene, over that of the noise of f_N, (H, W)."""
+    """Estimate the variance of the error of f_D over that of the noise of f_N, (H, W)."""
     power = np.zeros(noisy.pixels.shape[1:], np.float32)
     for one, other in zip(noisy.pixels, noisy.denoised, strict=True):
         noise = other * np.float32(noisy.slope) + np.float32(noisy.floor)
@@ -112,9 +112,10 @@ def denoising_error(noisy: NoisyPhoto) -> Image:
 
 
 def agreement(g: Image, Af: Image, noise: Image, reach: int) -> Image:
-    """Tell where the photos agree, (h, w), 0..1.
+    """Measure where the photos agree, (h, w), 0..1.
 
-    Near what clearly disagrees, such as the outline of a thing that moved, less is tolerated.
+    The tolerance is smaller near pixels that clearly disagree, such as the outline of an object
+    that moved.
 
     Parameters
     ----------
@@ -143,7 +144,7 @@ def agreement(g: Image, Af: Image, noise: Image, reach: int) -> Image:
 
 
 def _shown(light: Image) -> Image:
-    """Return the root of the light, which is about how it is displayed."""
+    """Return the root of the light, which approximates display values."""
     return np.sqrt(np.clip(light, _DARKEST, 1))
 
 

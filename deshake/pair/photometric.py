@@ -1,9 +1,9 @@
 """Brightness of a noisy photo against a blurred one: one factor, or a curve for each channel.
 
-Light adds up, so that in linear light one factor relates two exposures of one scene. The JPEGs of
-cameras are not linear: each exposure is given its own contrast curve. What relates two of them is
-a monotone curve for each channel, found from registered pictures that are smoothed until the blur
-of one of them no longer matters.
+Light adds up, so in linear light one factor relates two exposures of one scene. The JPEGs of
+cameras are not linear: each exposure has its own contrast curve. A monotone curve for each channel
+relates two of them. It is fitted to registered pictures, after so much smoothing that the blur of
+one of them no longer matters.
 """
 
 from __future__ import annotations
@@ -22,28 +22,28 @@ __all__ = ["ToneCurve", "brightness_ratio", "photometric_scale", "tone_curves"]
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-_QUANTILES = (0.5, 0.7, 0.85, 0.95)
-_BRIGHT = 0.9  # quantiles of a picture above it may be clipped
-_LEAST_PIXELS = 50
-_SMOOTH_PX = 5.0
-_DARK = 0.7  # share of the pixels that tells nothing: noise clipped at black looks like light
-_HUBER = 2.0
-_MAD = 1.4826
+_QUANTILES = (0.5, 0.7, 0.85, 0.95)  # of each picture, to compare
+_BRIGHT = 0.9  # light: brighter quantiles may be clipped, and are not compared
+_LEAST_PIXELS = 50  # usable pixels: with fewer, quantiles give the factor
+_SMOOTH_PX = 5.0  # px: sigma before the fit of the factor
+_DARK = 0.7  # share of the pixels, the darkest, that the fit ignores: clipped noise is too bright
+_HUBER = 2.0  # sigmas: larger residuals get less weight
+_MAD = 1.4826  # standard deviation per median absolute deviation of normal noise
 _SCALE_ITERATIONS = 10
-_CLIPPED = 0.985
-_BINS = 96
-_ENDS = (0.005, 0.995)  # quantiles between which the curve is known
+_CLIPPED = 0.985  # a brighter pixel counts as clipped
+_BINS = 96  # bins of equal count; fewer than 4 pixels a bin are an error
+_ENDS = (0.005, 0.995)  # quantiles: the ends of the curve, which is straight beyond them
 _KNOTS = 257
 _WINDOW = 13  # knots that are averaged
-_END_KNOTS = 12  # whose slope goes on beyond the ends
-_LEAST_SLOPE = 0.1  # of the mean slope: no detail vanishes
-_MOST_VALUES = 1_000_000
+_END_KNOTS = 12  # knots at each end, on a straight line with the slope of the next 12
+_LEAST_SLOPE = 0.1  # share of the mean slope: a flatter part would lose its detail
+_MOST_VALUES = 1_000_000  # pixels; of more pixels, every nth is used
 
 
 def brightness_ratio(g: Image, f: Image) -> float:
-    """Tell how many times brighter one picture is than another, registered or not.
+    """Estimate how many times brighter one picture is than another, registered or not.
 
-    It compares quantiles: those below clipping, of which it takes the middle one.
+    The result is the median ratio of the quantiles below clipping.
     """
     bright, dark = np.quantile(g, _QUANTILES), np.quantile(f, _QUANTILES)
     usable = bright < max(_BRIGHT, float(bright[0]) * (1 + 1e-6))
@@ -53,20 +53,20 @@ def brightness_ratio(g: Image, f: Image) -> float:
 def photometric_scale(g: Image, f: Image, mask: Mask) -> float:
     """Fit the factor ``a`` of ``g ~ a f`` to two registered pictures in linear light.
 
-    Both are smoothed first, as widely as blur may have moved the light; else the sharper one's
-    bright spots, which the other one spreads, would make `a` too small.
+    Both are smoothed first, as widely as the blur may move light. Without this, the bright spots of
+    the sharp picture, which are spread in the blurred one, would make `a` too small.
 
     Parameters
     ----------
     g, f : (h, w) arrays of float32
         The blurred and the noisy picture, about 128 pixels wide.
     mask : (h, w) array of bool
-        Where both see the scene, below clipping.
+        Where both show the scene, below clipping.
 
     Returns
     -------
     float
-        By least squares with Huber's weights; by quantiles, where too little is usable.
+        By least squares with Huber's weights, or by quantiles if too few pixels are usable.
 
     """
     if mask.sum() < _LEAST_PIXELS:
@@ -92,7 +92,7 @@ class ToneCurve:
     Parameters
     ----------
     knots, values : (n,) arrays of float64
-        It is linear between its knots, which rise evenly, and goes on straight beyond them.
+        The curve is linear between its knots, which are evenly spaced, and straight beyond them.
 
     """
 
@@ -121,7 +121,7 @@ class ToneCurve:
     def matched(self, f_N: Image, f_D: Image) -> Image:
         """Return the noisy photo on the curve: ``T(f_D) + T'(f_D) (f_N - f_D)``.
 
-        Its noise stays without bias, which ``T(f_N)`` would give it where the curve bends.
+        Its noise stays without bias; ``T(f_N)`` would bias it where the curve bends.
         """
         return np.asarray(self(f_D) + self.slope(f_D) * (f_N - f_D), np.float32)
 
@@ -136,7 +136,7 @@ class ToneCurve:
 
 
 def tone_curves(f_D: Image, g: Image, mask: Mask, *, smooth_px: float = 4.0) -> list[ToneCurve]:
-    """Find the curve of each channel that takes a photo's values to those of another.
+    """Fit the curve of each channel that maps the values of one photo to those of another.
 
     The curves are the isotonic regression of medians in bins of equal count, averaged over a small
     window, and made straight at the ends.
@@ -144,14 +144,14 @@ def tone_curves(f_D: Image, g: Image, mask: Mask, *, smooth_px: float = 4.0) -> 
     Parameters
     ----------
     f_D : (h, w) or (h, w, C) array of float32
-        The denoised photo, registered. Display values do better than linear light: their noise is
+        The denoised photo, registered. Display values fit better than linear light: their noise is
         more even.
     g : array of that shape
         The blurred photo.
     mask : (h, w) array of bool
-        Where both see the scene.
+        Where both show the scene.
     smooth_px : float
-        Sigma that both are smoothed by; 1.5 is enough where `f_D` has been blurred as `g` is.
+        Sigma of the smoothing of both; 1.5 is enough where `f_D` has the blur of `g`.
 
     Raises
     ------
@@ -173,7 +173,7 @@ def tone_curves(f_D: Image, g: Image, mask: Mask, *, smooth_px: float = 4.0) -> 
 
 
 def _smoothed(image: Image, mask: Mask, sigma: float) -> Image:
-    """Smooth an image by what lies within a mask."""
+    """Smooth an image, with the pixels of a mask alone."""
     light = cv2.GaussianBlur(np.where(mask, image, np.float32(0)), (0, 0), sigma)
     weight = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), sigma)
     return np.asarray(light / np.maximum(weight, 1e-6), np.float32)
@@ -198,7 +198,7 @@ def _tone_curve(x: Image, y: Image) -> ToneCurve:
     values = _averaged(np.interp(knots, centres, rising))
     least = _LEAST_SLOPE * (values[-1] - values[0]) / (high - low)
     steps = np.maximum(np.diff(values), least * (knots[1] - knots[0]))
-    # The ends have few values to go by: they are straight.
+    # The ends have few values: they are straight.
     steps[:_END_KNOTS] = steps[_END_KNOTS : 2 * _END_KNOTS].mean()
     steps[-_END_KNOTS:] = steps[-2 * _END_KNOTS : -_END_KNOTS].mean()
     middle = _KNOTS // 2
@@ -207,7 +207,7 @@ def _tone_curve(x: Image, y: Image) -> ToneCurve:
 
 
 def _averaged(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Average over a window; beyond the ends the values go on as they do inside."""
+    """Average over a window; point reflection continues the values beyond the ends."""
     half = _WINDOW // 2
     before = 2 * values[0] - values[half:0:-1]
     after = 2 * values[-1] - values[-2 : -half - 2 : -1]

@@ -1,8 +1,8 @@
 """A noisy photo registered to a blurred one, its noise, and its tones.
 
-Noise is drawn like the photo's and registered as it was, so that the estimate can take off what
-such noise would do to the kernel. In linear light one factor relates two exposures; the JPEGs of
-cameras have tone curves of their own, which can be matched channel by channel.
+Simulated noise like the photo's is registered in the same way, so that the estimate can subtract
+the effect of noise on the kernel. In linear light one factor relates two exposures. The JPEGs of
+cameras have tone curves of their own, which `on_curves` matches channel by channel.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ __all__ = ["RegisteredPair"]
 
 Image = NDArray[np.float32]
 
-_TWINS: Final = 2
+_TWINS: Final = 2  # pictures of simulated noise
 _BAND: Final = 256  # rows that get their noise at once
-_CURVE_SMOOTHING_PX: Final = 1.5
+_CURVE_SMOOTHING_PX: Final = 1.5  # px: sigma of the smoothing before tone curves and edges
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,13 +49,13 @@ class RegisteredPair:
     blurred, noisy : Photo
         The photos.
     registration : Registration
-        How they lie to each other.
+        The registration of the noisy photo.
     f_reg : (h, w) or (h, w, C) array of float32
         The registered noisy photo, linear light.
     valid : (h, w) array of float32
         Where it is known.
     slopes : array of the shape of f_reg, optional
-        Slopes of the tone curves, if it was taken to the tones of the blurred photo.
+        Slopes of the tone curves, if f_reg has the tones of the blurred photo.
 
     """
 
@@ -93,27 +93,28 @@ class RegisteredPair:
         )
 
     def shares(self) -> NDArray[np.float64]:
-        """Return how much of each channel goes into the grey that tells the kernel, of sum 1.
+        """Return the weights of the channels in the grey that gives the kernel; their sum is 1.
 
-        The more of it, the more its edges in the blurred photo stand out of the noisy one's noise.
+        The weight is the contrast of the channel's edges in the blurred photo over the noisy
+        photo's noise.
         """
-        seen = channels_first(self.blurred.pixels)
+        blurred_planes = channels_first(self.blurred.pixels)
         planes = self._stored
-        if len(seen) != len(planes):
+        if len(blurred_planes) != len(planes):
             return np.ones(1)
-        found = []
+        precisions = []
         for c, (plane, (slope, floor)) in enumerate(zip(planes, self._models, strict=True)):
-            fine = cv2.GaussianBlur(seen[c], (0, 0), _CURVE_SMOOTHING_PX)
+            fine = cv2.GaussianBlur(blurred_planes[c], (0, 0), _CURVE_SMOOTHING_PX)
             edges = float(np.sqrt(np.square(np.diff(fine)).mean(dtype=np.float64)))
             noise = slope * max(float(plane.mean(dtype=np.float64)), 0.0) + floor
             if self.slopes is not None:
                 steep = channels_first(self.slopes)[c]
                 noise *= float(np.square(steep).mean(dtype=np.float64))
-            found.append(edges / noise)
-        return np.array(found) / sum(found)
+            precisions.append(edges / noise)
+        return np.array(precisions) / sum(precisions)
 
     def on_curves(self) -> RegisteredPair:
-        """Return the noisy photo taken to the tones of the blurred one, channel by channel."""
+        """Return the noisy photo with the tones of the blurred one, channel by channel."""
         g = self.blurred.pixels
         f_N = self.f_reg
         if f_N.ndim != g.ndim:
@@ -128,7 +129,7 @@ class RegisteredPair:
         return replace(self, f_reg=matched, slopes=slopes)
 
     def noise(self) -> Iterator[Image]:
-        """Draw noise like that of the noisy photo's mixed channels, and register it as it was."""
+        """Draw noise like that of the noisy photo's mixed channels, registered like the photo."""
         planes = self._stored
         shares = _shares_of(planes, self.shares())
         if self.slopes is None:

@@ -1,9 +1,9 @@
 """Registration of a noisy, sharp photo to a blurred one of the same scene (Secs. 6 and 7).
 
 The model: ``g(x) = sum_k w_k F(H_k x)`` is the long exposure, ``f_N(x) = F(H_0 x) / ratio`` the
-short one. What is found is ``theta_0``, by an exhaustive search and a refinement, both on small
-copies, and the photometric factor ``a`` with ``g ~ a f_N``. The frame of the blurred photo is that
-of the blur's centroid; what little is missing to it, the kernel takes up.
+short one. An exhaustive search and a refinement, both on small copies, estimate ``theta_0`` and the
+photometric factor ``a`` with ``g ~ a f_N``. The frame of the blurred photo is that of the blur's
+centroid. The kernel absorbs the small error that remains.
 """
 
 from __future__ import annotations
@@ -36,21 +36,21 @@ Image = NDArray[np.float32]
 MAX_ANGLE = radians(10)
 """Half the range that is searched about each axis."""
 
-_SEARCH = 0.75  # side of the copies that are searched, in sides of those that are aligned
-_SEARCH_PX = (1.2, 8.0)  # sigmas between which details are compared
-_CANDIDATES, _APART_PX = 5, 2.5
-_SHADOW = 0.05  # of the mean light, below which details count less
-_LEAST_CONTRAST = 0.005
-_SAME_SCENE = 0.5  # confidence
-_EVEN_LIKENESS = 0.58  # at which a registration is as likely right as wrong
-_LIKENESS_SCALE = 0.05
+_SEARCH = 0.75  # side of the search's copies, in sides of the alignment's copies
+_SEARCH_PX = (1.2, 8.0)  # px: sigmas of the details that the search compares
+_CANDIDATES, _APART_PX = 5, 2.5  # candidates that are refined, and px between any two of them
+_SHADOW = 0.05  # share of the mean light: details in darker parts get less weight
+_LEAST_CONTRAST = 0.005  # standard deviation of the root of the light: less is an error
+_SAME_SCENE = 0.5  # confidence: below it, the photos do not show the same scene
+_EVEN_LIKENESS = 0.58  # likeness of confidence 0.5; fitted to simulated pairs, right and wrong
+_LIKENESS_SCALE = 0.05  # scale of the logistic function of likeness; fitted to the same pairs
 _QUARTER = pi / 2
-_BAND = 256  # rows and columns that are warped at once
+_BAND = 256  # rows and columns that are resampled at once
 
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """How a noisy photo lies to a blurred one.
+    """The rotation and the photometric factor between a noisy photo and a blurred one.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class Registration:
         ``theta_0`` in radians: ``f_N(x) = F(H_0 x) / ratio`` for the sharp scene F in the frame of
         the blurred photo. A noisy photo that was stored turned by 90 degrees has its turn in it.
     scale : float
-        Photometric factor ``a``, > 0: the noisy photo times it is as bright as the blurred one.
+        Photometric factor ``a``, > 0: ``a f_N`` is as bright as the blurred photo.
     confidence : float
         How likely it is right, from 0 to 1.
     camera : Camera
@@ -72,7 +72,7 @@ class Registration:
     camera: Camera
 
     def report(self) -> dict[str, Any]:
-        """Return what it says, the camera aside, as JSON data."""
+        """Return all but the camera as JSON data."""
         return {
             "theta": self.theta.tolist(),
             "scale": self.scale,
@@ -102,7 +102,7 @@ def register(
     max_angle : float
         Largest angle about any axis to look for, in radians.
     progress : callable, optional
-        Told the fraction done and what is being done.
+        Called with the fraction done and the present step in words.
     threads : int, optional
         Threads to use; by default all processors.
 
@@ -133,16 +133,16 @@ def register(
         if progress is not None:
             progress(0.0, "registering" if number == 0 else "registering the photo turned")
         pair = reduce_pair(g, f_N, camera, turns)
-        found = _register(pair, max_angle, threads, progress)
-        if best is None or found.confidence > best.confidence:
+        result = _register(pair, max_angle, threads, progress)
+        if best is None or result.confidence > best.confidence:
             best = Registration(
-                compose(found.theta, [0, 0, -turns * _QUARTER]),
-                found.scale,
-                found.confidence,
+                compose(result.theta, [0, 0, -turns * _QUARTER]),
+                result.scale,
+                result.confidence,
                 camera,
             )
         if best.confidence >= _SAME_SCENE:
-            # what is symmetric is like its mirror image, but most like itself
+            # a symmetric scene resembles its mirror image, but itself more
             mirrored = replace(pair, f=np.ascontiguousarray(pair.f[:, ::-1]))
             if _register(mirrored, max_angle, threads, None).confidence > best.confidence:
                 raise EstimationError(
@@ -166,15 +166,15 @@ def registered(f_N: Image, registration: Registration, *, margin: int = 0) -> tu
     registration : Registration
         Its registration.
     margin : int
-        Pixels m around that frame which are wanted, too: what the blurred photo saw a part of.
+        Pixels m around that frame to include: the blurred photo has light from there.
 
     Returns
     -------
     f_reg : (h + 2 m, w + 2 m) or (h + 2 m, w + 2 m, C) array of float32
-        By Lanczos interpolation, linear in `f_N`; beyond it, its nearest pixels. A larger photo is
-        first reduced to the blurred one's size.
+        By Lanczos interpolation, linear in `f_N`; beyond its border, the nearest pixels. A larger
+        photo is first reduced to the blurred one's size.
     valid : (h + 2 m, w + 2 m) array of float32
-        1 where the noisy photo was there to be seen, else 0.
+        1 where the noisy photo has pixels, else 0.
 
     """
     camera = registration.camera
@@ -204,7 +204,7 @@ def _register(
     threads: int | None,
     progress: Callable[[float, str], None] | None,
 ) -> Registration:
-    """Register an upright pair, however unlike the two are."""
+    """Register an upright pair, at any confidence."""
     camera = pair.camera
     ratio = brightness_ratio(pair.g, pair.f)
     g, f = np.clip(pair.g, 0, 1), np.clip(ratio * pair.f, 0, 1)
@@ -230,7 +230,7 @@ def _register(
         alike = likeness(seen_g, seen_f, camera, theta)
         if alike > best_likeness:
             best, best_likeness = theta, alike
-    # Only now is it known which part of the noisy photo the blurred one shows, and how bright.
+    # Only now are the common part of both photos and its brightness known.
     f = np.clip(_scale(pair, best) * pair.f, 0, 1)
     best, _ = align(g, f, camera, best)
     confidence = 1 / (1 + exp(-(best_likeness - _EVEN_LIKENESS) / _LIKENESS_SCALE))
@@ -238,19 +238,19 @@ def _register(
 
 
 def _scale(pair: SmallPair, theta: NDArray[np.float64]) -> float:
-    seen, mask = seen_in_frame(pair.g, pair.f, pair.camera, theta)
-    return photometric_scale(pair.g, seen, mask & pair.usable)
+    turned, mask = seen_in_frame(pair.g, pair.f, pair.camera, theta)
+    return photometric_scale(pair.g, turned, mask & pair.usable)
 
 
 def _turns_of(theta: NDArray[np.float64]) -> int:
-    """Return how many quarters a photo of this registration must be turned to be upright."""
+    """Return how many quarter turns make the noisy photo of this registration upright."""
     return -round(float(theta[2]) / _QUARTER) % 4
 
 
 def _sampled(
     image: Image, h: NDArray[np.float64], top: int, left: int, shape: tuple[int, int]
 ) -> tuple[Image, Image]:
-    """Read an image at ``H x`` for a tile of pixels x, and tell where it lies within."""
+    """Sample an image at ``H x`` for a tile of pixels x, and return where that lies inside it."""
     rows, columns = np.mgrid[top : top + shape[0], left : left + shape[1]].astype(np.float64)
     u, v, w = np.tensordot(h, np.stack([columns, rows, np.ones(shape)]), 1)
     w = np.maximum(w, 1e-6)

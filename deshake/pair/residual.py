@@ -1,21 +1,22 @@
-"""Residual Richardson-Lucy: what a denoised photo lacks, out of a blurred one (Sec. 6).
+"""Residual Richardson-Lucy: adds to a denoised photo the detail of a blurred one (Sec. 6).
 
-Not the photo is deconvolved but what the denoised noisy photo f_D does not explain of it [1],
+The deconvolution works on the residual of the denoised noisy photo f_D [1],
 
     delta g = g - A f_D,
     delta f <- (delta f + 1) . A^T((delta g + 1) / A(delta f + 1)) / A^T 1 - 1,
 
-with 1 added to keep the light positive; f = f_D + delta f rings less, since delta f has little
-contrast. A gain map, that multiplies delta f after each iteration,
+where 1 keeps the light positive; f = f_D + delta f rings less, since delta f has little contrast. A
+gain map multiplies delta f after each iteration:
 
     1 - alpha + alpha sum_l |D f_D^l|,
 
-over the levels l of f_D's pyramid, holds it back where the scene is even. What it costs in detail
-comes back as a layer: the residual without the map, f, less its joint bilateral mean guided by the
-result with the map f_g; f_g + (f - mean f), in display values, is the photo.
+over the levels l of f_D's pyramid. It weakens delta f where the scene is even. A detail layer
+restores the detail that this removes: the result without the map, f, less its joint bilateral mean
+guided by the result with the map, f_g. The photo is f_g + (f - mean f), in display values.
 
-More iterations explain the noise of g, too, and multiply it. They end when what is left of g is no
-more than its noise, at a scale that compression leaves alone (`noise`): the discrepancy principle.
+Too many iterations fit the noise of g, too, and amplify it. They end when the residual of g is no
+more than its noise, at a scale that compression does not change (`noise`): the discrepancy
+principle.
 
 References
 ----------
@@ -50,17 +51,17 @@ __all__ = ["gain_map", "joint_bilateral", "residual_richardson_lucy"]
 
 Image = NDArray[np.float32]
 
-_MOST = 20
-_NOISE = 1.1  # of the estimated noise: the residual to stop at
-_STALLED = 0.02  # fall of the squared residual, less than which is not worth an iteration
-_ALPHA = 0.2
-_UNSEEN = np.float32(1e-2)
-_DARK = np.float32(1e-3)
-_TOE = np.float32(3e-3)
-_SMALLEST_LEVEL = 32  # px
+_MOST = 20  # iterations at most
+_NOISE = 1.1  # factor of the estimated noise: a smaller residual ends the iterations
+_STALLED = 0.02  # relative fall of the squared residual: a smaller fall ends the iterations
+_ALPHA = 0.2  # alpha of the gain map; 0: no map
+_UNSEEN = np.float32(1e-2)  # A^T 1: latent pixels with no more than this keep their value
+_DARK = np.float32(1e-3)  # least divisor and least target of a step, in light
+_TOE = np.float32(3e-3)  # light: below about this, display values are linear
+_SMALLEST_LEVEL = 32  # px: shorter side of the smallest level of the pyramid
 _NEAR_PX, _ALIKE = 1.6, 0.08  # sigmas of the bilateral mean: pixels, display values
-_WINDOW = 5  # pixels from its middle to its side
-_BAND = 256
+_WINDOW = 5  # px from the middle of the bilateral window to its side
+_BAND = 256  # rows that are averaged at once
 
 
 def residual_richardson_lucy(
@@ -85,14 +86,14 @@ def residual_richardson_lucy(
         The blurred photo in linear light.
     noisy : NoisyPhoto
         The noisy photo, denoised, registered and as bright as the blurred one: in its frame, or
-        further on all sides.
+        wider on all sides.
     kernel : RotationKernel
         The blur, for a camera of the photo's size.
     clipped : (h, w) array of bool, optional
-        Where the blurred photo clipped; it has no residual there, nor where the photos disagree.
+        Where the blurred photo clipped. The residual is 0 there, and where the photos disagree.
     iterations : int, optional
-        How many, >= 1. By default 1 to 20: until the residual is down to the noise, or an iteration
-        takes less than 2 % off its square.
+        How many, >= 1. By default 1 to 20: until the residual is as small as the noise, or an
+        iteration reduces its square by less than 2 %.
     gain : bool
         Whether the gain map is used.
     detail : bool
@@ -100,7 +101,7 @@ def residual_richardson_lucy(
     threads : int, optional
         Threads to use; by default all processors. The result does not depend on it.
     progress : callable, optional
-        Told the fraction done, 0 to 1, and what is being done, after each iteration.
+        Called after each iteration with the fraction done, 0 to 1, and the present step in words.
 
     Returns
     -------
@@ -121,8 +122,8 @@ def residual_richardson_lucy(
     runs = 2 if gain else 1
     margin = reach(kernel.camera, kernel.theta[kernel.weights > 0])
     blur = blur_filters(kernel, margin=margin, channels=len(planes), threads=threads)
-    seen = np.maximum(blur.adjoint(np.ones((1, *g.shape[:2]), np.float32))[0], _UNSEEN)
-    f_D = fitted(noisy.denoised, seen.shape)
+    coverage = np.maximum(blur.adjoint(np.ones((1, *g.shape[:2]), np.float32))[0], _UNSEEN)
+    f_D = fitted(noisy.denoised, coverage.shape)
     gains = gain_map(image_like(f_D, g)) if gain else None
     left = blur.forward(f_D)
     agreeing = agreement(g, left, fitted(noisy.variance(), g.shape[:2]), margin)
@@ -133,7 +134,7 @@ def residual_richardson_lucy(
     inside = np.s_[margin:-margin, margin:-margin]
     done, counts, squared = 0, [], 0.0
 
-    def tell(iteration: int, count: int) -> None:
+    def report_progress(iteration: int, count: int) -> None:
         if progress is not None:
             part = (done + iteration / count) / (runs * len(planes))
             progress(part, f"deblurring the residual, iteration {iteration}")
@@ -141,11 +142,21 @@ def residual_richardson_lucy(
     out = np.empty(g.shape, np.float32)
     for c, (residual, denoised) in enumerate(zip(left, f_D, strict=True)):
         noise = _NOISE * coarse_noise(planes[c]) if iterations is None else None
-        change, count = _deconvolved(residual, blur, seen, None, most=most, noise=noise, tell=tell)
+        change, count = _deconvolved(
+            residual, blur, coverage, None, most=most, noise=noise, report_progress=report_progress
+        )
         f = (denoised + change)[inside]
         if gains is not None:
             done += 1
-            change, _ = _deconvolved(residual, blur, seen, gains, most=count, noise=None, tell=tell)
+            change, _ = _deconvolved(
+                residual,
+                blur,
+                coverage,
+                gains,
+                most=count,
+                noise=None,
+                report_progress=report_progress,
+            )
             calm = (denoised + change)[inside]
             f = _with_detail(calm, f) if detail else calm
         done += 1
@@ -185,7 +196,7 @@ def joint_bilateral(image: Image, guide: Image) -> Image:
 
 
 def _bilateral(image: Image, guide: Image) -> Image:
-    """Average a band; each pair of pixels is weighed once and serves both."""
+    """Average a band; the weight of each pair of pixels is computed once."""
     total, weight = image.copy(), np.ones_like(image)
     height, width = image.shape
     square = range(-_WINDOW, _WINDOW + 1)
@@ -209,21 +220,21 @@ def _bilateral(image: Image, guide: Image) -> Image:
 def _deconvolved(
     left: Image,
     blur: Filters,
-    seen: Image,
+    coverage: Image,
     gains: Image | None,
     *,
     most: int,
     noise: float | None,
-    tell: Callable[[int, int], None],
+    report_progress: Callable[[int, int], None],
 ) -> tuple[Image, int]:
-    """Deconvolve the residual of one colour; return delta f, (H, W), and in how many iterations."""
-    f = np.ones_like(seen)  # delta f + 1
+    """Deconvolve the residual of one colour; return delta f, (H, W), and the iterations."""
+    f = np.ones_like(coverage)  # delta f + 1
     even = blur.forward(f[None])[0]
     target = np.maximum(left + even, _DARK)
     ratio, before, done = even, np.inf, 0
     while done < most:
         np.divide(target, np.maximum(ratio, _DARK), out=ratio)
-        f *= np.where(seen > _UNSEEN, blur.adjoint(ratio[None])[0] / seen, 1)
+        f *= np.where(coverage > _UNSEEN, blur.adjoint(ratio[None])[0] / coverage, 1)
         if gains is not None:
             f = (f - 1) * gains + 1
         done += 1
@@ -235,8 +246,8 @@ def _deconvolved(
             if squared <= noise or squared > (1 - _STALLED) * before:
                 break
             before = squared
-        tell(done, most)
-    tell(done, done)
+        report_progress(done, most)
+    report_progress(done, done)
     f -= 1
     return f, done
 
@@ -249,7 +260,7 @@ def _with_detail(calm: Image, full: Image) -> Image:
 
 
 def _shown(light: Image) -> Image:
-    """Return about how light is displayed: its root, but a line near black."""
+    """Return approximate display values of light: its root, but nearly linear near black."""
     shown: Image = np.sqrt(np.maximum(light, 0) + _TOE)
     shown -= np.sqrt(_TOE)
     return shown

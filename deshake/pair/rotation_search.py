@@ -1,8 +1,8 @@
 """Exhaustive search for the rotation between two photos, on small copies of them (Sec. 7).
 
-Rotations about X and Y all but shift a picture, so these are tried in a few steps only, together
-with all steps about Z; the shifts around each of them are tried at once, by FFT. Pictures are
-compared by their zero-normalised cross-correlation (ZNCC) where both are seen.
+Rotations about X and Y nearly shift a picture. So the search tries a few steps about X and Y, and
+all steps about Z; an FFT tries all shifts around each of them at once. The score is the
+zero-normalised cross-correlation (ZNCC) where both pictures have pixels.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ __all__ = ["Candidate", "distance_px", "distinct", "exhaustive_search"]
 
 Image = NDArray[np.float32]
 
-_BENT_PX = 2.0  # between two steps about X or Y, the frame's corners move so much besides shifting
-_MOST_TILTS = 9  # steps about X and about Y
-_LEAST_OVERLAP = 0.3  # share of the frame that both photos must see
+_BENT_PX = 2.0  # px: motion of the corners, shifts aside, between two steps about X or Y
+_MOST_TILTS = 9  # steps about X, and about Y, at most
+_LEAST_OVERLAP = 0.3  # share of the frame that both photos must cover
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ def exhaustive_search(
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
-        Told the fraction done.
+        Called with the fraction done.
 
     Returns
     -------
@@ -77,23 +77,23 @@ def exhaustive_search(
     pictures = np.stack([b, np.ones_like(b)])
 
     def best_shift(theta: NDArray[np.float64]) -> Candidate:
-        seen, mask = turn(pictures, camera, -theta)
-        score, dx, dy = correlate.best(seen, mask)
+        turned, mask = turn(pictures, camera, -theta)
+        score, dx, dy = correlate.best(turned, mask)
         shift = np.arctan2([-dy, dx, 0], camera.focal_px)
         return Candidate(compose(shift, theta), score)
 
-    found = []
+    candidates = []
     for _, candidate in in_order(best_shift, steps, threads or available_threads()):
-        found.append(candidate)
+        candidates.append(candidate)
         if progress is not None:
-            progress(len(found) / len(steps))
-    return sorted(found, key=lambda candidate: -candidate.score)
+            progress(len(candidates) / len(steps))
+    return sorted(candidates, key=lambda candidate: -candidate.score)
 
 
 def distinct(
     candidates: list[Candidate], camera: Camera, count: int, apart_px: float
 ) -> list[Candidate]:
-    """Return the first `count` candidates of which no two are closer than `apart_px`."""
+    """Return the first `count` candidates; any two are at least `apart_px` apart."""
     kept: list[Candidate] = []
     for candidate in candidates:
         if len(kept) == count:
@@ -104,13 +104,13 @@ def distinct(
 
 
 def distance_px(camera: Camera, one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
-    """Root mean square distance, over the frame, between where two rotations send its pixels."""
+    """Root mean square distance, over the frame, between the images of a pixel by two rotations."""
     moved = displacements(homographies(camera, compose(-one, other)[None]), camera.corners)
     return float(np.sqrt(np.mean(np.sum(moved**2, -1))))
 
 
 def _tilts(camera: Camera, max_angle: float) -> int:
-    """Return how many steps about X, and about Y, leave little but a shift between them."""
+    """Return the number of steps about X, and about Y, between which shifts are enough."""
     corner = np.abs(camera.corners - camera.matrix[:2, 2]).max(0)
     bent = 2 * max_angle * float(corner @ corner) / camera.focal_px
     count = int(np.ceil(bent / _BENT_PX)) // 2 * 2 + 1  # the middle one is no rotation

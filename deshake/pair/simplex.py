@@ -5,12 +5,11 @@ can gain by taking from another (the Kuhn-Tucker conditions): with the slope ``s
 
     s_i >= s_j   for all i and every j whose w_j > 0.
 
-Two at a time the weights are moved to where that holds better, as for support vector machines:
-the one of the lowest slope takes from the one that yields the most. Each move has a closed form,
-keeps the sum, needs two columns of G, and leaves exact zeros (Fan, Chen & Lin, "Working set
-selection using second order information for training SVM", JMLR 6, 2005). Where there are too many
-weights for a Gram matrix of all, a working set of them is solved for, and grows by those of the
-lowest slopes until none is left that could gain.
+Each move changes two weights, as for support vector machines: the weight of the lowest slope takes
+from the weight that reduces the sum most. A move has a closed form, keeps the sum of the weights,
+needs two columns of G, and leaves exact zeros (Fan, Chen & Lin, "Working set selection using second
+order information for training SVM", JMLR 6, 2005). With too many weights for a whole Gram matrix,
+only a working set is solved. It grows by the weights of the lowest slopes until none could gain.
 """
 
 from __future__ import annotations
@@ -29,19 +28,19 @@ Vector = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 WHOLE = 3000
-"""Weights up to which G is worked out as a whole."""
+"""Number of weights up to which the whole of G is computed."""
 
-_TOLERANCE = 1e-6  # of the largest slope: differences of slopes below it are none
-_MOST_MOVES = 500  # for each weight
-_MOST_ROUNDS = 100
-_LEAST_CURVATURE = 1e-12  # of G's diagonal
-_SAFETY = 1.05  # of the least eigenvalue, which is approached from above
+_TOLERANCE = 1e-6  # share of the largest slope: smaller differences of slopes are ignored
+_MOST_MOVES = 500  # moves for each weight, at most
+_MOST_ROUNDS = 100  # growths of the working set, at most
+_LEAST_CURVATURE = 1e-12  # share of G's diagonal
+_SAFETY = 1.05  # factor of the least eigenvalue: Lanczos approaches it from above
 _LANCZOS_STEPS = 60
-_DENSE = 200  # rows up to which all eigenvalues cost less
+_DENSE = 200  # rows: up to it, computing all eigenvalues costs less
 
 
 class LeastSquares(Protocol):
-    """The quadratic ``w' G w / 2 - h' w`` of K weights, of which G is known in parts."""
+    """The quadratic ``w' G w / 2 - h' w`` of K weights; parts of G are computed on demand."""
 
     right: Vector
     """h, (K,)."""
@@ -68,7 +67,7 @@ def least_on_simplex(
         r in shares of G's mean diagonal, >= 0. It is made as large as it must be for G + r I to
         have no negative eigenvalues.
     whole : int
-        Weights up to which G is worked out as a whole.
+        Number of weights up to which the whole of G is computed.
 
     Returns
     -------
@@ -80,7 +79,7 @@ def least_on_simplex(
     count = len(w)
     working, growth = np.arange(count), max(whole // 3, 1)
     if count > whole:
-        likely = np.lexsort((-problem.right, -w))  # of equal weights, what is most like g
+        likely = np.lexsort((-problem.right, -w))  # of equal weights, those most like g
         working = np.sort(likely[: max(whole // 2, 1)])
         w[np.setdiff1d(np.arange(count), working)] = 0
     w /= w.sum()
@@ -170,6 +169,6 @@ def least_eigenvalue(gram: Vector) -> float:
 
 
 def _ridge(gram: Vector, share: float) -> float:
-    """Return what the diagonal must be raised by."""
+    """Return the ridge to add to the diagonal."""
     wanted = share * abs(float(np.diagonal(gram).mean()))
     return max(wanted, -_SAFETY * least_eigenvalue(gram))

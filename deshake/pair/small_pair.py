@@ -20,11 +20,11 @@ Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 _SIDE = 128  # px, longer side
-_LEAST_SIDE = 32  # px, of the shorter side
-_MOST_SIDE = 640
-_CLIPPED = 0.98
-_CLIPPED_SHARE = 0.01  # of a small pixel, above which it tells nothing of the light
-_PROPORTIONS = 0.005  # by which the sides' ratios of two whole photos may differ
+_LEAST_SIDE = 32  # px: least shorter side
+_MOST_SIDE = 640  # px: most longer side, of a long photo
+_CLIPPED = 0.98  # light: a brighter pixel counts as clipped
+_CLIPPED_SHARE = 0.01  # share of a small pixel: with more clipped light, it is not used
+_PROPORTIONS = 0.005  # relative difference of the aspect ratios of two whole photos, at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class SmallPair:
 
 
 def possible_turns(one: tuple[int, int], other: tuple[int, ...]) -> list[int]:
-    """Return by how many quarters another photo may have to be turned, as by `numpy.rot90`.
+    """Return the numbers of quarter turns that may make another photo upright, for `numpy.rot90`.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def possible_turns(one: tuple[int, int], other: tuple[int, ...]) -> list[int]:
 
 
 def reduce_pair(g: Image, f_N: Image, camera: Camera, turns: int) -> SmallPair:
-    """Reduce two photos to one small size, the second one turned by quarters.
+    """Reduce two photos to one small size, and turn the second one by quarters.
 
     Parameters
     ----------

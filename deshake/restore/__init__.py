@@ -1,1 +1,1 @@
-"""From a photo and its kernel to the sharp photo."""
+"""A photo and its kernel give the sharp photo."""

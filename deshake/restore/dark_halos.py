@@ -1,14 +1,14 @@
-"""How to keep halos from falling to black.
+"""A lower bound that keeps halos from becoming black.
 
-Errors of an estimated kernel, and tone curves that no file tells of, leave dark halos beside bright
-things. In linear light they are faint, but on display they are black. Blur takes the mean of what
-the camera passed over, so the blurred photo is seldom much lighter than what lies there: a restored
-pixel is taken to be at least a share of the darkest blurred one within the blur's reach,
+Errors of an estimated kernel, and unknown tone curves, leave dark halos beside bright objects. In
+linear light they are faint, but on display they are black. A blurred pixel is a mean of the light
+along the camera's path, so it is seldom much brighter than the scene there. The bound for a
+restored pixel is a share of the darkest blurred one within the blur's reach,
 
     f >= 0.1 mean min g,
 
-averaged over as much for a bound without edges of its own, which is still nowhere above g. Thin
-dark lines on a bright ground are the exception that keeps the share low.
+where the mean over the same reach leaves the bound without edges; it is still nowhere above g. The
+share is low because of thin dark lines on a bright ground.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 
 __all__ = ["without_dark_halos"]
 
-_SHARE = np.float32(0.1)
+_SHARE = np.float32(0.1)  # bound over the darkest blurred light within reach
 
 
 def without_dark_halos(
     f: NDArray[np.float32], g: NDArray[np.float32], kernel: RotationKernel
 ) -> NDArray[np.float32]:
-    """Lift what was restored darker than the blurred photo makes likely.
+    """Brighten pixels that the restoration made darker than the bound.
 
     Parameters
     ----------

@@ -1,18 +1,18 @@
-"""How to look past lights that clipped.
+"""Weights of pixels near clipped lights, and restoration of the scene behind their streaks.
 
-A lamp that outshines the sensor's range draws the path of the camera in white, and in the light
-that spills over its edges the faintest error of the kernel, times the lamp, is stronger than all
-that lies there. So the pixels that clipped, and in proportion those that the lamps reach, are not
-trusted: m = 1 / (1 + (kappa A l)^2 / sigma^2), where l is the light above the clip level in a first
-estimate. What lies behind the streaks is seen elsewhere, from other orientations of the camera: it
-is found again from the trusted pixels alone, by Richardson-Lucy with weights,
+A lamp brighter than the sensor's range draws the path of the camera in white. Near it, the
+smallest error of the kernel, times the light of the lamp, is larger than the light of the scene.
+So clipped pixels, and in proportion those that the lamps reach, have less weight:
+m = 1 / (1 + (kappa A l)^2 / sigma^2), where l is the light above the clip level in a first
+estimate. Other pixels, from other orientations of the camera, show the scene behind the streaks.
+The trusted pixels alone restore it, by Richardson-Lucy with weights,
 
     f <- f . (A^T(m g / A f) / A^T m)^a,
 
-with a > 1, for speed, while the lamps and what no trusted pixel sees stay as the first estimate has
-them. That lamps must not disturb their surroundings is the idea of Whyte, Sivic and Zisserman,
-"Deblurring shaken and partially saturated images", IJCV 110, 2014,
-https://doi.org/10.1007/s11263-014-0727-3.
+where a > 1 saves iterations. The lamps, and latent pixels without trusted ones, keep the first
+estimate. Whyte, Sivic and Zisserman, "Deblurring shaken and partially saturated images", IJCV 110,
+2014, https://doi.org/10.1007/s11263-014-0727-3, have the idea that lamps must not disturb their
+surroundings.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ __all__ = ["behind_lights", "trust"]
 
 Image = NDArray[np.float32]
 
-_KAPPA = np.float32(0.1)  # how wrong the light of a lamp is taken to be, as a share of it
-_LAMP = 1.5  # light above which a pixel is a lamp: noise and rings may exceed the clip level
-_HASTE = np.float32(1.75)  # power of the factors: 3 iterations do the work of 6
-_DARK = np.float32(1e-6)
-_HIDDEN = 0.05  # share of trusted pixels below which a latent pixel is not seen
-_DOUBT = 2.0  # how soon trusted pixels are believed instead of the first estimate
-_FRAME_SEEN = np.float32(1e-2)
+_KAPPA = np.float32(0.1)  # assumed error of the light of a lamp, as a share of it
+_LAMP = 1.5  # light: a brighter pixel is a lamp; noise and rings may exceed the clip level
+_HASTE = np.float32(1.75)  # power a of the factors: 3 iterations do the work of 6
+_DARK = np.float32(1e-6)  # least divisor
+_HIDDEN = 0.05  # share of trusted pixels: with less, a latent pixel keeps the first estimate
+_DOUBT = 2.0  # weight of the new estimate over the share of pixels without trust; at most 1
+_FRAME_COVERED = np.float32(1e-2)  # A^T 1: least divisor
 
 
 def trust(f: Image, blur: Filters, clipped: NDArray[np.bool_], variance: Image | float) -> Image:
-    """Weigh the pixels of a photo with clipped lights.
+    """Return weights of the pixels of a photo with clipped lights.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def behind_lights(
     iterations: int,
     progress: Callable[[float, str], None],
 ) -> None:
-    """Find again what lies behind the streaks of lamps.
+    """Restore the scene behind the streaks of lamps.
 
     Parameters
     ----------
@@ -92,23 +92,23 @@ def behind_lights(
     iterations : int
         Of the weighted Richardson-Lucy.
     progress : callable
-        Told the fraction done, 0 to 1, and what is being done, after each iteration.
+        Called after each iteration with the fraction done, 0 to 1, and the present step in words.
 
     """
-    seen = blur.adjoint(m[None])[0]
-    share = seen / np.maximum(blur.adjoint(np.ones_like(m)[None])[0], _FRAME_SEEN)
+    coverage = blur.adjoint(m[None])[0]
+    share = coverage / np.maximum(blur.adjoint(np.ones_like(m)[None])[0], _FRAME_COVERED)
     kept = (share < _HIDDEN) | (f.max(0) > _LAMP)
     doubt = np.where(kept, 0, np.clip(_DOUBT * (1 - share), 0, 1)).astype(np.float32)
-    np.maximum(seen, _DARK, out=seen)
+    np.maximum(coverage, _DARK, out=coverage)
     for c in range(len(f)):
         back = blur.adjoint((m * np.maximum(g[c], 0))[None])[0]
-        back /= seen
+        back /= coverage
         f[c] += doubt * (np.maximum(back, _DARK) - f[c])
     for done in range(1, iterations + 1):
         for c in range(len(f)):
             ratio = blur.forward(f[c : c + 1])
             np.divide(m * np.maximum(g[c], 0), np.maximum(ratio[0], _DARK), out=ratio[0])
             factor = blur.adjoint(ratio)[0]
-            factor /= seen
+            factor /= coverage
             f[c] *= np.where(kept, 1, np.maximum(factor, 0) ** _HASTE)
         progress(done / iterations, f"deblurring behind lights, iteration {done}")

@@ -1,7 +1,7 @@
-"""The latent image on its way through the multiplicative iterations of Richardson-Lucy.
+"""The state of the multiplicative iterations of Richardson-Lucy.
 
-All variants share the blur, the sensor's response, the margin and the extrapolation; what they
-are is said where they are called, in `richardson_lucy`.
+All variants share the blur, the sensor's response, the margin and the extrapolation;
+`richardson_lucy` describes them.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ T = TypeVar("T")
 
 _SHARPNESS = np.float32(50)  # a of the response
 _LINEAR = np.float32(0.75)  # below it the response is a line, to within 1e-7
-_DARK = np.float32(1e-6)  # less light than this counts as this
-_UNSEEN = np.float32(1e-2)  # latent pixels seen no more than this keep their value
-_SMALLEST = np.float32(0.25)  # share of a pixel that an extrapolation leaves at least
+_DARK = np.float32(1e-6)  # light: darker values count as this
+_UNSEEN = np.float32(1e-2)  # A^T 1: latent pixels with no more than this keep their value
+_SMALLEST = np.float32(0.25)  # least share of a pixel's light after an extrapolation
 _SMOOTHING = 4  # dual steps of the total variation in each iteration
-_BAND = 128
+_BAND = 128  # rows that are processed at once
 
 
 class MultiplicativeDescent:
-    """The latent image on its way.
+    """The latent image during the iterations.
 
     The estimate f is held and, if it is extrapolated, two more latent images: the point that the
     next iteration starts from, and the change that the last iteration made of its point.
@@ -76,11 +76,11 @@ class MultiplicativeDescent:
         self.clipped = clipped if clipped is not None and clipped.any() else None
         self.unclipped = g.size - (0 if self.clipped is None else self.clipped.sum() * len(self.g))
         self.blur = blur
-        self.seen = blur.adjoint(np.ones_like(self.g[:1]))[0]
-        np.maximum(self.seen, _UNSEEN, out=self.seen)
-        self.margin = (len(self.seen) - len(g)) // 2
+        self.coverage = blur.adjoint(np.ones_like(self.g[:1]))[0]
+        np.maximum(self.coverage, _UNSEEN, out=self.coverage)
+        self.margin = (len(self.coverage) - len(g)) // 2
         self.weight = variation_weight(g, self.margin) if smooth else None
-        self.f = np.empty((len(self.g), *self.seen.shape), np.float32)
+        self.f = np.empty((len(self.g), *self.coverage.shape), np.float32)
         self._blur_backwards()
         self.fastest = fastest
         self.point = self.f.copy() if fastest else self.f
@@ -88,11 +88,11 @@ class MultiplicativeDescent:
         self.strength = 0.0  # of the last change: its squared norm
 
     def _blur_backwards(self) -> None:
-        """Begin with the photo blurred backwards, which takes its noise off; continue its edges."""
+        """Start from A^T g, which has less noise than the photo; continue its edges."""
         m = self.margin
         back = self.blur.adjoint(self.g)
         for plane, f in zip(back, self.f, strict=True):
-            inner = (plane / self.seen)[m:-m, m:-m]
+            inner = (plane / self.coverage)[m:-m, m:-m]
             np.maximum(np.pad(inner, m, mode="edge"), _DARK, out=f)
 
     def step(self) -> tuple[float, float]:
@@ -152,16 +152,16 @@ class MultiplicativeDescent:
         halo = 0 if self.weight is None else _SMOOTHING + 1
         first = max(rows.start - halo, 0)
         wide = slice(first, rows.stop + halo)
-        seen, point = self.seen[wide], self.point[:, wide]
+        coverage, point = self.coverage[wide], self.point[:, wide]
         new = np.maximum(factor[:, wide], 0)
-        new /= seen
-        np.copyto(new, 1, where=seen <= _UNSEEN)
+        new /= coverage
+        np.copyto(new, 1, where=coverage <= _UNSEEN)
         new *= point
         if self.change is None:
             point[...] = new
             return 0.0, 0.0
         if self.weight is not None:
-            new = less_varied(new, point / seen, self.weight[wide], _SMOOTHING)
+            new = less_varied(new, point / coverage, self.weight[wide], _SMOOTHING)
         own = slice(rows.start - first, rows.stop - first)
         change, last = new[:, own] - point[:, own], self.change[:, rows]
         along = float(np.sum(np.multiply(change, last, out=last)))

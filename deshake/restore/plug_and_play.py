@@ -1,9 +1,9 @@
-"""Restoration with a denoiser in it, after a first estimate: sharper texture, calmer flat parts.
+"""Stages with a denoiser, after a first estimate: sharper texture, calmer flat parts.
 
-Sparse gradients know edges, but not that a structure comes again; non-local means know that, and
-leave ripples of the blur beside lone edges. In the half-quadratic splitting each judges what it
-knows: w is the shrunk gradients, at a cost that rises from stage to stage, and v the denoised s f,
-in whose units the noise is t everywhere; t falls, and v costs alpha / t^2.
+The prior of sparse gradients models edges, but not repeated structure. Non-local means model
+repeated structure, but leave ripples of the blur beside single edges. The half-quadratic splitting
+uses both: w is the shrunk gradients, with a weight that rises from stage to stage, and v is the
+denoised s f, in whose units the noise is t everywhere; t falls, and the weight of v is alpha / t^2.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 __all__ = ["plug_and_play"]
 
-_RHO = (0.03, 1.0)
-_NOISE = (5.0, 0.7)  # t: what the denoiser takes for noise, first and last
-_ALPHA = 0.4
+_RHO = (0.03, 1.0)  # rho of `half_quadratic` in the first and in the last stage
+_NOISE = (5.0, 0.7)  # t in the first and in the last stage, in standard deviations of the noise
+_ALPHA = 0.4  # alpha: weight of v at t = 1
 
 
 def plug_and_play(
@@ -38,7 +38,7 @@ def plug_and_play(
     stages : int
         How many, >= 1.
     progress : callable
-        Told the fraction done, 0 to 1, and what is being done, after each stage.
+        Called after each stage with the fraction done, 0 to 1, and the present step in words.
 
     """
     rhos, noises = (np.geomspace(*ends[::-1], stages)[::-1] for ends in (_RHO, _NOISE))

@@ -1,4 +1,4 @@
-"""How much time a method takes for a better picture."""
+"""The quality of a result, which costs time."""
 
 from __future__ import annotations
 

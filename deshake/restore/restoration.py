@@ -1,4 +1,4 @@
-"""What every method takes, and what it gives."""
+"""The result of every method, and the check of its input."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class Restoration:
     iterations : int
         How many were done.
     residual : float
-        Root mean square of what the model left unexplained of the unclipped pixels, in shares
-        of the clip level, as the last iteration found it.
+        Root mean square residual of the unclipped pixels, in shares of the clip level, at the
+        last iteration.
 
     """
 
@@ -40,7 +40,7 @@ class Restoration:
 def check_photo(
     g: Image, kernel: RotationKernel, clipped: NDArray[np.bool_] | None, iterations: int | None
 ) -> None:
-    """Refuse what cannot be deblurred.
+    """Refuse input that cannot be deblurred.
 
     Raises
     ------

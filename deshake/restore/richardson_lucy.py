@@ -3,9 +3,9 @@
     f <- f . A^T(g / A f) / A^T 1
 
 A is the filter flow of the kernel, on a latent image that reaches beyond the frame as far as the
-blur does: what lay there is unknown, begins as the frame's edges and is estimated with the rest,
-so that no border rings. Pixels that the sensor clipped say only that the light was at least so
-strong; with the sensor's response R in the model they can do no harm [2]:
+blur does. The scene there is unknown; it starts as the frame's edges and is estimated with the
+rest, so that no border rings. A clipped pixel gives only a lower bound of the light. With the
+sensor's response R in the model, clipped pixels do no harm [2]:
 
     f <- f . A^T(g R'(A f) / R(A f) + 1 - R'(A f)) / A^T 1,
     R(x) = x - log(1 + exp(a (x - 1))) / a
@@ -55,13 +55,13 @@ __all__ = ["latent_start", "richardson_lucy", "richardson_lucy_tv"]
 
 Image = NDArray[np.float32]
 
-_FASTEST = 0.75  # step of the extrapolation; with more, noise grows faster than detail
-_FASTEST_TV = 0.5
-_FEWEST, _MOST, _MOST_TV = 2, 40, 30
-_NOISE = 1.1  # of the estimated noise: the residual to stop at
-_NOISE_TV = 0.75  # less: the variation, not an early end, keeps noise low in most photos
-_STALLED = {True: 0.1, False: 0.025}  # by acceleration: falls of the residual to stop at
-_STALLED_TV = 0.015
+_FASTEST = 0.75  # longest step of the extrapolation; with more, noise grows faster than detail
+_FASTEST_TV = 0.5  # the same with total variation
+_FEWEST, _MOST, _MOST_TV = 2, 40, 30  # iterations: at least, at most, at most with total variation
+_NOISE = 1.1  # factor of the estimated noise: a smaller residual ends the iterations
+_NOISE_TV = 0.75  # the same with total variation, which keeps noise low without an early end
+_STALLED = {True: 0.1, False: 0.025}  # by acceleration: smaller relative falls end the iterations
+_STALLED_TV = 0.015  # the same with total variation
 _STALLING = 1 / 1.6  # the falls shrink about as iterations^-1.6
 
 
@@ -97,7 +97,7 @@ def richardson_lucy(
     threads : int, optional
         Threads to use; by default all processors. The result does not depend on it.
     progress : callable, optional
-        Told the fraction done, 0 to 1, and what is being done, after each iteration.
+        Called after each iteration with the fraction done, 0 to 1, and the present step in words.
 
     Returns
     -------
@@ -158,7 +158,7 @@ def richardson_lucy_tv(
     descent = MultiplicativeDescent(
         g, blur, clipped, fastest=_FASTEST_TV, smooth=True, threads=threads
     )
-    # where lights clip, the residual is that of darker pixels than the noise is estimated from
+    # where lights clip, the residual is that of darker pixels than those of the noise estimate
     early = iterations is None and descent.clipped is None
     noise = _NOISE_TV * coarse_noise(g) if early else 0.0
     stalled = _STALLED_TV if iterations is None else None
@@ -172,7 +172,7 @@ def _descended(
     noise: float,
     progress: Callable[[float, str], None] | None,
 ) -> Restoration:
-    """Iterate until the residual is down to the noise, or stalls, or as often as told."""
+    """Iterate until the residual equals the noise, or stalls, or as often as asked for."""
     squared, done, part = np.inf, 0, 0.0
     while part < 1:
         before = squared
@@ -197,7 +197,7 @@ def latent_start(
     threads: int | None,
     progress: Callable[[float, str], None],
 ) -> Image:
-    """Give another method something to start from, with lights that shine above the clip level.
+    """Return a first estimate for another method, with lights above the clip level.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ def latent_start(
     iterations : int
         How many accelerated ones to do.
     progress : callable
-        Told the fraction done, 0 to 1, and what is being done, after each iteration.
+        Called after each iteration with the fraction done, 0 to 1, and the present step in words.
 
     Returns
     -------

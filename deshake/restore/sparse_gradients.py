@@ -7,15 +7,16 @@ The sharp photo is the f that minimises
 where A is the filter flow of the kernel on a latent image that reaches beyond the frame as far as
 the blur does, D the differences of neighbours, down and across, and |.|_k takes both of these and
 all colours together; colour differences count k times as much as light, since edges are weaker in
-them. s = 1 / sigma(x) divides by the noise, whose variance grows with the light; edges count in
-the same units, which are nearly those of display, so that dark and bright parts are smoothed
-alike. What the first estimate leaves unexplained is added to the noise, since no kernel is quite
-right. tau grows as the root of the number of colours.
+them. s = 1 / sigma(x) divides by the noise, whose variance grows with the light. Edges have the
+same units, which are nearly those of display values, so that dark and bright parts are smoothed
+alike. The residual of the first estimate is added to the noise, since no kernel is exact. tau grows
+as the root of the number of colours.
 
-Half-quadratic splitting finds it in a few stages (`half_quadratic`). The first estimate is that of
-a few iterations of Richardson-Lucy, in whose model clipped lights may be brighter than they look.
-Where any did, m keeps their surroundings out of the data, and what lies behind them is found again
-(`lights`); elsewhere m = 1. At high quality stages with a denoiser follow (`plug_and_play`).
+Half-quadratic splitting minimises it in a few stages (`half_quadratic`). A few iterations of
+Richardson-Lucy give the first estimate; in their model clipped lights may be brighter than they
+look. Where lights clipped, m gives their surroundings less weight, and the scene behind them is
+restored separately (`lights`); elsewhere m = 1. At high quality, stages with a denoiser follow
+(`plug_and_play`).
 """
 
 from __future__ import annotations
@@ -62,8 +63,8 @@ _LEVELS = {
     "default": _Level(8, 3, 5, 0),
     "high": _Level(8, 3, 5, 3),
 }
-_RHO = (0.02, 1.0)
-_EFFORT = 2  # of a stage with the denoiser, in stages without
+_RHO = (0.02, 1.0)  # rho of `half_quadratic` in the first and in the last stage
+_EFFORT = 2  # duration of a stage with the denoiser, in stages without, for the progress bar
 
 
 def sparse_gradients(
@@ -95,7 +96,7 @@ def sparse_gradients(
     threads : int, optional
         Threads to use; by default all processors. The result does not depend on it.
     progress : callable, optional
-        Told the fraction done, 0 to 1, and what is being done, after each stage.
+        Called after each stage with the fraction done, 0 to 1, and the present step in words.
 
     Returns
     -------
@@ -139,15 +140,15 @@ def sparse_gradients(
 
 
 def _shares(progress: Progress | None, efforts: tuple[int, ...]) -> list[Progress]:
-    """Share out the progress among steps that take these efforts, one after the other."""
+    """Divide the progress among successive steps, by their efforts."""
     ends = np.cumsum(efforts) / sum(efforts)
 
     def part(end: float, effort: float) -> Progress:
-        def told(share: float, text: str) -> None:
+        def report_progress(share: float, text: str) -> None:
             if progress is not None:
                 progress(1.0 if end == 1 and share == 1 else end - effort * (1 - share), text)
 
-        return told
+        return report_progress
 
     return [
         part(float(end), effort / sum(efforts)) for end, effort in zip(ends, efforts, strict=True)

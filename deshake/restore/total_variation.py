@@ -26,9 +26,9 @@ __all__ = ["divergence", "gradient", "less_varied", "variation_weight"]
 Image = NDArray[np.float32]
 
 _TAU = 0.3  # weight of the total variation in units of the noise
-_DARKEST = 0.03  # light that is added: in the dark, noise may be a part of the picture
-_LEAST = np.float32(1e-12)
-_SMALLEST = np.float32(0.1)  # share of a pixel that smoothing leaves at least
+_DARKEST = 0.03  # light that is added to the divisor: dark detail may look like noise
+_LEAST = np.float32(1e-12)  # avoids division by 0
+_SMALLEST = np.float32(0.1)  # least share of a pixel's light after smoothing
 
 
 def gradient(f: Image) -> tuple[Image, Image]:
@@ -52,10 +52,10 @@ def divergence(down: Image, across: Image) -> Image:
 def variation_weight(g: Image, margin: int) -> Image:
     """Weigh the variation by the noise: lambda = tau sigma / light.
 
-    Where light x has noise of variance sigma^2, Richardson-Lucy counts a misfit r as r^2 / 2x and
-    not as r^2 / 2 sigma^2, which sigma^2 / x makes up for; variation itself counts in units of
-    sigma, so that dark and bright parts are smoothed alike. The light is averaged over the reach
-    of the blur.
+    Where light x has noise of variance sigma^2, Richardson-Lucy weighs a residual r by r^2 / 2x and
+    not by r^2 / 2 sigma^2. The factor sigma^2 / x corrects this. The variation has units of sigma,
+    so that dark and bright parts are smoothed alike. The light is averaged over the reach of the
+    blur.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def variation_weight(g: Image, margin: int) -> Image:
 
 
 def less_varied(u: Image, spread: Image, weight: Image, steps: int) -> Image:
-    """Find the f that nearly minimises ``sum (f - u)^2 / (2 spread) + sum weight |D f|``.
+    """Return an f that nearly minimises ``sum (f - u)^2 / (2 spread) + sum weight |D f|``.
 
     The dual problem has a vector p of length <= 1 at each pixel, f = u + spread div(weight p),
     and is solved by accelerated projected gradient steps [1], each pixel's as long as its own
@@ -91,7 +91,7 @@ def less_varied(u: Image, spread: Image, weight: Image, steps: int) -> Image:
     u : (C, h, w) array of float32
         A picture, >= 0.
     spread : (C, h, w) array of float32
-        How willingly pixels change, >= 0.
+        Variance of each pixel, >= 0: a larger one allows a larger change.
     weight : (h, w) array of float32
         Of the variation, > 0.
     steps : int

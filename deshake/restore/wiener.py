@@ -1,8 +1,8 @@
-"""Wiener deconvolution of uniform blur, by scikit-image: the baselines that others compare with.
+"""Wiener deconvolution of uniform blur, by scikit-image: baselines for comparisons.
 
-Both filters work on a frame that wraps around, and on each colour by itself. Where the photo ends
-it is mirrored and fades into its mean, so that nothing rings that only meets by wrapping. Neither
-knows of clipped pixels.
+Both filters treat the frame as periodic, and each colour by itself. Beyond its border the photo is
+mirrored and fades into its mean, so that opposite borders do not ring. Neither filter models
+clipped pixels.
 
 References
 ----------
@@ -39,11 +39,11 @@ __all__ = ["point_spread", "unsupervised_wiener", "wiener"]
 
 Image = NDArray[np.float32]
 
-_SPREAD = 0.5  # pixels that a rotation's displacements may differ by over the frame
-_BORDER = 4  # reaches of the blur that the photo is continued by
-_ROUGHNESS = 0.02  # variance of a sharp scene's Laplacian, in that of its light
-_LEAST = 1e-6  # balance, so that what the blur takes away altogether is not divided by 0
-_SAMPLES, _BURN_IN = 200, 15
+_SPREAD = 0.5  # px: a rotation's displacements vary by more over the frame: not uniform, an error
+_BORDER = 4  # reaches of the blur: width of the mirrored border
+_ROUGHNESS = 0.02  # variance of a sharp scene's Laplacian over that of its light
+_LEAST = 1e-6  # least balance: avoids division by 0 where the blur removes a frequency
+_SAMPLES, _BURN_IN = 200, 15  # pictures that are drawn, and the first of them that are discarded
 
 
 def wiener(
@@ -74,7 +74,7 @@ def wiener(
     threads : int, optional
         Threads to use for the residual; the result does not depend on it.
     progress : callable, optional
-        Told the fraction done, 0 to 1, and what is being done, after each colour.
+        Called after each colour with the fraction done, 0 to 1, and the present step in words.
 
     Returns
     -------
@@ -109,7 +109,7 @@ def unsupervised_wiener(
     threads: int | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Restoration:
-    """Deblur a uniformly blurred photo by a Wiener-Hunt filter that finds its own balance [1].
+    """Deblur a uniformly blurred photo by a Wiener-Hunt filter that estimates its balance [1].
 
     Pictures and balances are drawn by turns, from a fixed seed; the result is the pictures' mean.
 
@@ -192,7 +192,7 @@ def _library() -> Any:  # noqa: ANN401 - a module without types
 
 
 def _balance(g: Image) -> float:
-    """Reckon the noise's variance over that of the sharp scene's Laplacian."""
+    """Estimate the noise's variance over that of the sharp scene's Laplacian."""
     light = np.maximum(channels_first(g), 0)
     power = float(np.mean(light.var((1, 2), dtype=np.float64)))
     noise = coarse_noise(g)

@@ -1,15 +1,16 @@
 """Half-quadratic splitting.
 
-Steps towards the sharp photo f that minimises
+The steps approach the sharp photo f that minimises
 
     1/2 |sqrt(m) s (A f - g)|^2 + tau sum |s D f|_k^p
-        [+ 1/2 |sqrt(q) s (f - f_N)|^2]  [+ what a denoiser stands for],
+        [+ 1/2 |sqrt(q) s (f - f_N)|^2]  [+ the prior of a denoiser],
 
-with the symbols of `sparse_gradients`. A variable w is put near s D f, at a cost of rho / 2 |.|^2,
-and found in closed form, pixel by pixel [1]; so may be a denoised v near s f, at alpha / 2 |.|^2
-[2]. Then f moves one step of exact length along the gradient of what is left, a quadratic form;
-its preconditioner is the blur's approximate inverse between divisions by s, since data and edges
-carry the same weights. f_N, if there is one, is another photo of the scene: sharp, but noisy.
+with the symbols of `sparse_gradients`. A variable w approximates s D f, at a cost of rho / 2 |.|^2;
+it has a closed form, pixel by pixel [1]. With a denoiser, its result v approximates s f, at a cost
+of alpha / 2 |.|^2 [2]. The rest is a quadratic form in f: f moves one step of exact length along
+its preconditioned gradient. The preconditioner is the blur's approximate inverse between divisions
+by s, since data and edges have the same weights. f_N, if given, is another photo of the scene:
+sharp, but noisy.
 
 References
 ----------
@@ -42,15 +43,15 @@ __all__ = ["HalfQuadratic"]
 Image = NDArray[np.float32]
 T = TypeVar("T")
 
-_POWER = 0.7
-_TAU = 0.26  # of one plane; C planes have that times the root of C
+_POWER = 0.7  # p
+_TAU = 0.26  # tau of one plane; for C planes it is multiplied by the root of C
 _COLOUR = 1.5  # k
-_NEGATIVE = 0.01  # squared negative light, in noise variances a pixel, that is cut off
-_BAND_PIXELS = 1 << 17  # the pixels of a band, all channels: its arrays stay in the cache
+_NEGATIVE = 0.01  # squared negative light, in noise variances a pixel: above it, it is clipped to 0
+_BAND_PIXELS = 1 << 17  # pixels of a band, all channels: its arrays stay in the cache
 
 
 class HalfQuadratic:
-    """The latent image f on its way, with A f, both channel by channel, (C, ., .).
+    """The latent image f during the stages, with A f, both channel by channel, (C, ., .).
 
     Parameters
     ----------
@@ -101,7 +102,7 @@ class HalfQuadratic:
         self.threads = threads or available_threads()
 
     def step(self, rho: float, alpha: float = 0.0, v: Image | None = None) -> None:
-        """Find the gradients w for f, then move f by one preconditioned step.
+        """Compute the gradients w for f, then move f by one preconditioned step.
 
         Parameters
         ----------
@@ -135,7 +136,7 @@ class HalfQuadratic:
             self.Af = self.blur.forward(self.f)
 
     def residual(self, clipped: NDArray[np.bool_] | None) -> float:
-        """Root mean square of what A f leaves unexplained of the unclipped pixels."""
+        """Root mean square of g - A f over the unclipped pixels."""
         counted = np.ones(self.m.shape, bool) if clipped is None else ~clipped
         total = 0.0
         for g, Af in zip(self.g, self.Af, strict=True):
@@ -169,7 +170,7 @@ class HalfQuadratic:
     def _add_priors(
         self, gradient: Image, rho: float, alpha: float, v: Image | None, rows: slice
     ) -> None:
-        """Take the priors' gradients off the gradient, divide it by s and set colour apart."""
+        """Subtract the priors' gradients, divide by s, and separate light and colours."""
         first = max(rows.start - 1, 0)
         down, across = self._slopes(slice(first, rows.stop))
         n = squared_lengths(down, _COLOUR)

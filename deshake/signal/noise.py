@@ -1,9 +1,9 @@
-"""How much noise a photo has: one number, or how it grows with the light.
+"""Estimates of a photo's noise: one number, or a variance that grows with the light.
 
-The model of how noise grows with the light is measured at a scale that JPEG leaves alone.
-Compression and in-camera denoising take away the finest noise, which is what the usual estimates
-look at: on 8-bit JPEGs they come out at a tenth of the variance. Means of 2 x 2 pixels keep theirs.
-`noise_level` is one of the usual estimates, for copies of a photo that were reduced.
+The variance as a function of light is measured at a scale that JPEG does not change. Compression
+and in-camera denoising remove the finest noise. The usual estimates use the finest noise: on 8-bit
+JPEGs they return a tenth of the variance. The noise of means of 2 x 2 pixels remains. `noise_level`
+is one of the usual estimates, for reduced copies of a photo.
 """
 
 from __future__ import annotations
@@ -32,27 +32,27 @@ Mask = NDArray[np.bool_]
 
 _SECOND_DIFFERENCES = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6
 _MEDIAN = 0.6745  # of the absolute value of a standard normal variable
-_STRIPS = 6
-_MOST_PIXELS = 500_000
-_BLOCK = 6  # means a side
-_LEVELS = 8
-_QUANTILE = 0.01
-_BIAS = 2.5  # of the quantile; measured together with the stopping rule that goes by it
-_DARKEST = 0.01  # light that is added before noise is reckoned: no model is right in the dark
-_LEAST = 1e-7  # that is taken for noise: the rounding to 8 bits of mid greys makes a few times this
+_STRIPS = 6  # strips of the photo that `noise_level` samples
+_MOST_PIXELS = 500_000  # pixels that `noise_level` uses, at most
+_BLOCK = 6  # means of 2 x 2 pixels: side of a block
+_LEVELS = 8  # levels of brightness
+_QUANTILE = 0.01  # share of the blocks of a level, the flattest, that give its noise
+_BIAS = 2.5  # true variance over that of the quantile; measured with the stopping rule that uses it
+_DARKEST = 0.01  # light that is added before the noise is computed: no model is exact in the dark
+_LEAST = 1e-7  # least variance: rounding mid greys to 8 bits gives a few times this
 
 
 def noise_level(picture: Image, where: Mask | None = None) -> float:
     """Estimate the standard deviation of white noise (Immerkaer 1996, with the median).
 
-    What is exactly flat, a black sky, says nothing of the noise and does not count.
+    Exactly flat parts, such as a black sky, give no noise and are ignored.
 
     Parameters
     ----------
     picture : (h, w) array of float32
-        The picture. Of a large one six strips are measured.
+        The picture. Only six strips of a large one are measured.
     where : (h, w) array of bool, optional
-        Pixels that count; by default all.
+        Pixels to use; by default all.
 
     """
     if where is None and picture.size > _MOST_PIXELS:
@@ -99,10 +99,10 @@ def noise_model(g: Image) -> tuple[float, float]:
 def noise_line(
     levels: NDArray[np.float64], variances: NDArray[np.float64], least: float
 ) -> tuple[float, float]:
-    """Find the line ``slope x + floor`` that is nearest to the variances at some levels x.
+    """Fit the line ``slope x + floor`` to the variances at some levels x.
 
-    It is nearest in proportion: dark levels count as much as bright ones. No variance counts as
-    less than the least, nor does the floor.
+    The fit minimises relative errors: dark levels count as much as bright ones. Variances and the
+    floor below the least count as the least.
     """
     variances = np.maximum(variances, least)
     design = np.stack([levels, np.ones_like(levels)], 1) / variances[:, None]
@@ -121,11 +121,11 @@ def mean_light(g: Image) -> Image:
 
 
 def noise_variance(g: Image, margin: int, unexplained: Image | None = None) -> Image:
-    """Estimate the variance of the noise where it is: it grows with the light.
+    """Estimate the variance of the noise at each place: it grows with the light.
 
-    The light is averaged over the reach of the blur first: a weight that changes slowly passes
-    through the blur, nearly, and what a model misses at bright edges is not taken for detail of
-    the dark beside them.
+    The light is averaged over the reach of the blur first. A weight that changes slowly nearly
+    commutes with the blur, and the errors of a model at bright edges do not become detail in the
+    dark beside them.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def noise_variance(g: Image, margin: int, unexplained: Image | None = None) -> I
     margin : int
         Reach of the blur in pixels.
     unexplained : (h, w) array of float32, optional
-        Variance of what else a model leaves unexplained; it is averaged too, and added.
+        Variance of other errors of a model; it is averaged, too, and added.
 
     Returns
     -------
@@ -156,8 +156,8 @@ def coarse_noise(g: Image) -> float:
     """Estimate the variance of white noise by that of means of 2 x 2 pixels, times four.
 
     In blocks of 12 x 12 pixels the means' diagonal differences, which cancel all slopes, show
-    noise and texture. Of all blocks of like brightness the flattest hundredth counts, and the
-    brightnesses, each an eighth of the photo, count alike, since noise grows with the light.
+    noise and texture. The flattest hundredth of the blocks of each brightness is used. The levels
+    of brightness, each an eighth of the photo, have equal weight, since noise grows with the light.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def coarse_noise(g: Image) -> float:
 
 
 def _by_level(g: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return up to eight brightnesses, from dark to bright, and the variance of noise at each."""
+    """Return up to eight levels of brightness, from dark to bright, and their noise variances."""
     levels: list[NDArray[np.float64]] = []
     variances: list[NDArray[np.float64]] = []
     for channel in channels_first(g):
@@ -183,10 +183,10 @@ def _by_level(g: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         rows = means[1:] - means[:-1]
         squares = np.square(rows[:, 1:] - rows[:, :-1])
         down, across = squares.shape[0] // _BLOCK, squares.shape[1] // _BLOCK
-        for source, found in ((means, levels), (squares, variances)):
+        for source, block_means in ((means, levels), (squares, variances)):
             blocks = source[: down * _BLOCK, : across * _BLOCK]
             blocks = blocks.reshape(down, _BLOCK, across, _BLOCK)
-            found.append(blocks.mean((1, 3), dtype=np.float64).ravel())
+            block_means.append(blocks.mean((1, 3), dtype=np.float64).ravel())
     level, variance = np.concatenate(levels), np.concatenate(variances)
     order = np.argsort(level, kind="stable")
     groups = [part for part in np.array_split(order, _LEVELS) if part.size]

@@ -1,8 +1,8 @@
-"""Light and colour apart: what the eye and the statistics of photos treat differently.
+"""Separation of light and colour, which the eye and the statistics of photos treat differently.
 
-An orthonormal reflection takes the grey axis to the first plane: that is then light, and the
-others are colour differences. Edges are weaker in those by far, so that a prior may smooth them
-more: with weight k in place of 1, the squared length of a vector x is
+An orthonormal reflection maps the grey axis to the first plane. That plane is light; the others
+are colour differences. Edges are much weaker in these, so a prior may smooth them more: with
+weight k in place of 1, the squared length of a vector x is
 
     |x|_k^2 = k^2 |x|^2 - (k^2 - 1) (u . x)^2,    u = (1, ..., 1) / sqrt(C).
 

@@ -1,8 +1,8 @@
-"""The noise of a short exposure, told from a registered long exposure of the same scene.
+"""The noise of a short exposure, estimated with a registered long exposure of the same scene.
 
-In one photo alone noise and texture look alike, and choosing its flattest parts chooses those
-where the noise happens to be weak. The blurred photo, whose noise is another and faint, tells where
-the scene is flat, and how bright it is there.
+In one photo alone, noise and texture look alike, and its flattest parts are those where the noise
+happens to be weak. The blurred photo has independent, faint noise. It shows where the scene is
+flat, and how bright it is there.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
 __all__ = ["fitted_noise", "noise_of_pair"]
 
-_LEVELS = 12
-_FLAT = 0.3  # share of each brightness that is flattest
-_FEWEST = 64  # samples of a brightness
-_MEDIAN = 0.4549  # of the squares of unit normal numbers
-_FLATNESS_PX = 5
-_LEAST = 1e-8
+_LEVELS = 12  # levels of brightness
+_FLAT = 0.3  # share of each level, the flattest, that is used
+_FEWEST = 64  # usable samples: with fewer, the result is the least variance
+_MEDIAN = 0.4549  # median of the squares of standard normal numbers
+_FLATNESS_PX = 5  # means of 2 x 2 pixels: side of the window that measures flatness
+_LEAST = 1e-8  # least variance
 
 
 def noise_of_pair(f_N: Image, g: Image, valid: Image) -> tuple[float, float]:
@@ -43,7 +43,7 @@ def noise_of_pair(f_N: Image, g: Image, valid: Image) -> tuple[float, float]:
     g : (h, w) or (h, w, C) array of float32
         The blurred photo, linear light.
     valid : (h, w) array of float32
-        Where f_N is to be gone by, 0..1.
+        Weights of the pixels of f_N, 0..1.
 
     Returns
     -------

@@ -1,7 +1,7 @@
 """A picture from its gradients: the Poisson equation with free borders.
 
-Gradients that were estimated are no picture's: along different ways from pixel to pixel they add up
-to different sums. The picture f whose own gradients come nearest to them in least squares,
+Estimated gradients belong to no picture: along different paths from pixel to pixel they have
+different sums. The picture f whose gradients are nearest to them in least squares,
 
     min_f  sum (D_x f - g_x)^2 + (D_y f - g_y)^2
 

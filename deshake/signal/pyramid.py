@@ -1,4 +1,4 @@
-"""A photo at every scale of a pyramid, from its own pixels to the coarsest that shows anything.
+"""A photo at every scale of a pyramid, from its own pixels to about 48 px on the shorter side.
 
 Each scale is smaller than the one before by the square root of two. A pixel is the mean of linear
 light over its area. The contrast of all scales is one number: thresholds of gradients are absolute,
@@ -28,15 +28,15 @@ Mask = NDArray[np.bool_]
 T = TypeVar("T")
 
 RATIO = 2**0.5
-"""Of the size of one scale to the next coarser one."""
+"""Size of one scale over that of the next coarser one."""
 
-_COARSEST_SIDE = 48  # px, the shorter side of the coarsest scale
-_ROUNDING = 1e-9  # of logarithms
-_CONTRAST = 0.1  # rms gradient, reduced to `_CONTRAST_SIDE`
-_CONTRAST_SIDE = 100  # px, the longer side
-_CONTRAST_FROM = 800  # px, the longer side of the scale that the contrast is measured on
-_LEAST_CONTRAST = 1e-4  # of 0..1: below it the photo is flat
-_USABLE = 0.5  # share of a pixel that must be usable
+_COARSEST_SIDE = 48  # px: shorter side of the coarsest scale, about
+_ROUNDING = 1e-9  # tolerance of logarithms
+_CONTRAST = 0.1  # rms gradient of the scaled picture, reduced to `_CONTRAST_SIDE`
+_CONTRAST_SIDE = 100  # px: longer side
+_CONTRAST_FROM = 800  # px: longer side of the scale that the contrast is measured on
+_LEAST_CONTRAST = 1e-4  # rms gradient on 0..1: less means that the photo is flat
+_USABLE = 0.5  # share of usable pixels from which a reduced pixel is usable
 
 
 class Scale(NamedTuple):
@@ -117,7 +117,7 @@ class Pyramid:
         return self.kept(("noise", level), lambda: noise_level(scale.picture) * scale.contrast)
 
     def kept(self, key: Hashable, make: Callable[[], T]) -> T:
-        """Return what was made of the photo under a key; it is made when it is first asked for."""
+        """Return the value of a key; it is computed at the first request."""
         if key not in self._kept:
             self._kept[key] = make()
         value: T = self._kept[key]

@@ -1,4 +1,4 @@
-"""How a sparse prior shrinks gradients, in closed form but for a few iterations.
+"""Shrinkage of gradients by a sparse prior, in closed form except for a few iterations.
 
 Colours and directions are taken together, as vectors: edges then agree among the colours.
 """

@@ -1,4 +1,4 @@
-"""Exposing a picture that is made up: gain, noise and clipping."""
+"""Exposure of a simulated picture: gain, noise and clipping."""
 
 from __future__ import annotations
 

@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 
 __all__ = ["CameraPath", "random_path", "read_path"]
 
-_EXPOSURE = 0.5  # seconds
-_TREMOR_HZ = 12.0  # hands hardly move faster than this
-_PIECE_PX = 0.5
-_LONGEST_PX = 10_000
-_WIDEST_TURN = 20.0  # degrees
+_EXPOSURE = 0.5  # s: duration of a random path
+_TREMOR_HZ = 12.0  # Hz: highest frequency of a random path; hands hardly move faster
+_PIECE_PX = 0.5  # px: longest piece of a path
+_LONGEST_PX = 10_000  # px: a longer path is an error
+_WIDEST_TURN = 20.0  # degrees: a wider turn is an error
 _HINT = "angles are in degrees; give the part of the path while the shutter was open"
-_MOST_BYTES = 50_000_000
+_MOST_BYTES = 50_000_000  # bytes of a path's file, at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +120,7 @@ class CameraPath:
         return theta, np.diff(elapsed)
 
     def _along(self, camera: Camera) -> NDArray[np.float64]:
-        """How far each orientation lies along the path, (T,), in pixels where they move most."""
+        """Distance of each orientation along the path, (T,), in pixels where they move most."""
         moved = displacements(homographies(camera, self.theta), camera.corners)
         lengths = np.linalg.norm(np.diff(moved, axis=1), axis=2).max(0)
         along = np.concatenate([[0.0], np.cumsum(lengths)])

@@ -1,7 +1,7 @@
-"""Shaking a sharp photo by a known camera path: for demos, tests and benchmarks.
+"""A sharp photo is shaken by a known camera path: for demos, tests and benchmarks.
 
-The photo is blurred by the path itself, an exact warp for every half pixel of it, and not by the
-kernel that is handed out with it: that is the path binned on the photo's grid.
+The path itself blurs the photo, with an exact warp for every half pixel of it. The kernel that
+belongs to the result is the path binned on the photo's grid.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ _SMALLEST = 16  # pixels a side that cropping must leave
 
 @dataclass(frozen=True, eq=False)
 class Shaken:
-    """A shaken photo with the truth about it.
+    """A shaken photo, its sharp photo and its true kernel.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def shake(
     gain, photons, noise_sigma, seed
         As for `expose`.
     progress : callable, optional
-        Told the fraction done and what is being done.
+        Called with the fraction done and the present step in words.
 
     Raises
     ------
@@ -236,14 +236,14 @@ def simulate_file(
     kernel : Path, optional
         The true kernel, ``-`` for standard output; by default the output's name with ``.npz``.
     sharp : Path, optional
-        Where the sharp photo in the frame of the shaken one goes; by default nowhere.
+        File for the sharp photo in the frame of the shaken one; by default none is written.
     path : Path, optional
         A camera path (`read_path`); by default `random_path` with `blur_px` and `seed`.
     crop, gain, photons, noise_sigma, seed
         As for `shake`.
     focal_px, focal_35mm, camera
         The focal length in pixels or 35 mm equivalents, or a camera file; by default the photo's
-        metadata tell, else a 50 mm equivalent is assumed. A camera file may have a lens that bends.
+        metadata state it, else a 50 mm equivalent is assumed. A camera file may have distortion.
     lens, lens_model
         Whether the photo is bent by its lens's profile, or by that of another one.
     transfer : {"linear", "srgb", "gamma22"}, optional
@@ -251,7 +251,7 @@ def simulate_file(
     overwrite : bool
         Whether existing outputs may be replaced.
     progress : callable, optional
-        Told the fraction done and what is being done.
+        Called with the fraction done and the present step in words.
 
     Raises
     ------

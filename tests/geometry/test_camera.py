@@ -12,7 +12,7 @@ from deshake.geometry.rotations import displacements, homographies
 RAYS = np.random.default_rng(0).normal(size=(20, 3)) * [0.3, 0.2, 0.0] + [0.0, 0.0, 1.0]
 
 
-def seen(camera: Camera) -> np.ndarray:
+def shown_points(camera: Camera) -> np.ndarray:
     """Pixels (x, y) of some rays."""
     pixels = RAYS @ camera.matrix.T
     return pixels[:, :2] / pixels[:, 2:]
@@ -36,8 +36,8 @@ def test_scaled_keeps_where_rays_fall_in_the_frame(height: int, width: int) -> N
     small = camera.scaled(height, width)
     assert small.shape == (height, width)
     # a pixel covers half a pixel around its centre: the frame's borders stay its borders
-    part = (seen(camera) + 0.5) / [64, 48]
-    np.testing.assert_allclose((seen(small) + 0.5) / [width, height], part, atol=1e-9)
+    part = (shown_points(camera) + 0.5) / [64, 48]
+    np.testing.assert_allclose((shown_points(small) + 0.5) / [width, height], part, atol=1e-9)
 
 
 @pytest.mark.parametrize(("height", "width"), [(24, 32), (16, 16), (96, 128)])
@@ -65,14 +65,14 @@ def test_cropped_shifts_the_pixels() -> None:
     camera = Camera.from_focal(70.0, 48, 64)
     crop = camera.cropped(5, 7, 20, 10)
     assert crop.shape == (10, 20)
-    np.testing.assert_allclose(seen(crop), seen(camera) - [5, 7], atol=1e-9)
+    np.testing.assert_allclose(shown_points(crop), shown_points(camera) - [5, 7], atol=1e-9)
 
 
 def test_padded_is_undone_by_cropping() -> None:
     camera = Camera.from_focal(70.0, 48, 64)
     padded = camera.padded(9)
     assert padded.shape == (66, 82)
-    np.testing.assert_allclose(seen(padded), seen(camera) + 9, atol=1e-9)
+    np.testing.assert_allclose(shown_points(padded), shown_points(camera) + 9, atol=1e-9)
     np.testing.assert_array_equal(padded.cropped(9, 9, 64, 48).matrix, camera.matrix)
 
 

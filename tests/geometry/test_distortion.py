@@ -16,11 +16,13 @@ LENSES = [BARREL, CUSHION, SKEWED]
 
 @pytest.mark.parametrize("lens", LENSES)
 def test_undistorting_undoes_distorting(lens: np.ndarray) -> None:
-    seen = pinhole(CAMERA.with_lens(lens))
+    straight_camera = pinhole(CAMERA.with_lens(lens))
     points = np.random.default_rng(0).random((500, 2)) * (599, 399)
-    there = distorted(points, CAMERA.with_lens(lens), seen)
+    there = distorted(points, CAMERA.with_lens(lens), straight_camera)
     assert np.abs(there - points).max() > 2
-    np.testing.assert_allclose(undistorted(there, CAMERA.with_lens(lens), seen), points, atol=1e-6)
+    np.testing.assert_allclose(
+        undistorted(there, CAMERA.with_lens(lens), straight_camera), points, atol=1e-6
+    )
 
 
 def test_the_model_is_opencvs_written_out() -> None:
@@ -33,26 +35,26 @@ def test_the_model_is_opencvs_written_out() -> None:
 
 @pytest.mark.parametrize("lens", LENSES)
 def test_the_pinhole_sees_nothing_beyond_the_photo_and_touches_its_border(lens: np.ndarray) -> None:
-    seen = pinhole(CAMERA.with_lens(lens))
+    straight_camera = pinhole(CAMERA.with_lens(lens))
     y, x = np.mgrid[0:400, 0:600].reshape(2, -1)
-    there = distorted(np.stack([x, y], 1), CAMERA.with_lens(lens), seen)
-    assert seen.shape == CAMERA.shape
+    there = distorted(np.stack([x, y], 1), CAMERA.with_lens(lens), straight_camera)
+    assert straight_camera.shape == CAMERA.shape
     assert there.min() > -2e-3
     assert (there <= np.array([599, 399]) + 2e-3).all()
     gap = np.concatenate([there.min(0), np.array([599, 399]) - there.max(0)])
     assert gap.min() < 0.01
-    np.testing.assert_array_equal(seen.matrix[:2, 2], CAMERA.matrix[:2, 2])
+    np.testing.assert_array_equal(straight_camera.matrix[:2, 2], CAMERA.matrix[:2, 2])
 
 
 @pytest.mark.parametrize("lens", LENSES)
 def test_the_whole_pinhole_sees_all_of_the_photo_and_no_smaller(lens: np.ndarray) -> None:
-    seen = pinhole(CAMERA.with_lens(lens), whole=True)
+    straight_camera = pinhole(CAMERA.with_lens(lens), whole=True)
     y, x = np.mgrid[0:400, 0:600].reshape(2, -1)
-    there = undistorted(np.stack([x, y], 1).astype(float), CAMERA.with_lens(lens), seen)
+    there = undistorted(np.stack([x, y], 1).astype(float), CAMERA.with_lens(lens), straight_camera)
     assert there.min() >= 0
-    assert (there <= np.array([seen.width - 1, seen.height - 1])).all()
-    assert seen.width >= 600
-    assert seen.height >= 400
+    assert (there <= np.array([straight_camera.width - 1, straight_camera.height - 1])).all()
+    assert straight_camera.width >= 600
+    assert straight_camera.height >= 400
 
 
 def test_no_distortion_leaves_the_camera() -> None:
@@ -62,13 +64,15 @@ def test_no_distortion_leaves_the_camera() -> None:
 
 
 @pytest.mark.parametrize("lens", [np.array([-3.0, 0, 0, 0]), np.array([-1.2, 0, 0, 0])])
-def test_of_a_picture_that_folds_the_middle_is_seen(lens: np.ndarray) -> None:
+def test_of_a_picture_that_folds_the_middle_is_shown(lens: np.ndarray) -> None:
     with pytest.raises(ValueError, match=r"folds|too strong"):
         pinhole(CAMERA.with_lens(lens), whole=True)
-    seen = pinhole(CAMERA.with_lens(lens))  # a longer lens: what folds lies outside
+    straight_camera = pinhole(CAMERA.with_lens(lens))  # a longer lens: what folds lies outside
     points = np.array([[0.0, 0], [599, 399], [300, 0]])
-    there = distorted(points, CAMERA.with_lens(lens), seen)
-    np.testing.assert_allclose(undistorted(there, CAMERA.with_lens(lens), seen), points, atol=0.1)
+    there = distorted(points, CAMERA.with_lens(lens), straight_camera)
+    np.testing.assert_allclose(
+        undistorted(there, CAMERA.with_lens(lens), straight_camera), points, atol=0.1
+    )
 
 
 def test_the_uniform_camera_bends_alike() -> None:
@@ -81,17 +85,17 @@ def test_the_uniform_camera_bends_alike() -> None:
     assert whole.is_uniform
 
 
-def test_a_curve_of_the_model_is_found_again() -> None:
+def test_a_curve_of_the_model_is_fitted() -> None:
     r = np.linspace(0.02, 0.9, 50)
     lens = np.array([-0.2, 0.05, 0, 0, -0.01, 0.03, 0.01, 0.02])
     above = 1 + lens[0] * r**2 + lens[1] * r**4 + lens[4] * r**6
     below = 1 + lens[5] * r**2 + lens[6] * r**4 + lens[7] * r**6
-    found, error = fit_distortion(r / 1.1, r * above / below)
+    coefficients, error = fit_distortion(r / 1.1, r * above / below)
     assert error < 1e-6
-    seen = cv2.projectPoints(
-        np.stack([r, 0 * r, 1 + 0 * r], 1), np.zeros(3), np.zeros(3), np.eye(3), found
+    bent_points = cv2.projectPoints(
+        np.stack([r, 0 * r, 1 + 0 * r], 1), np.zeros(3), np.zeros(3), np.eye(3), coefficients
     )[0]
-    np.testing.assert_allclose(seen[:, 0, 0], r * above / below, atol=1e-5)
+    np.testing.assert_allclose(bent_points[:, 0, 0], r * above / below, atol=1e-5)
 
 
 def test_a_curve_of_odd_powers_is_met() -> None:

@@ -69,9 +69,11 @@ def test_homographies_act_on_rays() -> None:
     h = homographies(CAMERA, theta)
     ray = np.array([0.1, -0.2, 1.0])
     pixel = CAMERA.matrix @ ray
-    seen = h[0] @ pixel
+    moved_pixel = h[0] @ pixel
     expected = CAMERA.matrix @ (Rotation.from_rotvec(theta[0]).as_matrix() @ ray)
-    np.testing.assert_allclose(seen[:2] / seen[2], expected[:2] / expected[2], rtol=1e-12)
+    np.testing.assert_allclose(
+        moved_pixel[:2] / moved_pixel[2], expected[:2] / expected[2], rtol=1e-12
+    )
     np.testing.assert_allclose(h[1], np.eye(3), atol=1e-12)
 
 
@@ -81,8 +83,8 @@ def test_displacements_are_where_the_homography_leads() -> None:
     points = rng.random((7, 2)) * [640, 480]
     moved = displacements(h, points)
     assert moved.shape == (7, 5, 2)
-    seen = h[3] @ [*points[2], 1]
-    np.testing.assert_allclose(moved[2, 3], seen[:2] / seen[2] - points[2], rtol=1e-9)
+    moved_pixel = h[3] @ [*points[2], 1]
+    np.testing.assert_allclose(moved[2, 3], moved_pixel[:2] / moved_pixel[2] - points[2], rtol=1e-9)
 
 
 @given(arrays(np.float64, 3, elements=st.floats(-1e-3, 1e-3)))

@@ -10,19 +10,19 @@ from deshake.lens.chessboard import board_camera, find_board
 
 
 @pytest.fixture(scope="module")
-def seen(boards):
+def corner_lists(boards):
     photos, board, _ = boards
     return [find_board(photo, board) for photo in photos]
 
 
-def test_corners_are_found_where_they_are(boards, seen):
+def test_corners_are_detected_where_they_are(boards, corner_lists):
     _, board, camera = boards
     # the first pose of the fixtures, projected by OpenCV
     places = np.zeros((board[0] * board[1], 3))
     places[:, :2] = np.mgrid[0 : board[0], 0 : board[1]].T.reshape(-1, 2)
     pose = np.array((0.5, 0.1, 0.0)), np.array((-3.2, -2.4, 9.5))
     true = cv2.projectPoints(places, *pose, camera.matrix, camera.distortion)[0].reshape(-1, 2)
-    gaps = np.linalg.norm(seen[0][:, None] - true, axis=-1)
+    gaps = np.linalg.norm(corner_lists[0][:, None] - true, axis=-1)
     assert gaps.min(1).max() < 0.5  # OpenCV may begin at another corner
     assert len(set(gaps.argmin(1).tolist())) == len(true)
 
@@ -34,21 +34,21 @@ def test_large_photos_are_searched_small_and_refined(boards):
     np.testing.assert_allclose((fine + 0.5) / 6 - 0.5, small, atol=0.7)
 
 
-def test_the_camera_is_found_again(boards, seen):
+def test_the_camera_is_estimated(boards, corner_lists):
     _, board, camera = boards
-    found = board_camera(seen, board, *camera.shape)
-    assert found.camera.focal_px == pytest.approx(camera.focal_px, rel=0.01)
-    np.testing.assert_allclose(found.camera.matrix[:2, 2], camera.matrix[:2, 2], atol=3)
-    assert found.error_px < 0.3
-    assert len(found.errors_px) == len(seen)
-    assert 0 < found.focal_sigma_px < 0.02 * camera.focal_px
-    assert found.reach == pytest.approx(0.59, abs=0.02)
-    # both cameras straighten alike, where boards were seen
+    result = board_camera(corner_lists, board, *camera.shape)
+    assert result.camera.focal_px == pytest.approx(camera.focal_px, rel=0.01)
+    np.testing.assert_allclose(result.camera.matrix[:2, 2], camera.matrix[:2, 2], atol=3)
+    assert result.error_px < 0.3
+    assert len(result.errors_px) == len(corner_lists)
+    assert 0 < result.focal_sigma_px < 0.02 * camera.focal_px
+    assert result.reach == pytest.approx(0.59, abs=0.02)
+    # both cameras straighten alike, where the boards reach
     y, x = np.mgrid[40:260:20, 50:350:25].reshape(2, -1)
     points = np.stack([x, y], 1).astype(float)
     rays = [
         (undistorted(points, each, each) - each.matrix[:2, 2]) / each.focal_px
-        for each in (found.camera, camera)
+        for each in (result.camera, camera)
     ]
     apart = (rays[0] - rays[1]) * camera.focal_px
     assert np.abs(apart - apart.mean(0)).max() < 1.5
@@ -59,13 +59,13 @@ def test_a_photo_without_a_board_has_none(boards):
     assert find_board(np.full((200, 300), 128, np.uint8), board) is None
 
 
-def test_too_few_photos_are_refused(boards, seen):
+def test_too_few_photos_are_refused(boards, corner_lists):
     _, board, camera = boards
     with pytest.raises(EstimationError, match="2 photos of a board are too few"):
-        board_camera(seen[:2], board, *camera.shape)
+        board_camera(corner_lists[:2], board, *camera.shape)
 
 
-def test_boards_that_are_not_tilted_tell_too_little(boards):
+def test_boards_without_tilt_are_refused(boards):
     _, board, camera = boards
     places = np.mgrid[0 : board[0], 0 : board[1]].T.reshape(-1, 2)
     rng = np.random.default_rng(0)
@@ -74,10 +74,10 @@ def test_boards_that_are_not_tilted_tell_too_little(boards):
         board_camera(flat, board, *camera.shape)
 
 
-def test_corners_of_several_boards_are_refused(boards, seen):
+def test_corners_of_several_boards_are_refused(boards, corner_lists):
     _, board, camera = boards
     rng = np.random.default_rng(1)
-    wrong = [corners + rng.normal(0, 15, corners.shape) for corners in seen]
+    wrong = [corners + rng.normal(0, 15, corners.shape) for corners in corner_lists]
     with pytest.raises(EstimationError, match=r"no camera explains|tell too little") as caught:
         board_camera(wrong, board, *camera.shape)
     assert caught.value.hint

@@ -18,23 +18,23 @@ def files(boards, tmp_path):
     return paths
 
 
-def test_the_camera_file_has_what_the_boards_tell(boards, files, tmp_path):
+def test_the_camera_file_has_the_camera_of_the_boards(boards, files, tmp_path):
     _, board, camera = boards
-    told = []
-    found = calibrate_from_chessboards(
-        files, tmp_path / "c.npz", board, progress=lambda share, text: told.append((share, text))
+    reports = []
+    result = calibrate_from_chessboards(
+        files, tmp_path / "c.npz", board, progress=lambda share, text: reports.append((share, text))
     )
     kept = read_camera(tmp_path / "c.npz")
     assert kept.camera.focal_px == pytest.approx(camera.focal_px, rel=0.01)
     assert kept.camera.shape == camera.shape
-    assert np.array_equal(kept.camera.distortion, found.found.camera.distortion)
+    assert np.array_equal(kept.camera.distortion, result.found.camera.distortion)
     assert kept.source.startswith("chessboard of 7x5 corners, 6 photos, error 0.")
-    report = found.report()
+    report = result.report()
     assert report["inputs"] == [str(path) for path in files]
     assert len(report["errors_px"]) == 6
     [note] = report["notes"]
     assert "the distortion there is a guess" in note
-    assert told[0] == (0, "looking for the board in board0.png")
+    assert reports[0] == (0, "looking for the board in board0.png")
 
 
 def test_photos_without_the_board_are_named(boards, files, tmp_path):

@@ -22,9 +22,9 @@ def equivalent(pixels: float, height: int, width: int) -> float:
 
 
 def test_the_focal_plane_of_the_ixus_70(make_exif: Callable[..., bytes]) -> None:
-    found = focal_length(Metadata(exif=make_exif(below=IXUS_70)), 1944, 2592)
-    assert equivalent(found.pixels, 1944, 2592) == pytest.approx(35.1, abs=0.05)
-    assert found.source == "EXIF FocalLength = 5.8 mm at 453.5 pixels/mm (FocalPlaneXResolution)"
+    focal = focal_length(Metadata(exif=make_exif(below=IXUS_70)), 1944, 2592)
+    assert equivalent(focal.pixels, 1944, 2592) == pytest.approx(35.1, abs=0.05)
+    assert focal.source == "EXIF FocalLength = 5.8 mm at 453.5 pixels/mm (FocalPlaneXResolution)"
 
 
 @pytest.fixture
@@ -36,9 +36,9 @@ def alone(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("alone")
 def test_the_sensor_table_agrees_with_the_focal_plane(make_exif: Callable[..., bytes]) -> None:
-    found = focal_length(Metadata(exif=make_exif()), 1944, 2592)
-    assert "5.76 x 4.29 mm sensor of Canon DIGITAL IXUS 70" in found.source
-    assert equivalent(found.pixels, 1944, 2592) == pytest.approx(35.1, rel=0.01)
+    focal = focal_length(Metadata(exif=make_exif()), 1944, 2592)
+    assert "5.76 x 4.29 mm sensor of Canon DIGITAL IXUS 70" in focal.source
+    assert equivalent(focal.pixels, 1944, 2592) == pytest.approx(35.1, rel=0.01)
 
 
 def test_the_order_of_the_sources(make_exif: Callable[..., bytes]) -> None:
@@ -85,8 +85,8 @@ def test_a_frame_of_another_shape_uses_one_side_of_the_sensor(
 
 @pytest.mark.parametrize("value", [0, 60000])
 def test_absurd_tags_are_passed_over(make_exif: Callable[..., bytes], value: int) -> None:
-    found = focal_length(Metadata(exif=make_exif(below=IXUS_70 | {0xA405: value})), 1944, 2592)
-    assert "FocalPlaneXResolution" in found.source
+    focal = focal_length(Metadata(exif=make_exif(below=IXUS_70 | {0xA405: value})), 1944, 2592)
+    assert "FocalPlaneXResolution" in focal.source
 
 
 @pytest.mark.parametrize("value", [0.0, -5.0, math.nan, math.inf, 1e9, 1.0])
@@ -108,33 +108,33 @@ def test_without_anything_to_go_by_there_is_a_hint(make_exif: Callable[..., byte
 
 
 def test_the_assumption_is_fifty_millimetres() -> None:
-    found = assumed_focal_length(1944, 2592)
-    assert equivalent(found.pixels, 1944, 2592) == pytest.approx(50, abs=1e-3)
-    assert found.source == "assumed: 50 mm-equivalent"
+    focal = assumed_focal_length(1944, 2592)
+    assert equivalent(focal.pixels, 1944, 2592) == pytest.approx(50, abs=1e-3)
+    assert focal.source == "assumed: 50 mm-equivalent"
 
 
 def test_lensfun_knows_crop_factors(make_exif: Callable[..., bytes]) -> None:
     pytest.importorskip("lensfunpy")
-    found = focal_length(Metadata(exif=make_exif()), 1944, 2592)
-    assert "crop factor 6.05 of Canon DIGITAL IXUS 70 (lensfun)" in found.source
-    assert equivalent(found.pixels, 1944, 2592) == pytest.approx(5.8 * 6.05, abs=0.01)
-    assert found.confidence == pytest.approx(0.95 * 0.9)
+    focal = focal_length(Metadata(exif=make_exif()), 1944, 2592)
+    assert "crop factor 6.05 of Canon DIGITAL IXUS 70 (lensfun)" in focal.source
+    assert equivalent(focal.pixels, 1944, 2592) == pytest.approx(5.8 * 6.05, abs=0.01)
+    assert focal.confidence == pytest.approx(0.95 * 0.9)
 
 
 def test_a_coarse_equivalent_is_made_finer(make_exif: Callable[..., bytes]) -> None:
-    found = focal_length(Metadata(exif=make_exif(below=IXUS_70 | {0xA405: 35})), 1944, 2592)
+    focal = focal_length(Metadata(exif=make_exif(below=IXUS_70 | {0xA405: 35})), 1944, 2592)
     plane = focal_length(Metadata(exif=make_exif(below=IXUS_70)), 1944, 2592)
-    assert found.pixels == plane.pixels
-    assert found.source == "EXIF FocalLengthIn35mmFilm = 35 mm, finer by FocalPlaneXResolution"
-    assert found.confidence == 0.95
-    assert len(found.considered) == 4
+    assert focal.pixels == plane.pixels
+    assert focal.source == "EXIF FocalLengthIn35mmFilm = 35 mm, finer by FocalPlaneXResolution"
+    assert focal.confidence == 0.95
+    assert len(focal.considered) == 4
 
 
-def test_contradictions_are_told(make_exif: Callable[..., bytes]) -> None:
-    found = focal_length(Metadata(exif=make_exif(below=IXUS_70 | {0xA405: 70})), 1944, 2592)
-    assert found.source == "EXIF FocalLengthIn35mmFilm = 70 mm"
-    assert found.confidence == pytest.approx(0.54)
-    [note] = found.notes
+def test_contradictions_are_noted(make_exif: Callable[..., bytes]) -> None:
+    focal = focal_length(Metadata(exif=make_exif(below=IXUS_70 | {0xA405: 70})), 1944, 2592)
+    assert focal.source == "EXIF FocalLengthIn35mmFilm = 70 mm"
+    assert focal.confidence == pytest.approx(0.54)
+    [note] = focal.notes
     assert "its metadata contradict themselves" in note
 
 
@@ -146,18 +146,18 @@ def test_a_digital_zoom_lengthens(make_exif: Callable[..., bytes]) -> None:
 
 
 @pytest.mark.parametrize("stated", [35, 70])
-def test_equivalents_with_a_digital_zoom_are_told_by_the_sensor(
+def test_the_sensor_decides_whether_equivalents_include_the_zoom(
     make_exif: Callable[..., bytes], stated: int
 ) -> None:
     tags = {0xA404: 2.0, 0xA405: stated, 0xA002: 2592, 0xA003: 1944}
-    found = focal_length(Metadata(exif=make_exif(below=tags)), 1944, 2592)
-    assert equivalent(found.pixels, 1944, 2592) == pytest.approx(70, abs=1e-3)
+    focal = focal_length(Metadata(exif=make_exif(below=tags)), 1944, 2592)
+    assert equivalent(focal.pixels, 1944, 2592) == pytest.approx(70, abs=1e-3)
 
 
 def test_a_phone_counts_its_digital_zoom_in(make_exif: Callable[..., bytes]) -> None:
     exif = make_exif(make="Apple", model="iPhone 15", below={0xA404: 2.0, 0xA405: 52})
-    found = focal_length(Metadata(exif=exif), 3024, 4032)
-    assert equivalent(found.pixels, 3024, 4032) == pytest.approx(52, abs=1e-3)
+    focal = focal_length(Metadata(exif=exif), 3024, 4032)
+    assert equivalent(focal.pixels, 3024, 4032) == pytest.approx(52, abs=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -25,8 +25,8 @@ def test_a_crop_is_calibrated_as_what_it_was_cut_from(
 ) -> None:
     metadata = Metadata(exif=make_exif(order, below=below))
     focal = 2627 * (0.5 if size == (972, 1296) else 1)
-    found = reframed(metadata, *size, focal)
-    again = focal_length(found, *size)
+    new_metadata = reframed(metadata, *size, focal)
+    again = focal_length(new_metadata, *size)
     assert again.pixels == pytest.approx(focal, rel=2e-4)
     assert "contradict" not in "".join(again.notes)
 
@@ -49,8 +49,8 @@ def test_other_tags_and_what_the_maker_wrote_stay(make_exif: Callable[..., bytes
 
 def test_the_equivalent_alone_is_rounded(make_exif: Callable[..., bytes]) -> None:
     exif_block = make_exif(below={0xA405: 28, 0x920A: 0.0})
-    found = focal_length(reframed(Metadata(exif=exif_block), 300, 400, 330.0), 300, 400)
-    assert found.pixels == pytest.approx(330, rel=0.5 / 28)
+    result = focal_length(reframed(Metadata(exif=exif_block), 300, 400, 330.0), 300, 400)
+    assert result.pixels == pytest.approx(330, rel=0.5 / 28)
 
 
 def test_metadata_without_room_or_without_exif_stay(make_exif: Callable[..., bytes]) -> None:

@@ -36,18 +36,18 @@ def test_crop_factors_that_depend_on_a_setting_are_not_guessed() -> None:
 @pytest.mark.parametrize("name", ["EF24-105mm f/4L IS USM", "Canon EF 24-105mm f/4L IS USM"])
 def test_the_lens_is_that_of_the_exif(name: str) -> None:
     tags = CameraTags(make="Canon", model=EOS.model, focal_mm=24.0, lens_model=name)
-    found = find_profile(tags, FOCAL_PX, FRAME)
-    assert found.lens == "Canon EF 24-105mm f/4L IS USM"
-    assert found.error_px < 0.1
+    profile = find_profile(tags, FOCAL_PX, FRAME)
+    assert profile.lens == "Canon EF 24-105mm f/4L IS USM"
+    assert profile.error_px < 0.1
 
 
 def test_the_fit_is_lensfuns_own_curve() -> None:
-    found = find_profile(EOS, FOCAL_PX, FRAME)
+    profile = find_profile(EOS, FOCAL_PX, FRAME)
     camera = Camera.from_focal(FOCAL_PX, 3744, 5616)
     lens = next(
         item
         for item in lensfun.Database().lenses
-        if item.model == found.lens and item.crop_factor == 1
+        if item.model == profile.lens and item.crop_factor == 1
     )
     modifier = lensfun.Modifier(lens, 1.0, 5616, 3744)
     flags = lensfun.ModifyFlags.DISTORTION
@@ -56,12 +56,12 @@ def test_the_fit_is_lensfuns_own_curve() -> None:
         [(0.0, 0), (5615, 3743), (2807.5, 0), (0, 1871.5), (1000, 3000), (2000, 1500)]
     )
     theirs = np.array([modifier.apply_geometry_distortion(*p, 1, 1)[0, 0] for p in points])
-    # their straight picture is ours at another scale, which the middle tells
+    # their straight picture is ours at another scale; the middle gives the scale
     near = np.array([[2807.5 + 20, 1871.5]])
     [[x, y]] = modifier.apply_geometry_distortion(*near[0], 1, 1)[0, :]
     scale = (x - 2807.5) / 20
-    seen = Camera.from_focal(FOCAL_PX / scale, 3744, 5616)
-    ours = distorted(points, camera.with_lens(found.distortion), seen)
+    straight_camera = Camera.from_focal(FOCAL_PX / scale, 3744, 5616)
+    ours = distorted(points, camera.with_lens(profile.distortion), straight_camera)
     assert np.abs(points - theirs).max() > 20
     assert y == pytest.approx(1871.5, abs=1e-3)
     np.testing.assert_allclose(ours, theirs, atol=1.0)
@@ -82,8 +82,8 @@ def test_the_distortion_changes_with_the_focal_length() -> None:
 
 def test_a_built_in_lens_needs_no_name() -> None:
     tags = CameraTags(make="Canon", model="Canon DIGITAL IXUS 70", focal_mm=5.8)
-    found = find_profile(tags, 2627.0, (2592.0, 1944.0))
-    assert found.lens == "Canon PowerShot SD200 & compatibles (Standard)"
+    profile = find_profile(tags, 2627.0, (2592.0, 1944.0))
+    assert profile.lens == "Canon PowerShot SD200 & compatibles (Standard)"
 
 
 @pytest.mark.parametrize(
@@ -112,8 +112,8 @@ def test_a_near_miss_is_offered_not_taken() -> None:
 
 def test_a_lens_may_be_named() -> None:
     tags = CameraTags(make="Nobody", model="Nothing", focal_mm=24.0)
-    found = find_profile(tags, FOCAL_PX, FRAME, lens="canon ef 24-105mm f/4l is usm")
-    assert np.array_equal(found.distortion, find_profile(EOS, FOCAL_PX, FRAME).distortion)
+    profile = find_profile(tags, FOCAL_PX, FRAME, lens="canon ef 24-105mm f/4l is usm")
+    assert np.array_equal(profile.distortion, find_profile(EOS, FOCAL_PX, FRAME).distortion)
     with pytest.raises(CalibrationError, match="lensfun has no lens 'X'"):
         find_profile(tags, FOCAL_PX, FRAME, lens="X")
 

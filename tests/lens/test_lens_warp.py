@@ -24,12 +24,12 @@ def pixels(shape: tuple[int, int]) -> np.ndarray:
 @pytest.mark.parametrize("whole", [False, True], ids=["part", "whole"])
 @pytest.mark.parametrize("channels", [None, 3])
 def test_straightening_is_the_scene_without_the_lens(whole, channels):
-    seen = pinhole(CAMERA, whole=whole)
+    straight_camera = pinhole(CAMERA, whole=whole)
     photo = scene(pixels(CAMERA.shape)).reshape(CAMERA.shape)
     photo = photo if channels is None else np.stack([photo, 0.5 * photo, 1 - photo], -1)
-    straight = LensWarp(CAMERA, seen).straighten(photo)
-    assert straight.shape == seen.shape + photo.shape[2:]
-    places = distorted(pixels(seen.shape), CAMERA, seen)
+    straight = LensWarp(CAMERA, straight_camera).straighten(photo)
+    assert straight.shape == straight_camera.shape + photo.shape[2:]
+    places = distorted(pixels(straight_camera.shape), CAMERA, straight_camera)
     inner = ((places > 4) & (places < np.array([235, 155]))).all(1)
     grey = straight if channels is None else straight[..., 0]
     assert np.abs(grey.ravel() - scene(places))[inner].max() < 5e-3
@@ -38,8 +38,8 @@ def test_straightening_is_the_scene_without_the_lens(whole, channels):
 
 
 def test_bending_undoes_straightening():
-    seen = pinhole(CAMERA, whole=True)
-    warp = LensWarp(CAMERA, seen)
+    straight_camera = pinhole(CAMERA, whole=True)
+    warp = LensWarp(CAMERA, straight_camera)
     photo = scene(pixels(CAMERA.shape)).reshape(CAMERA.shape)
     again = warp.bend(warp.straighten(photo))
     assert again.shape == CAMERA.shape
@@ -48,20 +48,20 @@ def test_bending_undoes_straightening():
 
 
 def test_the_way_back_is_the_inverse_to_a_thousandth():
-    seen = pinhole(CAMERA, whole=True)
-    for rows, (v, u) in LensWarp(CAMERA, seen)._bent_bands():
+    straight_camera = pinhole(CAMERA, whole=True)
+    for rows, (v, u) in LensWarp(CAMERA, straight_camera)._bent_bands():
         there = undistorted(pixels(CAMERA.shape).reshape(*CAMERA.shape, 2)[rows].reshape(-1, 2),
-                            CAMERA, seen)  # fmt: skip
+                            CAMERA, straight_camera)  # fmt: skip
         np.testing.assert_allclose(np.stack([u.ravel(), v.ravel()], 1), there, atol=1e-3)
 
 
 def test_straight_lines_become_straight():
-    seen = pinhole(CAMERA)
+    straight_camera = pinhole(CAMERA)
     y, x = np.mgrid[0:160, 0:240].astype(float)
     line = np.stack([np.arange(-20, 260.0), np.full(280, 18.0)], 1)
-    there = distorted(line, CAMERA, seen)
+    there = distorted(line, CAMERA, straight_camera)
     bent = np.exp(-0.5 * np.square((y - np.interp(x, *there.T)) / 1.5)).astype(np.float32)
-    straight = LensWarp(CAMERA, seen).straighten(bent)
+    straight = LensWarp(CAMERA, straight_camera).straighten(bent)
 
     def deviation(picture: np.ndarray) -> float:
         columns = np.arange(12, 228)
@@ -92,15 +92,15 @@ def test_no_corner_is_black():
 
 
 def test_marks_cover_all_that_a_marked_pixel_touches():
-    seen = pinhole(CAMERA)
-    warp = LensWarp(CAMERA, seen)
+    straight_camera = pinhole(CAMERA)
+    warp = LensWarp(CAMERA, straight_camera)
     mask = np.zeros(CAMERA.shape, bool)
     mask[30, 50] = mask[120, 200] = True
-    found = warp.straighten_mask(mask)
+    straight_mask = warp.straighten_mask(mask)
     light = warp.straighten(mask.astype(np.float32) * 10)
-    assert found.dtype == bool
-    assert found[light > 0.5].all()
-    assert 2 * 9 <= found.sum() < 2 * 40
+    assert straight_mask.dtype == bool
+    assert straight_mask[light > 0.5].all()
+    assert 2 * 9 <= straight_mask.sum() < 2 * 40
     assert not warp.straighten_mask(np.zeros(CAMERA.shape, bool)).any()
 
 

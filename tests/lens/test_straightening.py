@@ -55,8 +55,8 @@ def scene():
 def shaken(scene, tmp_path):
     """A photo shaken by 18 px through a barrel; what was shaken, and the sharp photo."""
     camera = Camera.from_focal(250.0, *scene.shape).with_lens(BARREL)
-    found = shake(scene, camera, random_path(camera, 18, seed=2), noise_sigma=0.002)
-    return photo_of(found.pixels, tmp_path), found
+    simulated = shake(scene, camera, random_path(camera, 18, seed=2), noise_sigma=0.002)
+    return photo_of(simulated.pixels, tmp_path), simulated
 
 
 def psnr_of_corners(light: np.ndarray, sharp: np.ndarray) -> float:
@@ -69,20 +69,20 @@ def psnr_of_corners(light: np.ndarray, sharp: np.ndarray) -> float:
 
 
 def test_undoing_the_lens_betters_the_corners_by_a_decibel(shaken):
-    photo, found = shaken
-    kernel = found.kernel
+    photo, simulated = shaken
+    kernel = simulated.kernel
     camera = kernel.camera
     plain = kernel.for_camera(Camera(camera.matrix, camera.height, camera.width))
     without = deblur(photo, plain, FAST, threads=1).pixels
     kept = deblur(photo, kernel, FAST, keep_geometry=True, threads=1).pixels
     assert kept.shape == photo.pixels.shape
     blurred, first, second = (
-        psnr_of_corners(light, found.sharp) for light in (photo.pixels, without, kept)
+        psnr_of_corners(light, simulated.sharp) for light in (photo.pixels, without, kept)
     )
     assert first > blurred + 1
     assert second > first + 1
     straight = deblur(photo, kernel, FAST, threads=1)
-    sharp, _ = straightened(photo.with_pixels(found.sharp), camera)
+    sharp, _ = straightened(photo.with_pixels(simulated.sharp), camera)
     assert straight.shape == photo.shape
     assert psnr_of_corners(straight.pixels, sharp.pixels) > first + 0.8
 
@@ -115,28 +115,30 @@ def test_clipped_pixels_and_opacity_follow(scene, tmp_path):
     clipped[20, 30] = True
     alpha = np.full(photo.shape, 255, np.uint8)
     camera = Camera.from_focal(250.0, *scene.shape).with_lens(BARREL)
-    straight, seen = straightened(replace(photo, clipped=clipped, alpha=alpha), camera)
+    straight, straight_camera = straightened(replace(photo, clipped=clipped, alpha=alpha), camera)
     [y], [x] = (np.unique(np.rint(axis.mean())).astype(int) for axis in straight.clipped.nonzero())
-    assert straight_region((30, 20, 1, 1), camera, seen)[:2] == pytest.approx((x, y), abs=1.5)
+    assert straight_region((30, 20, 1, 1), camera, straight_camera)[:2] == pytest.approx(
+        (x, y), abs=1.5
+    )
     assert (straight.alpha == 255).all()
 
 
 def test_regions_grow_around_what_they_held():
     camera = Camera.from_focal(250.0, 240, 360).with_lens(BARREL)
-    warp = LensWarp(camera, straightened_camera := _seen(camera))
+    warp = LensWarp(camera, straightened_camera := _straight_camera(camera))
     part = np.zeros((240, 360), bool)
     part[40:60, 200:260] = True
     inside = warp.straighten(part.astype(np.float32)) > 0.9
     x, y, width, height = straight_region((200, 40, 60, 20), camera, straightened_camera)
-    found = np.zeros((240, 360), bool)
-    found[y : y + height, x : x + width] = True
-    assert found[inside].all()
-    assert found.sum() < 1.5 * inside.sum()
+    covered = np.zeros((240, 360), bool)
+    covered[y : y + height, x : x + width] = True
+    assert covered[inside].all()
+    assert covered.sum() < 1.5 * inside.sum()
     assert straight_region((0, 0, 360, 240), camera, straightened_camera) == (0, 0, 360, 240)
     assert straight_region(None, camera, straightened_camera) is None
 
 
-def _seen(camera: Camera) -> Camera:
+def _straight_camera(camera: Camera) -> Camera:
     blank = Photo(
         np.zeros(camera.shape, np.float32), np.zeros(camera.shape, bool), None,
         Encoding("PNG", grey=True), Metadata(), "a.png",
@@ -146,24 +148,24 @@ def _seen(camera: Camera) -> Camera:
 
 def test_kernels_go_there_and_back():
     camera = Camera.from_focal(250.0, 240, 360).with_lens(BARREL)
-    seen = _seen(camera)
-    turn = RotationKernel.from_path([(0, -0.02, 0.01), (0.01, 0.02, 0)], seen)
-    stored = bent_kernel(turn, camera, seen)
+    straight_camera = _straight_camera(camera)
+    turn = RotationKernel.from_path([(0, -0.02, 0.01), (0.01, 0.02, 0)], straight_camera)
+    stored = bent_kernel(turn, camera, straight_camera)
     assert stored.camera is camera
-    again = straight_kernel(stored, camera, seen)
+    again = straight_kernel(stored, camera, straight_camera)
     np.testing.assert_array_equal(again.theta, turn.theta)
-    assert again.camera is seen
+    assert again.camera is straight_camera
 
 
 def test_shifts_of_the_uniform_model_keep_their_pixels():
     camera = Camera.from_focal(250.0, 240, 360).with_lens(BARREL)
-    seen = _seen(camera)
+    straight_camera = _straight_camera(camera)
     uniform = Camera.uniform(240, 360)
     pan = RotationKernel.from_path([(0, 0, 0), (0, 7 / uniform.focal_px, 0)], uniform)
-    stored = bent_kernel(pan, camera, seen)
+    stored = bent_kernel(pan, camera, straight_camera)
     assert stored.camera.is_uniform
     assert not stored.camera.is_pinhole
-    again = straight_kernel(stored, stored.camera, _seen(stored.camera))
+    again = straight_kernel(stored, stored.camera, _straight_camera(stored.camera))
     assert again.extent_px() == pytest.approx(pan.extent_px(), rel=1e-6)
 
 

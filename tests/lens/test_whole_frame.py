@@ -33,7 +33,7 @@ def test_a_crop_belongs_to_the_whole_frame(size: tuple[int, int]) -> None:
     assert (frame.long, frame.short, frame.scale) == (6000, 4000, 1)
 
 
-def test_a_crop_is_told_unless_it_is_a_sliver() -> None:
+def test_a_crop_is_detected_unless_it_is_a_sliver() -> None:
     assert of((6000, 4000), 5990, 3950).note == ""
     cropped = of((6000, 4000), 4000, 4000)
     assert "taken as 6000 x 4000 pixels, and has 4000 x 4000" in cropped.note
@@ -57,14 +57,14 @@ def test_what_is_larger_than_what_was_taken_is_a_guess() -> None:
 @pytest.mark.parametrize(
     ("size", "sure"), [((4000, 3000), 0.9), ((1000, 1000), 0.9), ((3000, 1000), 0.5)]
 )
-def test_without_a_size_the_shape_tells(size: tuple[int, int], sure: float) -> None:
+def test_without_a_size_the_shape_decides(size: tuple[int, int], sure: float) -> None:
     frame = of(None, *size)
     assert (frame.long, frame.short, frame.scale) == (*size, 1)
     assert frame.sure == sure
     assert bool(frame.note) == (sure < 0.9)
 
 
-def test_the_sensor_tells_of_crops_whose_exif_was_rewritten() -> None:
+def test_the_sensor_shows_crops_whose_exif_was_rewritten() -> None:
     full = (6000.4, 4001.0)
     cropped = of((4000, 4000), 4000, 4000, full=full)
     assert (cropped.long, cropped.short, cropped.scale) == (6000, 4001, 1)

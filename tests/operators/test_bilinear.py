@@ -38,10 +38,10 @@ def test_splat_is_the_adjoint_of_reading() -> None:
 
 def test_splat_keeps_the_centroid() -> None:
     lags = np.array([[[1.25, 2.5], [3.0, 1.75]]])
-    [found] = splat(lags, np.array([0.25, 0.75]), (6, 8))
-    rows, columns = np.indices(found.shape)
-    assert (found * columns).sum() == pytest.approx(0.25 * 1.25 + 0.75 * 3.0)
-    assert (found * rows).sum() == pytest.approx(0.25 * 2.5 + 0.75 * 1.75)
+    [kernel] = splat(lags, np.array([0.25, 0.75]), (6, 8))
+    rows, columns = np.indices(kernel.shape)
+    assert (kernel * columns).sum() == pytest.approx(0.25 * 1.25 + 0.75 * 3.0)
+    assert (kernel * rows).sum() == pytest.approx(0.25 * 2.5 + 0.75 * 1.75)
 
 
 def test_a_raster_keeps_the_weights_and_their_centroid():

@@ -65,9 +65,9 @@ def test_is_a_correlation_with_zeros_around(shape: tuple[int, int], margin: int)
     h = noise(13, 13)
     blur = Convolution(h, shape, margin, threads=1)
     f, g = noise(*blur.latent_shape, seed=1), noise(*shape, seed=2)
-    seen = scipy.signal.correlate(np.pad(f, 6), h, "valid", "direct")
-    seen = seen[margin : margin + shape[0], margin : margin + shape[1]]
-    np.testing.assert_allclose(blur.forward(f[None])[0], seen, atol=5e-5)
+    correlated = scipy.signal.correlate(np.pad(f, 6), h, "valid", "direct")
+    correlated = correlated[margin : margin + shape[0], margin : margin + shape[1]]
+    np.testing.assert_allclose(blur.forward(f[None])[0], correlated, atol=5e-5)
     back = scipy.signal.convolve(np.pad(g, margin), h, "same", "direct")
     np.testing.assert_allclose(blur.adjoint(g[None])[0], back, atol=5e-5)
 
@@ -76,8 +76,8 @@ def test_is_linear_and_takes_channels_one_by_one() -> None:
     blur = Convolution(noise(9, 9), (40, 57), 4, threads=2)
     f = noise(3, *blur.latent_shape)
     together = blur.forward(f)
-    for plane, seen in zip(f, together, strict=True):
-        np.testing.assert_array_equal(blur.forward(plane[None])[0], seen)
+    for plane, blurred in zip(f, together, strict=True):
+        np.testing.assert_array_equal(blur.forward(plane[None])[0], blurred)
     mixed = blur.forward(f[:1] + 2 * f[1:2])
     np.testing.assert_allclose(mixed, together[:1] + 2 * together[1:2], atol=1e-4)
     g = noise(2, 40, 57)

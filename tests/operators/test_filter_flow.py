@@ -251,8 +251,8 @@ def test_variance_term_is_the_sum_over_bilinear_weights() -> None:
     variance = rng.random(exact.latent_shape).astype(np.float32)
     expected = np.einsum("i,ijk,ijl,j->kl", mask.ravel(), c, c, variance.ravel())
     f = rng.random(camera.shape).astype(np.float32)
-    found = flow.gram(f, mask, variance) - flow.gram(f, mask)
-    np.testing.assert_allclose(found, expected, rtol=2e-3)
+    difference = flow.gram(f, mask, variance) - flow.gram(f, mask)
+    np.testing.assert_allclose(difference, expected, rtol=2e-3)
     # two channels of equal variance count twice
     twice = flow.gram(np.stack([f, f], -1), mask, np.stack([variance, variance], -1))
     np.testing.assert_allclose(twice, 2 * flow.gram(f, mask, variance), rtol=1e-4)
@@ -269,8 +269,8 @@ def test_variance_term_of_turning_patches() -> None:
     variance = rng.random(exact.latent_shape).astype(np.float32)
     expected = np.einsum("ijk,ijl,j->kl", c, c, variance.ravel())
     f = np.zeros(camera.shape, np.float32)
-    found = flow.gram(f, None, variance)
-    assert np.linalg.norm(found - expected) <= 0.1 * np.linalg.norm(expected)
+    gram = flow.gram(f, None, variance)
+    assert np.linalg.norm(gram - expected) <= 0.1 * np.linalg.norm(expected)
 
 
 def test_squared_filters_sum_the_squared_weights() -> None:

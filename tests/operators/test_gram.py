@@ -40,10 +40,10 @@ def test_upper_triangle_is_the_sum_over_taps(*, size: int, n: int, with_local: b
     ac = rng.random((3, 2 * n - 1, 2 * n - 1)).astype(np.float32)
     ac += ac[:, ::-1, ::-1]  # as every autocorrelation is
     local = rng.random((3, n, n)).astype(np.float32) if with_local else None
-    found = patch_grams(y, x, share, ac, local)
+    grams = patch_grams(y, x, share, ac, local)
     expected = expected_gram(y, x, share, ac, local)
     upper = np.triu_indices(size)
-    np.testing.assert_allclose(found[upper], expected[upper], rtol=1e-4)
+    np.testing.assert_allclose(grams[upper], expected[upper], rtol=1e-4)
 
 
 def test_both_ways_to_lay_out_places_agree(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -39,10 +39,10 @@ def latent(blur) -> tuple[int, int]:
 
 def test_each_blur_has_its_inverse(camera: Camera, theta, weights) -> None:
     for name, kind in KINDS.items():
-        found = filters(name, camera, theta, weights)
-        inverse = approximate_inverse(found)
+        flow = filters(name, camera, theta, weights)
+        inverse = approximate_inverse(flow)
         assert isinstance(inverse, kind)
-        assert inverse.filters is found
+        assert inverse.filters is flow
 
 
 @pytest.mark.parametrize(("rho", "alpha"), [(0.01, 0), (1.0, 0), (0.1, 0.3)])
@@ -91,9 +91,9 @@ def test_every_plane_has_its_weight(blur) -> None:
     f = np.random.default_rng(1).random((3, *latent(blur)), np.float32)
     inverse = approximate_inverse(blur)
     together = inverse.apply(f, [0.1, 0.4, 0.1], 0.2)
-    for plane, rho, found in zip(f, (0.1, 0.4, 0.1), together, strict=True):
+    for plane, rho, result in zip(f, (0.1, 0.4, 0.1), together, strict=True):
         alone = inverse.apply(plane[None], rho, 0.2)[0]
-        np.testing.assert_allclose(found, alone, atol=1e-5 * np.abs(alone).max())
+        np.testing.assert_allclose(result, alone, atol=1e-5 * np.abs(alone).max())
 
 
 def test_on_the_torus_it_is_the_inverse(camera: Camera, theta, weights) -> None:
@@ -111,8 +111,8 @@ def test_on_the_torus_it_is_the_inverse(camera: Camera, theta, weights) -> None:
     inside = np.zeros_like(M)
     inside[:height, :width] = M[:height, :width]
     np.testing.assert_allclose(inside, M, atol=1e-4)  # nothing of it lies beyond the latent image
-    found = inverse.apply(inside[None, :height, :width].astype(np.float32), 0.5, 0.3)[0]
-    np.testing.assert_allclose(found, bump[:height, :width], atol=5e-3)
+    result = inverse.apply(inside[None, :height, :width].astype(np.float32), 0.5, 0.3)[0]
+    np.testing.assert_allclose(result, bump[:height, :width], atol=5e-3)
 
 
 @pytest.mark.parametrize("name", list(KINDS))
@@ -149,13 +149,13 @@ def test_every_patch_may_have_its_weight(blur, dot_test: Callable[..., float]) -
 
 
 def test_means_are_those_of_the_patches(camera: Camera, theta, weights) -> None:
-    found = filters("rotations", camera, theta, weights)
+    flow = filters("rotations", camera, theta, weights)
     image = np.random.default_rng(5).random(camera.shape).astype(np.float32)
-    means = PatchInverse(found).means(image)
-    hop = found.grid.hop
-    assert means.shape == (found.grid.rows, found.grid.columns)
-    for row in range(found.grid.rows):
-        for column in range(found.grid.columns):
+    means = PatchInverse(flow).means(image)
+    hop = flow.grid.hop
+    assert means.shape == (flow.grid.rows, flow.grid.columns)
+    for row in range(flow.grid.rows):
+        for column in range(flow.grid.columns):
             top, left = (row - 1) * hop, (column - 1) * hop
             part = image[max(top, 0) : top + 2 * hop, max(left, 0) : left + 2 * hop]
             np.testing.assert_allclose(means[row, column], part.mean(), rtol=1e-5)

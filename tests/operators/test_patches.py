@@ -41,14 +41,14 @@ def test_pieces_are_added_at_every_hop(windowed: bool) -> None:  # noqa: FBT001
 
 def test_every_patch_is_in_one_strip_and_batch() -> None:
     grid = grid_of((50, 9000))
-    seen = [
+    cells = [
         (strip.row, column)
         for strip in grid.strips
         for batch in grid.batches(strip)
         for part in [strip.part(batch.start, batch.stop)]
         for column in range(part.first, part.last)
     ]
-    assert len(seen) == len(set(seen)) == grid.rows * grid.columns
+    assert len(cells) == len(set(cells)) == grid.rows * grid.columns
 
 
 def test_strips_do_not_depend_on_the_threads() -> None:
@@ -87,8 +87,8 @@ def test_cross_correlations_are_sums_over_pixels() -> None:
     for _, part in grid.cross_correlations(observed, latent, lambda _, c: c.sum(0)):
         total += part
     for dy, dx in ((0, 0), (-3, 2), (1, -3)):
-        seen = latent[:, 3 + dy : 33 + dy, 3 + dx : 43 + dx]
-        assert total[3 + dy, 3 + dx] == pytest.approx(float((observed * seen).sum()), rel=1e-5)
+        moved = latent[:, 3 + dy : 33 + dy, 3 + dx : 43 + dx]
+        assert total[3 + dy, 3 + dx] == pytest.approx(float((observed * moved).sum()), rel=1e-5)
 
 
 @pytest.mark.parametrize("radius", [3, 14, 40])  # lags within a patch, and far beyond it
@@ -96,15 +96,15 @@ def test_autocorrelations_are_sums_over_pixels(radius: int) -> None:
     grid = grid_of((30, 40), radius=radius, hop=10, margin=3)
     observed = np.random.default_rng(0).random((2, 30, 40)).astype(np.float32)
     strip = grid.strips[1]
-    found = grid.autocorrelations(observed, strip)
-    assert found.shape == (strip.count, 4 * radius + 1, 4 * radius + 1)
-    seen = (grid.patches(observed, strip) * np.sqrt(grid.window))[:, 1]
+    correlations = grid.autocorrelations(observed, strip)
+    assert correlations.shape == (strip.count, 4 * radius + 1, 4 * radius + 1)
+    patches = (grid.patches(observed, strip) * np.sqrt(grid.window))[:, 1]
     lags = range(-2 * radius, 2 * radius + 1)
     for dy, dx in [(0, 0), (2, 5), (-6, 3), *zip(lags, reversed(lags), strict=True)]:
-        a = seen[:, max(0, -dy) : 20 - max(0, dy), max(0, -dx) : 20 - max(0, dx)]
-        b = seen[:, max(0, dy) : 20 + min(0, dy), max(0, dx) : 20 + min(0, dx)]
+        a = patches[:, max(0, -dy) : 20 - max(0, dy), max(0, -dx) : 20 - max(0, dx)]
+        b = patches[:, max(0, dy) : 20 + min(0, dy), max(0, dx) : 20 + min(0, dx)]
         expected = float((a * b).sum()) if max(abs(dy), abs(dx)) < 20 else 0.0
-        assert found[1, 2 * radius + dy, 2 * radius + dx] == pytest.approx(
+        assert correlations[1, 2 * radius + dy, 2 * radius + dx] == pytest.approx(
             expected, rel=1e-4, abs=1e-3
         )
 

@@ -53,8 +53,8 @@ def test_add_at_is_the_adjoint_of_window_of(top: int, left: int) -> None:
     piece = np.random.default_rng(0).random((1, 5, 7)).astype(np.float32)
     out = np.zeros_like(IMAGE)
     add_at(out, top, left, piece)
-    seen = window_of(IMAGE, top, left, 5, 7)
-    assert np.vdot(out, IMAGE) == pytest.approx(np.vdot(piece, seen), rel=1e-6)
+    window = window_of(IMAGE, top, left, 5, 7)
+    assert np.vdot(out, IMAGE) == pytest.approx(np.vdot(piece, window), rel=1e-6)
 
 
 def test_sizes_that_do_not_fit_are_refused() -> None:

@@ -53,7 +53,7 @@ def test_dot_test(
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_masked_pixels_are_neither_seen_nor_heard(kernel: RotationKernel, kind: Kind) -> None:
+def test_masked_pixels_have_no_effect(kernel: RotationKernel, kind: Kind) -> None:
     mask = np.ones(kernel.camera.shape, np.float32)
     mask[:, :40] = 0
     blur = ShakeBlur(kernel, mask=mask, kind=kind)
@@ -165,8 +165,10 @@ def test_observation_mask_marks_what_saw_only_the_frame(camera: Camera, theta: n
     low, high = theta.min(0), theta.max(0)
     within = np.random.default_rng(0).uniform(low, high, (300, 3))
     every = np.concatenate([theta, within])
-    seen = points[:, None] + displacements(homographies(camera, every), points)
-    inside = np.all((seen >= -0.01) & (seen <= [camera.width - 0.99, camera.height - 0.99]), (1, 2))
+    moved = points[:, None] + displacements(homographies(camera, every), points)
+    inside = np.all(
+        (moved >= -0.01) & (moved <= [camera.width - 0.99, camera.height - 0.99]), (1, 2)
+    )
     inside = inside.reshape(camera.shape)
     assert mask.dtype == np.float32
     assert not np.any((mask == 1) & ~inside)  # no rotation leads out, nor one between them

@@ -22,10 +22,10 @@ def dense(camera: Camera, theta: np.ndarray, margin: int) -> np.ndarray:
     """``C_ijk`` from its definition, (observed, latent, K)."""
     height, width = camera.height + 2 * margin, camera.width + 2 * margin
     points = [(x, y) for y in range(camera.height) for x in range(camera.width)]
-    seen = displacements(homographies(camera, theta), points) + np.array(points)[:, None] + margin
+    places = displacements(homographies(camera, theta), points) + np.array(points)[:, None] + margin
     c = np.zeros((len(points), height, width, len(theta)))
     for i, k in itertools.product(range(len(points)), range(len(theta))):
-        x, y = seen[i, k]
+        x, y = places[i, k]
         x0, y0 = int(np.floor(x)), int(np.floor(y))
         for column, row in itertools.product((x0, x0 + 1), (y0, y0 + 1)):
             if 0 <= column < width and 0 <= row < height:
@@ -138,15 +138,15 @@ def test_tiles_do_not_show(
 
 
 def test_coordinates_stay_exact_far_from_the_origin() -> None:
-    """A ramp tells at which place it was read."""
+    """A ramp shows the place where it is sampled."""
     camera = Camera.from_focal(12000.0, 4, 12000)
     blur = Warps(camera, [[0.0, 3.37 / 12000, 0.0]])
     ramp = np.arange(blur.latent_shape[1], dtype=np.float64) - blur.margin - 11900
     f = np.tile(ramp.astype(np.float32), (blur.latent_shape[0], 1))
     points = np.array([[x, 1.0] for x in range(11800, 12000)])
     expected = points + displacements(homographies(camera, blur.theta), points)[:, 0]
-    seen = blur.blur(f, [1.0])[1, 11800:]
-    np.testing.assert_allclose(seen, expected[:, 0] - 11900, atol=2e-4)
+    blurred = blur.blur(f, [1.0])[1, 11800:]
+    np.testing.assert_allclose(blurred, expected[:, 0] - 11900, atol=2e-4)
 
 
 def test_colours_are_warped_alike(camera: Camera, theta: np.ndarray, weights: np.ndarray) -> None:

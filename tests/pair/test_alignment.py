@@ -27,7 +27,7 @@ def pair():
 
 
 @pytest.mark.parametrize("off", [(0, 0, 0), (1, 0, 0), (0, -1.2, 0), (0, 0, 1), (0.8, 0.8, -0.8)])
-def test_a_pixel_or_two_are_found_to_a_tenth(pair, off):
+def test_shifts_of_a_pixel_or_two_are_right_to_a_tenth(pair, off):
     theta, score = align(*pair, CAMERA, THETA + np.radians(off))
     assert distance_px(CAMERA, theta, THETA) < 0.1
     assert score > 0.97
@@ -54,7 +54,7 @@ def test_a_blur_draws_it_to_its_centroid_not_its_heavy_end(pair):
     assert distance_px(CAMERA, THETA, true) > 1.5
 
 
-def test_likeness_tells_right_from_wrong(pair):
+def test_likeness_distinguishes_right_from_wrong(pair):
     a, b = pair
     assert likeness(a, b, CAMERA, THETA) > 0.9
     assert likeness(a, b, CAMERA, THETA + np.radians([0, 4, 0])) < 0.3
@@ -70,7 +70,7 @@ def test_one_thing_in_common_is_not_enough():
     assert likeness(a, b, CAMERA, np.zeros(3)) < 0.55
 
 
-def test_nothing_is_seen_of_what_lies_far_away(pair):
+def test_photos_of_other_places_share_nothing(pair):
     far = np.radians([0, 80, 0])
     assert likeness(*pair, CAMERA, far) == 0
     theta, score = align(*pair, CAMERA, far)
@@ -78,9 +78,9 @@ def test_nothing_is_seen_of_what_lies_far_away(pair):
     assert np.array_equal(theta, far)
 
 
-def test_what_is_not_seen_is_filled(pair):
+def test_pixels_without_the_other_photo_are_filled(pair):
     a, b = pair
-    seen, mask = seen_in_frame(a, b, CAMERA, THETA)
+    moved_b, mask = seen_in_frame(a, b, CAMERA, THETA)
     assert 0.5 < mask.mean() < 1
-    assert np.array_equal(seen[~mask], a[~mask])
-    assert np.abs(seen - a)[mask].mean() < 0.1 * a.std()
+    assert np.array_equal(moved_b[~mask], a[~mask])
+    assert np.abs(moved_b - a)[mask].mean() < 0.1 * a.std()

@@ -67,8 +67,8 @@ def test_the_tones_and_the_noise_become_those_of_the_blurred_photo(pair):
     assert psnr(denoised, sharp) > psnr(factor, sharp) + 6
     assert psnr(denoised, sharp) > psnr(pixels, sharp) + 2
     np.testing.assert_allclose(pixels.mean((0, 1)), sharp.mean((0, 1)), rtol=0.03)
-    told = np.sqrt(photo.variance().mean())
-    assert 0.02 < told < 0.06  # more than there is: a camera leaves most of it near edges
+    deviation = np.sqrt(photo.variance().mean())
+    assert 0.02 < deviation < 0.06  # more than there is: a camera leaves most of it near edges
 
 
 def test_wrong_colours_give_way_to_those_of_the_blurred_photo(pair):
@@ -88,13 +88,13 @@ def test_wrong_colours_give_way_to_those_of_the_blurred_photo(pair):
 def test_a_grey_pair_passes_and_threads_do_not_change_a_byte(pair):
     blur, _, g, noisy = pair
     grey, dark = (np.ascontiguousarray(a[..., 1]) for a in (g, developed(noisy)))
-    found = [with_tones_of(grey, dark, STILL, blur, EVERYWHERE, threads=n) for n in (1, 3)]
-    assert found[0].pixels.shape == (1, HEIGHT, WIDTH)
-    assert found[0].denoised.tobytes() == found[1].denoised.tobytes()
+    photos = [with_tones_of(grey, dark, STILL, blur, EVERYWHERE, threads=n) for n in (1, 3)]
+    assert photos[0].pixels.shape == (1, HEIGHT, WIDTH)
+    assert photos[0].denoised.tobytes() == photos[1].denoised.tobytes()
 
 
 @pytest.mark.parametrize(("factor", "expected"), [(1.1, 1.1), (0.9, 0.9), (2.0, 1.25), (0.1, 0.8)])
-def test_the_factor_is_fitted_where_both_are_seen(factor, expected):
+def test_the_factor_is_fitted_where_both_are_usable(factor, expected):
     camera = Camera.from_focal(100.0, 40, 50)
     blur = ShakeBlur(RotationKernel.from_path([(0, -0.01, 0), (0, 0.01, 0)], camera))
     light = np.random.default_rng(0).random((40, 50)).astype(np.float32)

@@ -21,11 +21,11 @@ def test_means_come_out_as_without_clipping(channels):
     light = light if channels else light[..., 0]
     noise = rng.normal(0, SIGMA, light.shape)
     photo = np.clip(light + noise, 0, 1).astype(np.float32)
-    found = unclipped_mean(photo)
+    corrected = unclipped_mean(photo)
     for step in range(12):
         part = np.s_[20:-20, 40 * step + 12 : 40 * step + 28]
         before = abs(float(photo[part].mean() - light[part].mean()))
-        after = abs(float(found[part].mean() - light[part].mean()))
+        after = abs(float(corrected[part].mean() - light[part].mean()))
         assert after < max(0.2 * before, 0.004)
     assert abs(photo[:, :20].mean()) > 0.015  # there was something to do
 
@@ -51,9 +51,9 @@ def test_lamps_get_no_halo():
     for x in range(20, 120, 25):
         for y in range(20, 120, 25):
             cv2.circle(photo, (x, y), 4, 1.0, -1)
-    found = unclipped_mean(photo)
+    corrected = unclipped_mean(photo)
     dark = photo < 0.5
-    np.testing.assert_allclose(found[dark], photo[dark], atol=1e-6)
+    np.testing.assert_allclose(corrected[dark], photo[dark], atol=1e-6)
 
 
 def test_the_photo_is_left_alone():

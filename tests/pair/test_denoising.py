@@ -28,7 +28,7 @@ def test_takes_most_of_the_noise_off(lab, slope, floor):
     assert photo.variance().mean() == pytest.approx(slope * frame.mean() + floor, rel=0.4)
 
 
-def test_the_blurred_photo_stands_in_where_nothing_is_seen(lab):
+def test_the_blurred_photo_fills_missing_pixels(lab):
     _, g, f_N = pair(lab)
     valid = np.ones(lab.shape, np.float32)
     valid[:30] = 0
@@ -61,8 +61,8 @@ def test_display_values_are_denoised_by_noise_of_their_own(lab):
     noise = np.random.default_rng(3).normal(size=frame.shape)
     sigmas = np.array([0.02, 0.04, 0.06])[:, None, None]
     noisy = (frame + sigmas * noise).astype(np.float32)
-    denoised, found = denoised_tones(noisy)
-    np.testing.assert_allclose(found, sigmas.ravel(), rtol=0.25)
+    denoised, estimated_sigmas = denoised_tones(noisy)
+    np.testing.assert_allclose(estimated_sigmas, sigmas.ravel(), rtol=0.25)
     assert lab.psnr(denoised, frame) > lab.psnr(noisy, frame) + 3.5
 
 
@@ -70,8 +70,8 @@ def test_threads_do_not_change_a_byte(lab):
     _, g, f_N = pair(lab)
     ones = np.ones(lab.shape, np.float32)
     same = partial(noisy_photo, g, f_N, lambda image: (image, ones))
-    found = {same(threads=n)[0].denoised.tobytes() for n in (1, 3)}
-    assert len(found) == 1
+    results = {same(threads=n)[0].denoised.tobytes() for n in (1, 3)}
+    assert len(results) == 1
 
 
 @pytest.mark.parametrize("grey", [True, False])

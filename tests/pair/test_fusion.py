@@ -73,7 +73,7 @@ def test_what_moved_between_the_photos_is_as_in_the_noisy_one(lab, pair):
     assert cv2.GaussianBlur(worse, (0, 0), 4)[around].max() < 0.03**2
 
 
-def test_the_noisy_photo_tells_what_lies_over_the_border(lab):
+def test_the_noisy_photo_shows_the_scene_beyond_the_border(lab):
     sharp = lab.colours()
     g = lab.noisy(lab.shaken(lab.all_axes, sharp), 0.003)
     noise = np.random.default_rng(3).normal(0, 0.02, sharp.shape)
@@ -92,11 +92,13 @@ def test_where_the_noisy_photo_clipped_it_is_not_gone_by(lab, pair):
     frame, g, f_N, valid = pair(0.02)
     clipped = frame.max(-1) > 0.55
     low = np.where(clipped[..., None], np.minimum(f_N, 0.5), f_N)
-    told, untold = (
+    with_mask, without_mask = (
         fused_with(g, low, valid, lab.all_axes, noisy_clipped=mask).pixels
         for mask in (clipped, None)
     )
-    assert lab.psnr(told[clipped], frame[clipped]) > lab.psnr(untold[clipped], frame[clipped])
+    assert lab.psnr(with_mask[clipped], frame[clipped]) > lab.psnr(
+        without_mask[clipped], frame[clipped]
+    )
 
 
 def test_constant_photos_stay_constant(lab):
@@ -124,11 +126,11 @@ def test_the_smallest_photos_pass():
 
 def test_threads_do_not_change_a_byte(lab, pair):
     _, g, f_N, valid = pair(0.05)
-    found = {
+    results = {
         fused_with(g, f_N, valid, lab.all_axes, threads=n, iterations=2).pixels.tobytes()
         for n in (1, 4)
     }
-    assert len(found) == 1
+    assert len(results) == 1
 
 
 def test_the_photos_are_left_alone(lab, pair):
@@ -141,14 +143,16 @@ def test_the_photos_are_left_alone(lab, pair):
         np.testing.assert_array_equal(image, before)
 
 
-def test_tells_how_far_it_is(lab, pair):
+def test_progress_is_reported(lab, pair):
     _, g, f_N, valid = pair(0.05)
-    told = []
-    fused_with(g, f_N, valid, lab.all_axes, progress=lambda part, text: told.append((part, text)))
-    parts = [part for part, _ in told]
+    reports = []
+    fused_with(
+        g, f_N, valid, lab.all_axes, progress=lambda part, text: reports.append((part, text))
+    )
+    parts = [part for part, _ in reports]
     assert parts == sorted(parts)
     assert parts.count(1) == 1
-    assert told[-1] == (1, "deblurring, stage 10")
+    assert reports[-1] == (1, "deblurring, stage 10")
 
 
 def test_refuses_what_does_not_fit(lab, pair):
@@ -156,6 +160,6 @@ def test_refuses_what_does_not_fit(lab, pair):
     noisy = lab.noisy_photo(g, f_N, valid)
     grey = lab.noisy_photo(g[..., 0], f_N[..., 0], valid)
     wrong = ((g, grey, valid), (g, noisy, valid[1:]), (g[1:], noisy, valid))
-    for blurred, other, seen in wrong:
+    for blurred, other, valid_pixels in wrong:
         with pytest.raises(ValueError, match="does not fit"):
-            fuse(blurred, other, lab.all_axes, valid=seen)
+            fuse(blurred, other, lab.all_axes, valid=valid_pixels)

@@ -67,30 +67,30 @@ def camera():
 @pytest.mark.parametrize(("sigma", "least"), [(0.0, 0.97), (0.03, 0.96), (0.08, 0.93)])
 def test_a_known_kernel_is_recovered(photo, camera, sigma, least):
     g, f_reg, twins, truth = shaken(photo, camera, sigma=sigma)
-    found = estimate(g, f_reg, camera, noise=twins)
-    assert likeness(found.kernel, truth) > least
+    result = estimate(g, f_reg, camera, noise=twins)
+    assert likeness(result.kernel, truth) > least
     assert likeness(RotationKernel.delta(camera), truth) < 0.7
-    assert found.scale == pytest.approx(RATIO, rel=0.01)
-    assert found.confidence > 0.9
-    assert found.explained > 0.9
-    assert found.notes == []
+    assert result.scale == pytest.approx(RATIO, rel=0.01)
+    assert result.confidence > 0.9
+    assert result.explained > 0.9
+    assert result.notes == []
 
 
 def test_what_registration_left_is_in_the_kernel(photo, camera):
     g, f_reg, twins, truth = shaken(photo, camera, sigma=0.02, offset=(2, -1.5, 1))
-    found = estimate(g, f_reg, camera, noise=twins)
-    assert likeness(found.kernel, truth) > 0.96
-    off = (found.kernel.centroid - truth.centroid) / grid_steps(camera)
+    result = estimate(g, f_reg, camera, noise=twins)
+    assert likeness(result.kernel, truth) > 0.96
+    off = (result.kernel.centroid - truth.centroid) / grid_steps(camera)
     assert np.abs(off).max() < 0.4
 
 
 def test_uniform_blur_by_translations(photo):
     camera = Camera.uniform(*SHAPE)
     g, f_reg, twins, truth = shaken(photo, camera, PATH * [1, 1, 0], sigma=0.03)
-    found = estimate(g, f_reg, Camera.from_focal(200.0, *SHAPE), uniform=True, noise=twins)
-    assert found.kernel.camera.is_uniform
-    assert np.all(found.kernel.theta[:, 2] == 0)
-    assert likeness(found.kernel, truth) > 0.97
+    result = estimate(g, f_reg, Camera.from_focal(200.0, *SHAPE), uniform=True, noise=twins)
+    assert result.kernel.camera.is_uniform
+    assert np.all(result.kernel.theta[:, 2] == 0)
+    assert likeness(result.kernel, truth) > 0.97
 
 
 def test_noise_spreads_the_kernel_unless_its_twin_is_taken_off(photo, camera):
@@ -107,55 +107,55 @@ def test_colours_clipped_lights_and_unknown_parts(photo, camera):
     valid = np.ones(SHAPE, bool)
     valid[:, :30] = False
     f_reg[:, :30] = 0.5
-    found = estimate_pair_kernel(g, f_reg, valid, camera, blur_size=14, noise=twins, threads=1)
-    assert likeness(found.kernel, truth) > 0.95
-    assert found.scale == pytest.approx(RATIO, rel=0.02)
+    result = estimate_pair_kernel(g, f_reg, valid, camera, blur_size=14, noise=twins, threads=1)
+    assert likeness(result.kernel, truth) > 0.95
+    assert result.scale == pytest.approx(RATIO, rel=0.02)
 
 
 def test_the_size_of_the_blur_need_not_be_known(photo, camera):
     g, f_reg, twins, truth = shaken(photo, camera, sigma=0.02)
-    found = estimate(g, f_reg, camera, noise=twins, blur_size=None)
-    assert likeness(found.kernel, truth) > 0.95
+    result = estimate(g, f_reg, camera, noise=twins, blur_size=None)
+    assert likeness(result.kernel, truth) > 0.95
 
 
 def test_a_bound_that_is_too_small_is_said(photo, camera):
     g, f_reg, twins, _ = shaken(photo, camera, 3 * PATH, sigma=0.0)
-    found = estimate(g, f_reg, camera, noise=twins, blur_size=3)
-    assert "the kernel touches its bounds: try a larger --blur-size" in found.notes
+    result = estimate(g, f_reg, camera, noise=twins, blur_size=3)
+    assert "the kernel touches its bounds: try a larger --blur-size" in result.notes
 
 
 def test_a_camera_that_stood_still(photo, camera):
     g, f_reg, twins, _ = shaken(photo, camera, 0 * PATH, sigma=0.02)
-    found = estimate(g, f_reg, camera, noise=twins)
-    assert found.kernel.extent_px() < 2.5
-    assert "no shake was found: the kernel is a single point" in found.notes
+    result = estimate(g, f_reg, camera, noise=twins)
+    assert result.kernel.extent_px() < 2.5
+    assert "no shake was found: the kernel is a single point" in result.notes
 
 
 def test_photos_of_two_scenes_are_not_believed(photo, camera):
     g, _, _, _ = shaken(photo, camera)
     _, f_reg, twins, _ = shaken(np.ascontiguousarray(photo[::-1, ::-1]), camera, sigma=0.02)
-    found = estimate(g, f_reg, camera, noise=twins)
-    assert found.confidence < 0.2
-    assert found.unexplained > 0.4
+    result = estimate(g, f_reg, camera, noise=twins)
+    assert result.confidence < 0.2
+    assert result.unexplained > 0.4
 
 
 def test_threads_change_no_byte_and_progress_rises(photo, camera):
     g, f_reg, twins, _ = shaken(photo, camera, sigma=0.05)
-    told = []
-    found = [
+    shares = []
+    results = [
         estimate(
             g,
             f_reg,
             camera,
             noise=twins,
             threads=threads,
-            progress=lambda share, _text: told.append(share),
+            progress=lambda share, _text: shares.append(share),
         )
         for threads in (1, 3)
     ]
-    assert found[0].kernel.weights.tobytes() == found[1].kernel.weights.tobytes()
-    assert found[0].scale == found[1].scale
-    half = told[: len(told) // 2]
+    assert results[0].kernel.weights.tobytes() == results[1].kernel.weights.tobytes()
+    assert results[0].scale == results[1].scale
+    half = shares[: len(shares) // 2]
     assert half == sorted(half)
     assert half[0] == 0
     assert half[-1] == 1
@@ -165,10 +165,10 @@ def test_large_photos_are_worked_on_where_the_blur_is_wide_enough(photo, camera,
     monkeypatch.setattr("deshake.pair.kernel_estimate._ENOUGH_BLUR", 12.0)
     monkeypatch.setattr("deshake.pair.kernel_estimate._FINE_SIDE", 50)
     g, f_reg, twins, truth = shaken(photo, camera, 2 * PATH, sigma=0.02)
-    found = estimate(g, f_reg, camera, noise=twins, blur_size=30)
-    assert (found.scales[-1].height, found.scales[-1].width) < SHAPE
-    assert found.kernel.camera.shape == SHAPE
-    assert likeness(found.kernel, truth) > 0.85
+    result = estimate(g, f_reg, camera, noise=twins, blur_size=30)
+    assert (result.scales[-1].height, result.scales[-1].width) < SHAPE
+    assert result.kernel.camera.shape == SHAPE
+    assert likeness(result.kernel, truth) > 0.85
 
 
 @pytest.mark.parametrize(
@@ -193,8 +193,8 @@ def test_narrow_photos_have_bounds_that_fit(photo):
     rows = slice(50, 98)
     wide = [np.tile(picture[rows], (1, 5)) for picture in (g, f_reg)]
     camera = narrow.cropped(-440, 0, 1100, 48)
-    found = estimate_pair_kernel(*wide, np.ones((48, 1100)), camera, threads=1)
-    assert found.kernel.extent_px() < 3
+    result = estimate_pair_kernel(*wide, np.ones((48, 1100)), camera, threads=1)
+    assert result.kernel.extent_px() < 3
 
 
 def test_a_black_noisy_photo_is_no_pair(photo, camera):
@@ -215,11 +215,11 @@ def test_sizes_must_agree(photo, camera):
 def test_the_frame_is_that_of_the_registered_photo(photo, camera):
     """What the kernel says of f_reg is g, pixel by pixel."""
     g, f_reg, _, _ = shaken(photo, camera, offset=(1, 2, -1))
-    found = estimate(g, f_reg, camera)
-    used = found.kernel
-    model = Warps(camera, used.theta, margin=0).blur(f_reg, used.weights) * found.scale
+    result = estimate(g, f_reg, camera)
+    used = result.kernel
+    model = Warps(camera, used.theta, margin=0).blur(f_reg, used.weights) * result.scale
     inside = np.s_[16:-16, 16:-16]
-    before = np.square(f_reg * found.scale - g)[inside].mean()
+    before = np.square(f_reg * result.scale - g)[inside].mean()
     assert np.square(model - g)[inside].mean() < 0.01 * before
 
 
@@ -229,5 +229,5 @@ def test_points_of_the_frame_move_as_homographies_say(camera):
     moved = kernel.displacements(camera.corners)[:, 0]
     assert np.all(np.abs(moved[:, 0]) > 8)
     h = homographies(camera, kernel.theta)[0]
-    seen = h @ [*camera.corners[4], 1]
-    np.testing.assert_allclose(seen[:2] / seen[2] - camera.corners[4], moved[4])
+    moved_corner = h @ [*camera.corners[4], 1]
+    np.testing.assert_allclose(moved_corner[:2] / moved_corner[2] - camera.corners[4], moved[4])

@@ -19,7 +19,7 @@ def light():
     return np.stack([0.3 + 4 * (plane - 0.5) * 0.3 for plane in planes]).astype(np.float32)
 
 
-def test_gains_and_offsets_that_change_slowly_are_found(light):
+def test_gains_and_offsets_that_change_slowly_are_fitted(light):
     across = np.linspace(0, 1, SHAPE[1], dtype=np.float32)
     gain, offset = 0.7 + 0.6 * across, 0.1 * across
     g = np.moveaxis(gain * light + offset, 0, -1)
@@ -53,7 +53,7 @@ def test_detail_that_the_noisy_photo_lost_is_not_taken_from_it(light):
     assert np.median(trust[:, 150:]) < 0.1
 
 
-def test_wrong_colours_are_told_from_wrong_lightness(light):
+def test_wrong_colours_are_distinguished_from_wrong_lightness(light):
     g = np.moveaxis(light, 0, -1)
     assert wrong_colours(g, 0.8 * light, EVERYWHERE, REACH) < 0.2
     assert wrong_colours(g, np.repeat(light[:1], 3, 0), EVERYWHERE, REACH) > 0.5

@@ -28,25 +28,25 @@ def pictures(**changes):
 def test_grey_is_the_mean_whose_noise_is_the_least():
     rng = np.random.default_rng(0)
     noise = rng.normal(size=(*SHAPE, 3)).astype(np.float32)
-    found = pictures(noise=iter([noise]))
-    np.testing.assert_allclose(found.noise[0], noise.mean(-1), atol=1e-6)
-    assert found.noise[0].std() == pytest.approx(3**-0.5, rel=0.03)
+    reduced = pictures(noise=iter([noise]))
+    np.testing.assert_allclose(reduced.noise[0], noise.mean(-1), atol=1e-6)
+    assert reduced.noise[0].std() == pytest.approx(3**-0.5, rel=0.03)
 
 
 def test_large_photos_are_reduced():
     g = np.zeros((40, 3200), np.float32)
-    found = PairPictures.of(g, g, np.ones(g.shape), [g])
-    assert found.g.shape == found.f.shape == found.noise[0].shape == (20, 1600)
-    half = found.at((10, 800))
+    reduced = PairPictures.of(g, g, np.ones(g.shape), [g])
+    assert reduced.g.shape == reduced.f.shape == reduced.noise[0].shape == (20, 1600)
+    half = reduced.at((10, 800))
     assert half.g.shape == half.known.shape == half.clipped.shape == (10, 800)
 
 
 def test_any_clipped_colour_counts():
     g = np.full((*SHAPE, 3), 0.5, np.float32)
     g[30, 40, 1] = 1
-    found = pictures(g=g)
-    assert found.clipped[30, 40] == 1
-    assert found.clipped.sum() == 1
+    reduced = pictures(g=g)
+    assert reduced.clipped[30, 40] == 1
+    assert reduced.clipped.sum() == 1
 
 
 def test_derivatives_are_linear_and_of_unit_slope():
@@ -115,15 +115,15 @@ def test_what_cannot_be_drawn_is_said(image, count, what):
         drawn_pixels(derivatives(image), usable, 0)
 
 
-def test_noise_that_is_stronger_than_told_shows_where_the_photo_is_flat():
+def test_stronger_noise_is_measured_where_the_photo_is_flat():
     rng = np.random.default_rng(4)
     g = np.repeat(np.linspace(0.1, 0.8, 6), 20)[None] * np.ones((*SHAPE[:1], 1))
-    drawn, seen = rng.normal(size=(2, *SHAPE))
+    drawn, true_noise = rng.normal(size=(2, *SHAPE))
     for strength, excess in ((1.0, 1.0), (2.0, 4.0), (0.5, 1.0)):
-        noisy = g + 0.02 * strength * seen
+        noisy = g + 0.02 * strength * true_noise
         case = {"g": g, "f_reg": noisy, "noise": [0.02 * drawn]}
-        found = noise_excess(pictures(**{k: to_floats(v) for k, v in case.items()}))
-        assert found == pytest.approx(excess, rel=0.25)
+        ratio = noise_excess(pictures(**{k: to_floats(v) for k, v in case.items()}))
+        assert ratio == pytest.approx(excess, rel=0.25)
     assert noise_excess(pictures()) == 1
 
 

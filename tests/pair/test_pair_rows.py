@@ -84,14 +84,14 @@ def test_bands_and_threads_change_nothing(monkeypatch):
     theta, at = rotations(30), places(8 * ROW_BLOCK)
     f, g, noise = pictures(2, 1), pictures(2, 2), [pictures(2, 3), pictures(2, 4)]
     w = np.random.default_rng(3).dirichlet(np.ones(30))
-    found = []
+    results = []
     for entries, threads in ((4_000_000, 1), (20_000, 1), (20_000, 3)):
         monkeypatch.setattr("deshake.pair.pair_rows._ENTRIES", entries)
         rows = PairRows(CAMERA, theta, f, g, at, noise=noise, threads=threads)
-        found.append((rows.right, rows.gram(np.arange(30)), rows.slope(w)))
-    for one, other in zip(found[0], found[1], strict=True):
+        results.append((rows.right, rows.gram(np.arange(30)), rows.slope(w)))
+    for one, other in zip(results[0], results[1], strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-5)
-    for one, other in zip(found[1], found[2], strict=True):
+    for one, other in zip(results[1], results[2], strict=True):
         np.testing.assert_array_equal(one, other)
 
 

@@ -46,11 +46,11 @@ def test_a_wrong_kernel_shows_in_the_variance(lab, pair):
 
 def test_the_error_of_denoising_is_least_where_the_scene_is_even(pair):
     frame, _, noisy = pair
-    told = denoising_error(noisy)
+    error = denoising_error(noisy)
     true = np.square(noisy.denoised - np.moveaxis(frame, -1, 0)).mean(0)
-    calm = told <= np.quantile(told, 0.3)
-    assert true[calm].mean() < 0.7 * true[told > np.quantile(told, 0.9)].mean()
-    assert told.min() >= 0.3 - 1e-6
+    calm = error <= np.quantile(error, 0.3)
+    assert true[calm].mean() < 0.7 * true[error > np.quantile(error, 0.9)].mean()
+    assert error.min() >= 0.3 - 1e-6
 
 
 def test_photos_that_show_the_same_agree(pair):

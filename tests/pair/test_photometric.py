@@ -32,8 +32,8 @@ def test_the_ratio_does_not_follow_clipped_lights(light):
 
 @pytest.mark.parametrize("ratio", [0.5, 2.0, 64.0])
 def test_the_scale_is_exact_without_blur(light, ratio):
-    found = photometric_scale(light, light / np.float32(ratio), everywhere(light))
-    assert found == pytest.approx(ratio, rel=1e-4)
+    scale = photometric_scale(light, light / np.float32(ratio), everywhere(light))
+    assert scale == pytest.approx(ratio, rel=1e-4)
 
 
 def test_neither_blur_nor_noise_nor_a_stranger_moves_the_scale_much(light):
@@ -62,11 +62,11 @@ def curve(x):
     return np.clip(0.9 * (x * x * (3 - 2 * x)) + 0.05, 0, 1)
 
 
-def test_a_curve_is_found(light):
-    [found] = tone_curves(light, curve(light).astype(np.float32), everywhere(light))
+def test_a_curve_is_fitted(light):
+    [fitted] = tone_curves(light, curve(light).astype(np.float32), everywhere(light))
     x = np.linspace(*np.quantile(light, [0.1, 0.9]), 50).astype(np.float32)
-    assert np.abs(found(x) - curve(x)).max() < 0.02
-    assert np.abs(found.slope(x) - 0.9 * 6 * x * (1 - x)).max() < 0.3
+    assert np.abs(fitted(x) - curve(x)).max() < 0.02
+    assert np.abs(fitted.slope(x) - 0.9 * 6 * x * (1 - x)).max() < 0.3
 
 
 def test_blur_bends_a_curve_less_where_both_are_smoothed_or_blurred(light):
@@ -75,8 +75,8 @@ def test_blur_bends_a_curve_less_where_both_are_smoothed_or_blurred(light):
     x = np.linspace(*np.quantile(blurred, [0.1, 0.9]), 50).astype(np.float32)
 
     def misfit(f, smooth_px):
-        [found] = tone_curves(f.astype(np.float32), blurred, everywhere(f), smooth_px=smooth_px)
-        return np.abs(found(x) - x).max()
+        [fitted] = tone_curves(f.astype(np.float32), blurred, everywhere(f), smooth_px=smooth_px)
+        return np.abs(fitted(x) - x).max()
 
     assert misfit(fine, 4) < 0.5 * misfit(fine, 0.5)
     assert misfit(blurred, 1.5) < 0.01
@@ -85,47 +85,47 @@ def test_blur_bends_a_curve_less_where_both_are_smoothed_or_blurred(light):
 def test_each_channel_has_its_own(light):
     f = np.stack([light, light, light], -1)
     g = f * np.array([1.0, 0.5, 0.25], np.float32)
-    slopes = [float(found.slope(np.float32(0.4))) for found in tone_curves(f, g, everywhere(f))]
+    slopes = [float(fitted.slope(np.float32(0.4))) for fitted in tone_curves(f, g, everywhere(f))]
     assert slopes == pytest.approx([1, 0.5, 0.25], rel=0.05)
 
 
 def test_curves_rise_whatever_the_data(light):
     for g in (1 - light, np.random.default_rng(1).random(light.shape, np.float32), light):
-        [found] = tone_curves(light, g.astype(np.float32), everywhere(light))
-        assert np.diff(found.values).min() >= 0
-        assert np.isfinite(found.values).all()
-    assert np.diff(found.values).min() > 0
+        [fitted] = tone_curves(light, g.astype(np.float32), everywhere(light))
+        assert np.diff(fitted.values).min() >= 0
+        assert np.isfinite(fitted.values).all()
+    assert np.diff(fitted.values).min() > 0
 
 
 def test_curves_go_on_straight():
-    found = ToneCurve(np.array([0.0, 0.5, 1.0]), np.array([0.0, 0.2, 1.0]))
+    fitted = ToneCurve(np.array([0.0, 0.5, 1.0]), np.array([0.0, 0.2, 1.0]))
     x = np.array([[-1, -0.5], [0.25, 2]], np.float32)
-    assert found(x) == pytest.approx(np.array([[-0.4, -0.2], [0.1, 2.6]]), abs=1e-6)
-    assert found.slope(x)[0] == pytest.approx([0.4, 0.4])
-    assert found.slope(x)[1, 1] == pytest.approx(1.6)
-    assert found(x).dtype == found.slope(x).dtype == np.float32
+    assert fitted(x) == pytest.approx(np.array([[-0.4, -0.2], [0.1, 2.6]]), abs=1e-6)
+    assert fitted.slope(x)[0] == pytest.approx([0.4, 0.4])
+    assert fitted.slope(x)[1, 1] == pytest.approx(1.6)
+    assert fitted(x).dtype == fitted.slope(x).dtype == np.float32
 
 
 def test_the_inverse_takes_values_back():
     x = np.linspace(0, 1, 101)
-    found = ToneCurve(x, 0.2 + 0.5 * x**2 + 0.1 * x)
+    fitted = ToneCurve(x, 0.2 + 0.5 * x**2 + 0.1 * x)
     f = np.array([[0.1, 0.55], [0.9, 1.0]], np.float32)
-    assert found.inverse(found(f)) == pytest.approx(f, abs=1e-5)
-    assert found.inverse(np.float32(0.1)) == 0
+    assert fitted.inverse(fitted(f)) == pytest.approx(f, abs=1e-5)
+    assert fitted.inverse(np.float32(0.1)) == 0
 
 
 def test_noise_on_the_curve_has_no_bias():
     x = np.linspace(0, 1, 101)
-    found = ToneCurve(x, x**3)
+    fitted = ToneCurve(x, x**3)
     rng = np.random.default_rng(5)
     clean = np.full((400, 400), 0.3, np.float32)
     noisy = clean + rng.normal(0, 0.15, clean.shape).astype(np.float32)
     truth = 0.3**3
-    assert found.matched(noisy, clean).mean() == pytest.approx(truth, abs=2e-3)
-    assert found(noisy).mean() > truth + 0.01
+    assert fitted.matched(noisy, clean).mean() == pytest.approx(truth, abs=2e-3)
+    assert fitted(noisy).mean() > truth + 0.01
 
 
-def test_what_tells_no_curve_is_refused(light):
+def test_photos_without_a_curve_are_refused(light):
     with pytest.raises(EstimationError, match="too few pixels"):
         tone_curves(light, light, np.zeros(light.shape, bool))
     with pytest.raises(EstimationError, match="too few pixels"):

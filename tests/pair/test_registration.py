@@ -28,7 +28,7 @@ def light(name="coffee"):
     return small**2.2
 
 
-def seen(scene, theta, camera=CAMERA):
+def exposure_at(scene, theta, camera=CAMERA):
     [h] = homographies(camera, np.asarray(theta, float)[None])
     into = np.array([[1, 0, MARGIN], [0, 1, MARGIN], [0, 0, 1.0]])
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
@@ -39,14 +39,14 @@ def shaken(scene, blur_px, seed=1):
     path = random_path(CAMERA, blur_px, seed=seed).centred(CAMERA)
     theta, weights = path.pieces(CAMERA)
     return sum(
-        np.float32(w) * seen(scene, t) for t, w in zip(theta[::3], weights[::3], strict=True)
+        np.float32(w) * exposure_at(scene, t) for t, w in zip(theta[::3], weights[::3], strict=True)
     ) / np.float32(weights[::3].sum())
 
 
 def short(scene, theta, ratio, sigma, seed=2):
     """A short exposure as 8 bits of sRGB hold it."""
     rng = np.random.default_rng(seed)
-    exposed = seen(scene, theta) + rng.normal(0, sigma, (HEIGHT, WIDTH))
+    exposed = exposure_at(scene, theta) + rng.normal(0, sigma, (HEIGHT, WIDTH))
     codes = np.rint(255 * np.clip(exposed / ratio, 0, 1) ** (1 / 2.2))
     return ((codes / 255) ** 2.2).astype(np.float32)
 
@@ -61,23 +61,25 @@ def short(scene, theta, ratio, sigma, seed=2):
         ((1, 1, 1), 4, 0.316, 18),
     ],
 )
-def test_the_rotation_and_the_exposure_are_found(degrees, ratio, sigma, blur):
+def test_the_rotation_and_the_exposure_are_estimated(degrees, ratio, sigma, blur):
     scene, theta = light(), np.radians(degrees)
-    found = register(shaken(scene, blur), short(scene, theta, ratio, sigma), CAMERA, threads=1)
-    assert distance_px(CAMERA, found.theta, theta) < max(0.08 * blur, 0.8)
-    assert found.scale == pytest.approx(ratio, rel=0.25 if sigma > 0.2 else 0.08)
-    assert found.confidence > 0.9
+    registration = register(
+        shaken(scene, blur), short(scene, theta, ratio, sigma), CAMERA, threads=1
+    )
+    assert distance_px(CAMERA, registration.theta, theta) < max(0.08 * blur, 0.8)
+    assert registration.scale == pytest.approx(ratio, rel=0.25 if sigma > 0.2 else 0.08)
+    assert registration.confidence > 0.9
 
 
-def test_what_is_found_brings_the_two_together():
+def test_the_registered_photo_matches_the_blurred_one():
     scene, theta = light("astronaut"), np.radians([2, -4, 3])
     noisy = short(scene, theta, 8, 0.02)
-    found = register(shaken(scene, 10), noisy, CAMERA, threads=1)
-    f_reg, valid = registered(noisy, found)
+    registration = register(shaken(scene, 10), noisy, CAMERA, threads=1)
+    f_reg, valid = registered(noisy, registration)
     inside = cv2.erode(valid, np.ones((9, 9))) > 0
-    error = (found.scale * f_reg - seen(scene, np.zeros(3)))[inside]
+    error = (registration.scale * f_reg - exposure_at(scene, np.zeros(3)))[inside]
     assert np.sqrt(np.mean(error**2)) < 0.05
-    before = (8 * noisy - seen(scene, np.zeros(3)))[inside]
+    before = (8 * noisy - exposure_at(scene, np.zeros(3)))[inside]
     assert np.sqrt(np.mean(before**2)) > 0.15
 
 
@@ -85,10 +87,10 @@ def test_what_is_found_brings_the_two_together():
 def test_a_focal_length_that_is_wrong_by_a_fifth_does_not_upset_it(factor):
     scene, theta = light(), np.radians([2, -3, 2])
     wrong = Camera.from_focal(320 * factor, HEIGHT, WIDTH)
-    found = register(shaken(scene, 14), short(scene, theta, 8, 0.05), wrong, threads=1)
+    registration = register(shaken(scene, 14), short(scene, theta, 8, 0.05), wrong, threads=1)
     middle = np.array([[(WIDTH - 1) / 2, (HEIGHT - 1) / 2, 1.0]]).T
     places = []
-    for camera, turned in ((CAMERA, theta), (wrong, found.theta)):
+    for camera, turned in ((CAMERA, theta), (wrong, registration.theta)):
         x = homographies(camera, -turned) @ middle
         places.append(x[:2, 0] / x[2, 0])
     assert np.hypot(*(places[0] - places[1])) < 3
@@ -101,12 +103,12 @@ def test_a_photo_turned_and_resized_is_registered_all_the_same(turns, size):
     upright = short(scene, theta, 4, 0.02)
     resized = cv2.resize(upright, None, fx=size, fy=size, interpolation=cv2.INTER_AREA)
     stored = np.ascontiguousarray(np.rot90(resized, -turns))
-    found = register(shaken(scene, 8), stored, CAMERA, threads=1)
-    assert abs(abs(np.degrees(found.theta[2])) - 90) < 3
-    f_reg, valid = registered(stored, found)
+    registration = register(shaken(scene, 8), stored, CAMERA, threads=1)
+    assert abs(abs(np.degrees(registration.theta[2])) - 90) < 3
+    f_reg, valid = registered(stored, registration)
     inside = cv2.erode(valid, np.ones((9, 9))) > 0
     assert inside.mean() > 0.8
-    truth = seen(scene, np.zeros(3))[inside]
+    truth = exposure_at(scene, np.zeros(3))[inside]
     assert np.corrcoef(f_reg[inside], truth)[0, 1] > 0.97
 
 
@@ -128,16 +130,16 @@ def test_a_mirrored_photo_of_a_symmetric_scene_is_refused():
         register(g, f_N[:, ::-1], CAMERA, threads=1)
 
 
-def test_a_scene_beyond_the_range_is_refused_and_found_with_a_wider_one():
+def test_a_scene_beyond_the_range_needs_a_wider_range():
     scene, theta = light(), np.radians([0, 13, 0])
     pair = shaken(scene, 10), short(scene, theta, 8, 0.03)
     with pytest.raises(EstimationError, match="same scene"):
         register(*pair, CAMERA, max_angle=np.radians(4), threads=1)
-    found = register(*pair, CAMERA, max_angle=np.radians(14), threads=1)
-    assert distance_px(CAMERA, found.theta, theta) < 2
+    registration = register(*pair, CAMERA, max_angle=np.radians(14), threads=1)
+    assert distance_px(CAMERA, registration.theta, theta) < 2
 
 
-def test_black_photos_and_wrong_cameras_are_told():
+def test_black_photos_and_wrong_cameras_are_refused():
     g = shaken(light(), 8)
     with pytest.raises(EstimationError, match="shows nothing"):
         register(g, np.zeros_like(g), CAMERA, threads=1)
@@ -145,16 +147,16 @@ def test_black_photos_and_wrong_cameras_are_told():
         register(g, g, Camera.from_focal(320, WIDTH, HEIGHT), threads=1)
 
 
-def test_threads_change_nothing_and_progress_is_told():
-    scene, told = light(), []
+def test_threads_change_nothing_and_progress_is_reported():
+    scene, shares = light(), []
     pair = shaken(scene, 8), short(scene, np.radians([1, 1, 1]), 8, 0.05)
     one, other = (
-        register(*pair, CAMERA, threads=n, progress=lambda share, _: told.append(share))
+        register(*pair, CAMERA, threads=n, progress=lambda share, _: shares.append(share))
         for n in (1, 3)
     )
     assert np.array_equal(one.theta, other.theta)
     assert one.scale == other.scale
-    assert max(told) == 1
+    assert max(shares) == 1
 
 
 def still(camera=CAMERA):
@@ -191,9 +193,9 @@ def test_it_is_linear_and_the_same_in_every_tile():
 def test_detail_survives_the_resampling():
     scene, theta = light(), np.radians([1, 2, 3])
     where = Registration(theta, 1.0, 1.0, CAMERA)
-    f_reg, valid = registered(seen(scene, theta), where)
+    f_reg, valid = registered(exposure_at(scene, theta), where)
     inside = cv2.erode(valid, np.ones((9, 9))) > 0
-    error = (f_reg - seen(scene, np.zeros(3)))[inside]
+    error = (f_reg - exposure_at(scene, np.zeros(3)))[inside]
     assert np.sqrt(np.mean(error**2)) < 0.03
 
 

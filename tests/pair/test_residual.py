@@ -37,10 +37,10 @@ def test_improves_on_the_denoised_photo(lab, pair):
     frame, g, noisy = pair
     plain = residual_richardson_lucy(g, noisy, lab.all_axes, gain=False)
     full = residual_richardson_lucy(g, noisy, lab.all_axes)
-    for found in (plain, full):
-        assert lab.psnr(found.pixels, frame) > lab.psnr(image_of(noisy), frame) + 1
-        assert found.pixels.min() >= 0
-        assert 1 <= found.iterations <= 20
+    for restored in (plain, full):
+        assert lab.psnr(restored.pixels, frame) > lab.psnr(image_of(noisy), frame) + 1
+        assert restored.pixels.min() >= 0
+        assert 1 <= restored.iterations <= 20
 
 
 @pytest.mark.parametrize("sigma", [0.005, 0.02, 0.05])
@@ -70,9 +70,9 @@ def test_what_moved_is_left_as_the_denoised_photo_has_it(lab, pair):
     _, g, noisy = pair
     moved = g.copy()
     moved[40:90, 60:120] = 0.95
-    found = residual_richardson_lucy(moved, noisy, lab.all_axes).pixels
+    result = residual_richardson_lucy(moved, noisy, lab.all_axes).pixels
     part = np.s_[55:75, 80:100]
-    assert np.abs(found - image_of(noisy))[part].mean() < 0.03
+    assert np.abs(result - image_of(noisy))[part].mean() < 0.03
 
 
 def test_what_is_explained_already_stays(lab, pair):
@@ -82,9 +82,9 @@ def test_what_is_explained_already_stays(lab, pair):
     g = ShakeBlur(lab.all_axes).forward(around)
     planes = np.moveaxis(frame, -1, 0)
     noisy = NoisyPhoto(planes, planes, 0.0, 1e-4)
-    found = residual_richardson_lucy(g, noisy, lab.all_axes, gain=False, iterations=5)
-    np.testing.assert_allclose(found.pixels, frame, atol=1e-4)
-    assert found.residual < 1e-4
+    result = residual_richardson_lucy(g, noisy, lab.all_axes, gain=False, iterations=5)
+    np.testing.assert_allclose(result.pixels, frame, atol=1e-4)
+    assert result.residual < 1e-4
 
 
 def test_every_iteration_explains_more(lab, pair):
@@ -92,10 +92,10 @@ def test_every_iteration_explains_more(lab, pair):
     one, start = g[..., 0], grey(noisy)
 
     def divergence(iterations):
-        found = residual_richardson_lucy(
+        result = residual_richardson_lucy(
             one, start, lab.all_axes, gain=False, iterations=iterations
         )
-        return found.residual
+        return result.residual
 
     falls = [divergence(n) for n in (1, 2, 4, 8, 16)]
     assert all(a > b for a, b in pairwise(falls))
@@ -125,10 +125,10 @@ def test_bilateral_means_keep_the_guides_edges():
     guide = np.zeros((60, 60), np.float32)
     guide[:, 30:] = 1
     image = guide + rng.normal(0, 0.1, guide.shape).astype(np.float32)
-    found = joint_bilateral(image, guide)
-    assert found[:, 28:30].mean() < 0.05
-    assert found[:, 30:32].mean() > 0.95
-    assert found[:, :28].std() < 0.4 * image[:, :28].std()
+    averaged = joint_bilateral(image, guide)
+    assert averaged[:, 28:30].mean() < 0.05
+    assert averaged[:, 30:32].mean() > 0.95
+    assert averaged[:, :28].std() < 0.4 * image[:, :28].std()
     np.testing.assert_allclose(joint_bilateral(guide, guide), guide, atol=1e-6)
 
 
@@ -139,15 +139,15 @@ def test_bands_do_not_show(monkeypatch):
     np.testing.assert_allclose(joint_bilateral(image, image), whole, atol=1e-6)
 
 
-def test_tells_how_far_it_is(lab, pair):
+def test_progress_is_reported(lab, pair):
     _, g, noisy = pair
-    told = []
+    shares = []
     residual_richardson_lucy(
-        g, noisy, lab.all_axes, iterations=2, progress=lambda part, _: told.append(part)
+        g, noisy, lab.all_axes, iterations=2, progress=lambda part, _: shares.append(part)
     )
-    assert told == sorted(told)
-    assert len(told) == 12
-    assert told[-1] == 1
+    assert shares == sorted(shares)
+    assert len(shares) == 12
+    assert shares[-1] == 1
 
 
 def test_refuses_what_does_not_fit(lab, pair):

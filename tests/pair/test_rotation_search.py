@@ -20,17 +20,17 @@ def texture(seed=0, sigma=1.5):
 @pytest.mark.parametrize(
     "degrees", [(0, 0, 0), (6, -3, 2), (-2, 9, -9), (9, 0, 0), (0, 0, 9.5), (-7, -7, 7)]
 )
-def test_the_rotation_is_found_to_about_a_pixel(focal, degrees):
+def test_the_rotation_is_right_to_about_a_pixel(focal, degrees):
     camera = Camera.from_focal(focal, *SHAPE)
     theta = np.radians(degrees) * min(1, 90 / focal)
     a = texture()
     b = turn(a[None], camera, theta)[0]  # a(x) = b(H^-1 x)
-    found = exhaustive_search(a, b, camera, np.radians(10), threads=1)[0]
-    assert distance_px(camera, found.theta, theta) < 1.6
-    assert found.score > 0.75
+    best = exhaustive_search(a, b, camera, np.radians(10), threads=1)[0]
+    assert distance_px(camera, best.theta, theta) < 1.6
+    assert best.score > 0.75
 
 
-def test_what_lies_beyond_the_range_is_not_found():
+def test_rotations_beyond_the_range_score_low():
     camera = Camera.from_focal(64, *SHAPE)
     theta = np.radians([0, 8, 0])
     a = texture()
@@ -42,22 +42,22 @@ def test_what_lies_beyond_the_range_is_not_found():
 
 def test_unlike_pictures_score_low():
     camera = Camera.from_focal(64, *SHAPE)
-    found = exhaustive_search(texture(1), texture(2), camera, np.radians(5), threads=1)
-    assert found[0].score < 0.4
+    candidates = exhaustive_search(texture(1), texture(2), camera, np.radians(5), threads=1)
+    assert candidates[0].score < 0.4
 
 
 def test_threads_change_nothing_and_progress_ends_at_one():
-    camera, told = Camera.from_focal(64, *SHAPE), []
+    camera, shares = Camera.from_focal(64, *SHAPE), []
     runs = [
         exhaustive_search(
-            texture(1), texture(2), camera, np.radians(5), threads=n, progress=told.append
+            texture(1), texture(2), camera, np.radians(5), threads=n, progress=shares.append
         )
         for n in (1, 3)
     ]
     one, other = ([(*c.theta, c.score) for c in run] for run in runs)
     assert one == other
-    assert told[-1] == 1
-    assert told[: len(told) // 2] == sorted(told[: len(told) // 2])
+    assert shares[-1] == 1
+    assert shares[: len(shares) // 2] == sorted(shares[: len(shares) // 2])
 
 
 def test_distinct_candidates_keep_their_distance():

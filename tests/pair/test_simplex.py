@@ -48,7 +48,7 @@ class Parts:
 def test_the_minimum_is_that_of_a_general_solver(count, rows):
     gram, right = problem(count, rows=rows, seed=count)
     gram += 1e-3 * np.eye(count)
-    found = pairwise_descent(gram, right, np.full(count, 1 / count))
+    weights = pairwise_descent(gram, right, np.full(count, 1 / count))
     other = minimize(
         lambda w: value(gram, right, w),
         np.full(count, 1 / count),
@@ -58,29 +58,29 @@ def test_the_minimum_is_that_of_a_general_solver(count, rows):
         method="SLSQP",
         options={"ftol": 1e-14, "maxiter": 2000},
     ).x
-    assert found.sum() == pytest.approx(1, abs=1e-12)
-    assert found.min() >= 0
-    assert value(gram, right, found) <= value(gram, right, other) + 1e-8 * abs(right).max()
-    np.testing.assert_allclose(found, other, atol=3e-3)
+    assert weights.sum() == pytest.approx(1, abs=1e-12)
+    assert weights.min() >= 0
+    assert value(gram, right, weights) <= value(gram, right, other) + 1e-8 * abs(right).max()
+    np.testing.assert_allclose(weights, other, atol=3e-3)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_no_weight_gains_by_taking_from_another(seed):
     gram, right = problem(120, seed=seed)
     start = np.random.default_rng(seed).random(120)
-    found = least_on_simplex(Parts(gram, right), start, ridge=1e-3)
+    weights = least_on_simplex(Parts(gram, right), start, ridge=1e-3)
     gram += 1e-3 * np.diagonal(gram).mean() * np.eye(120)
-    assert gap(gram, right, found) < 3e-6
-    assert np.count_nonzero(found) < 120
-    assert found.sum() == pytest.approx(1, abs=1e-12)
+    assert gap(gram, right, weights) < 3e-6
+    assert np.count_nonzero(weights) < 120
+    assert weights.sum() == pytest.approx(1, abs=1e-12)
 
 
 def test_the_start_does_not_matter():
     gram, right = problem(60)
     gram += 1e-2 * np.eye(60)
     ends = [np.eye(60)[0], np.eye(60)[59], np.full(60, 1 / 60)]
-    found = [pairwise_descent(gram, right, start) for start in ends]
-    np.testing.assert_allclose(found[1:], found[:1] * 2, atol=1e-4)
+    solutions = [pairwise_descent(gram, right, start) for start in ends]
+    np.testing.assert_allclose(solutions[1:], solutions[:1] * 2, atol=1e-4)
 
 
 def test_a_working_set_ends_where_all_of_them_do():
@@ -104,12 +104,12 @@ def test_a_ridge_makes_an_indefinite_gram_convex():
     gram += 0.3 * (noise + noise.T)
     least = np.linalg.eigvalsh(gram)[0]
     assert least < -0.1 * np.diagonal(gram).mean()
-    found = least_on_simplex(Parts(gram, right), np.ones(80), ridge=0.01)
+    weights = least_on_simplex(Parts(gram, right), np.ones(80), ridge=0.01)
     raised = gram - 1.05 * least * np.eye(80)
-    assert gap(raised, right, found) < 1e-4
+    assert gap(raised, right, weights) < 1e-4
     for _ in range(100):
         other = rng.dirichlet(np.full(80, 0.1))
-        assert value(raised, right, found) < value(raised, right, other)
+        assert value(raised, right, weights) < value(raised, right, other)
 
 
 @pytest.mark.parametrize("count", [30, 400])
@@ -119,8 +119,8 @@ def test_least_eigenvalue(count):
     gram = noise @ noise.T / count - 0.5 * np.eye(count)
     gram += np.outer(np.ones(count), np.ones(count)) / count
     exact = np.linalg.eigvalsh(gram)
-    found = least_eigenvalue(gram)
-    assert exact[0] - 1e-9 <= found <= exact[0] + 0.01 * (exact[-1] - exact[0])
+    eigenvalue = least_eigenvalue(gram)
+    assert exact[0] - 1e-9 <= eigenvalue <= exact[0] + 0.01 * (exact[-1] - exact[0])
 
 
 def test_least_eigenvalue_of_nothing_is_nothing():
@@ -128,5 +128,5 @@ def test_least_eigenvalue_of_nothing_is_nothing():
 
 
 def test_no_data_change_no_weights():
-    found = least_on_simplex(Parts(np.zeros((4, 4)), np.zeros(4)), [1, 2, 3, 2])
-    np.testing.assert_allclose(found, [0.125, 0.25, 0.375, 0.25])
+    weights = least_on_simplex(Parts(np.zeros((4, 4)), np.zeros(4)), [1, 2, 3, 2])
+    np.testing.assert_allclose(weights, [0.125, 0.25, 0.375, 0.25])

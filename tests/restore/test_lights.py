@@ -37,13 +37,18 @@ def test_without_lamps_all_is_trusted(night):
     assert m.min() == 1
 
 
-def test_what_lies_behind_is_found(night, lab):
+def test_the_scene_behind_lamps_is_restored(night, lab):
     sharp, g, clipped, around, blur, first, margin = night
     m = trust(first, blur, clipped, 0.002**2)
     f = first.copy()
-    told = []
+    reports = []
     behind_lights(
-        f, g[None], blur, m, iterations=6, progress=lambda share, text: told.append((share, text))
+        f,
+        g[None],
+        blur,
+        m,
+        iterations=6,
+        progress=lambda share, text: reports.append((share, text)),
     )
 
     def error(latent):
@@ -54,7 +59,7 @@ def test_what_lies_behind_is_found(night, lab):
     lamps = first[0] > 1.5
     np.testing.assert_array_equal(f[0][lamps], first[0][lamps])
     assert f.min() >= 0
-    assert [share for share, _ in told] == pytest.approx(np.arange(1, 7) / 6)
+    assert [share for share, _ in reports] == pytest.approx(np.arange(1, 7) / 6)
 
 
 def test_the_misfit_of_trusted_pixels_falls(night):

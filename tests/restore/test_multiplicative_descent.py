@@ -40,8 +40,8 @@ def test_a_step_multiplies_by_equation_11(lab):
     going = descent(g, lab.all_axes)
     f, blur = going.f.copy(), going.blur
     going.step()
-    expected = f * blur.adjoint(g[None] / blur.forward(f)) / np.maximum(going.seen, 1e-2)
-    known = going.seen > 0.02
+    expected = f * blur.adjoint(g[None] / blur.forward(f)) / np.maximum(going.coverage, 1e-2)
+    known = going.coverage > 0.02
     np.testing.assert_allclose(going.f[0][known], expected[0][known], rtol=1e-4)
 
 
@@ -103,12 +103,12 @@ def test_the_photo_is_left_alone(lab):
 @pytest.mark.parametrize("fastest", [0.0, 0.75])
 def test_threads_do_not_change_a_byte(name, fastest, lab):
     g = lab.noisy(lab.shaken(lab.kernels[name], lab.colours()), 0.01)
-    found = set()
+    results = set()
     for threads in (1, 3):
         going = descent(g, lab.kernels[name], fastest=fastest, threads=threads)
         sums = [going.step() for _ in range(3)]
-        found.add((going.f.tobytes(), *sums))
-    assert len(found) == 1
+        results.add((going.f.tobytes(), *sums))
+    assert len(results) == 1
 
 
 def test_unseen_pixels_keep_their_value(lab):
@@ -116,7 +116,7 @@ def test_unseen_pixels_keep_their_value(lab):
     going = descent(g, lab.all_axes)
     before = going.f.copy()
     going.step()
-    hidden = going.seen <= np.float32(1e-2)
+    hidden = going.coverage <= np.float32(1e-2)
     assert hidden.any()
     np.testing.assert_array_equal(going.f[0][hidden], before[0][hidden])
     assert np.mean(going.f[0][~hidden] != before[0][~hidden]) > 0.9

@@ -34,7 +34,7 @@ def start(lab):
     return make, flow.margin
 
 
-def test_improves_what_sparse_gradients_found(start, lab):
+def test_the_result_of_sparse_gradients_is_improved(start, lab):
     make, m = start
     descent = make()
     sharp = lab.frame(lab.colours()).transpose(2, 0, 1)
@@ -52,20 +52,20 @@ def test_improves_what_sparse_gradients_found(start, lab):
 
 def test_threads_do_not_change_a_byte(start):
     make, _ = start
-    found = []
+    results = []
     for threads in (1, 3):
         descent = make(threads)
         plug_and_play(descent, stages=1, progress=lambda *_: None)
-        found.append(descent.f.tobytes())
-    assert found[0] == found[1]
+        results.append(descent.f.tobytes())
+    assert results[0] == results[1]
 
 
-def test_tells_of_each_stage(start):
+def test_each_stage_is_reported(start):
     make, _ = start
-    told = []
-    plug_and_play(make(), stages=2, progress=lambda share, text: told.append((share, text)))
-    assert [share for share, _ in told] == [0.5, 1]
-    assert "stage 2" in told[1][1]
+    reports = []
+    plug_and_play(make(), stages=2, progress=lambda share, text: reports.append((share, text)))
+    assert [share for share, _ in reports] == [0.5, 1]
+    assert "stage 2" in reports[1][1]
 
 
 @pytest.mark.parametrize(("scene", "gain"), [("scene", 0.0), ("colours", -0.2)])

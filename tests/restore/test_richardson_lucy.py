@@ -61,13 +61,13 @@ def test_plain_iterations_never_lower_the_likelihood(name, lab):
     height, width = lab.shape
     inner = kernel.camera.cropped(r, r, width - 2 * r, height - 2 * r)
     blur = ShakeBlur(kernel.for_camera(inner), margin=r)
-    seen = g[r:-r, r:-r].astype(np.float64)
+    observed = g[r:-r, r:-r].astype(np.float64)
     going = MultiplicativeDescent(g, blur_filters(kernel), None, fastest=0, threads=2)
     likelihood = []
     for _ in range(14):
         going.step()
         model = blur.forward(going.frame()).astype(np.float64)
-        likelihood.append(np.sum(seen * np.log(model) - model))
+        likelihood.append(np.sum(observed * np.log(model) - model))
     assert np.all(np.diff(likelihood) > 0)
 
 
@@ -188,21 +188,21 @@ def test_the_photo_is_left_alone(lab):
 
 
 @pytest.mark.parametrize("iterations", [None, 5])
-def test_tells_how_far_it_is(iterations, lab):
-    told = []
+def test_progress_is_reported(iterations, lab):
+    reports = []
     g = lab.noisy(lab.shaken(lab.all_axes, lab.scene()), 0.003)
     done = richardson_lucy(
         g,
         lab.all_axes,
         iterations=iterations,
-        progress=lambda part, text: told.append((part, text)),
+        progress=lambda part, text: reports.append((part, text)),
     )
-    parts = [part for part, _ in told]
+    parts = [part for part, _ in reports]
     assert len(parts) == done.iterations
     assert all(0 < part <= 1 for part in parts)
     assert parts[-1] == 1
     assert parts.count(1) == 1
-    assert told[-1][1].endswith(str(done.iterations))
+    assert reports[-1][1].endswith(str(done.iterations))
 
 
 @pytest.mark.parametrize("name", NAMES)

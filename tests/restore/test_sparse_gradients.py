@@ -61,12 +61,12 @@ def test_the_border_is_nearly_as_good_as_the_middle(lab):
 def test_clipped_lamps_do_not_ring(lab):
     sharp, g, clipped, around = lab.lamps()
     errors = {}
-    for name, mask in (("told", clipped), ("not told", None)):
+    for name, mask in (("masked", clipped), ("unmasked", None)):
         f = sparse_gradients(g, lab.all_axes, clipped=mask).pixels
         errors[name] = np.mean(np.square(np.minimum(f, 1) - lab.frame(sharp))[around])
-        if name == "told":
+        if name == "masked":
             assert f.max() > 3  # lamps shine again
-    assert errors["told"] < 0.8 * errors["not told"]
+    assert errors["masked"] < 0.8 * errors["unmasked"]
 
 
 @pytest.mark.parametrize("level", [0.0, 0.25, 1.0])
@@ -133,16 +133,16 @@ def test_the_photo_is_left_alone(lab):
     np.testing.assert_array_equal(g, before)
 
 
-def test_tells_how_far_it_is(lab):
-    told = []
+def test_progress_is_reported(lab):
+    reports = []
     g = lab.noisy(lab.shaken(lab.all_axes, lab.scene()), 0.003)
-    sparse_gradients(g, lab.all_axes, progress=lambda part, text: told.append((part, text)))
-    parts = [part for part, _ in told]
+    sparse_gradients(g, lab.all_axes, progress=lambda part, text: reports.append((part, text)))
+    parts = [part for part, _ in reports]
     assert parts == sorted(parts)
     assert 0 < parts[0] < 0.2
     assert parts[-1] == 1
     assert parts.count(1) == 1
-    assert told[-1][1] == "deblurring, stage 5"
+    assert reports[-1][1] == "deblurring, stage 5"
 
 
 def test_refuses_what_does_not_fit(lab):

@@ -49,8 +49,8 @@ def test_the_point_spread_blurs_as_the_operator_does(uniform):
     blur = ShakeBlur(uniform, margin=r)
     point = np.zeros(blur.latent_shape, np.float32)
     point[60 + r, 80 + r] = 1
-    seen = blur.forward(point)[60 - r : 61 + r, 80 - r : 81 + r]
-    np.testing.assert_allclose(seen, h, atol=2e-3)
+    spread_point = blur.forward(point)[60 - r : 61 + r, 80 - r : 81 + r]
+    np.testing.assert_allclose(spread_point, h, atol=2e-3)
     assert np.abs(h - h[::-1, ::-1]).max() > 0.02  # it is no matter which way round
 
 
@@ -128,11 +128,11 @@ def test_the_photo_is_left_alone_and_the_result_is_the_same_again(method, lab, u
     g = lab.noisy(lab.shaken(uniform, lab.scene()), 0.003)
     before = g.copy()
     g.setflags(write=False)
-    told = []
-    first = method(g, uniform, threads=1, progress=lambda part, text: told.append((part, text)))
+    reports = []
+    first = method(g, uniform, threads=1, progress=lambda part, text: reports.append((part, text)))
     np.testing.assert_array_equal(g, before)
     assert first.pixels.tobytes() == method(g, uniform, threads=4).pixels.tobytes()
-    assert told == [(1, "deblurring, colour 1")]
+    assert reports == [(1, "deblurring, colour 1")]
 
 
 @pytest.mark.parametrize("method", METHODS)

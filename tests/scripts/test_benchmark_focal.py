@@ -19,7 +19,7 @@ def test_the_highest_confidence_is_taken():
     assert "| +3.00 (-1.4) |" in shown
 
 
-def test_losses_are_told_against_the_true_focal_length():
+def test_losses_are_relative_to_the_true_focal_length():
     text = summary(TABLE, FACTORS)
     assert "x0.5: -2.50 dB on the mean, median -2.50, worst -4.00" in text
     assert "judged: +0.50 dB on the mean" in text
@@ -33,7 +33,7 @@ def test_the_true_focal_length_is_among_the_factors(text):
         numbers(text)
 
 
-def test_missing_data_are_told(tmp_path, capsys):
+def test_missing_data_are_reported(tmp_path, capsys):
     assert main(["--data", str(tmp_path)]) == 1
     assert "no orientation logs" in capsys.readouterr().err
 

@@ -23,10 +23,10 @@ def row(fusion, other, off=0.3):
     return Row(off, 500, 20.0, 0.99, 0.9, scores, {"kernel": 4.0})
 
 
-def test_cases_are_found_by_patterns():
-    found = benchmark_pair.chosen_cases("coffee 20 px*; *0.12")
-    assert len(found) == 3 + 12 - 1
-    assert found == [name for name in PAIRS if name in found]
+def test_patterns_choose_cases():
+    chosen = benchmark_pair.chosen_cases("coffee 20 px*; *0.12")
+    assert len(chosen) == 3 + 12 - 1
+    assert chosen == [name for name in PAIRS if name in chosen]
     with pytest.raises(ArgumentTypeError, match="not among"):
         benchmark_pair.chosen_cases("tea")
 
@@ -60,8 +60,8 @@ def test_the_summary_counts_from_the_scores():
     assert "overlap" not in text
     both = row(30.0, 28.0)
     both.scores.update({"fusion, overlap": Score(31, 0.8), "denoised, overlap": Score(30.5, 0.7)})
-    told = "fusion over denoised, overlap: mean +0.50 dB, +0.100; least +0.50 (one)"
-    assert told in summary({"one": both})
+    line = "fusion over denoised, overlap: mean +0.50 dB, +0.100; least +0.50 (one)"
+    assert line in summary({"one": both})
     assert "blind" not in text
     assert text.endswith("seconds: kernel 4.0")
 
@@ -75,7 +75,7 @@ def test_a_frame_is_misplaced_by_what_it_is_turned():
     assert pair.misplaced(turned) == pytest.approx(2, rel=0.2)
 
 
-def test_missing_logs_are_told(tmp_path, capsys):
+def test_missing_logs_are_reported(tmp_path, capsys):
     assert benchmark_pair.main(["--data", str(tmp_path)]) == 1
     out, err = capsys.readouterr()
     assert out == ""

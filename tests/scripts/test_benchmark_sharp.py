@@ -11,11 +11,11 @@ from deshake.formats.transfer import Srgb, encode
 
 @pytest.mark.parametrize("across", [3, 4.5, 10, 15])
 def test_disks_are_round_and_keep_the_light(across):
-    found = disk(across)
-    assert found.sum() == pytest.approx(1)
-    assert np.array_equal(found, found.T)
-    assert np.array_equal(found, found[::-1])
-    assert 1 / found.max() == pytest.approx(np.pi * across**2 / 4, rel=0.02)
+    kernel = disk(across)
+    assert kernel.sum() == pytest.approx(1)
+    assert np.array_equal(kernel, kernel.T)
+    assert np.array_equal(kernel, kernel[::-1])
+    assert 1 / kernel.max() == pytest.approx(np.pi * across**2 / 4, rel=0.02)
 
 
 def test_sharp_photos_are_theirs_to_the_code(tmp_path):
@@ -31,10 +31,10 @@ def test_sharp_photos_are_theirs_to_the_code(tmp_path):
 
 def test_photos_out_of_focus_are_blurred_and_noisy(tmp_path):
     path, truth = prepare(Case("text", sigma=0.02, disk=9), None, tmp_path / "a")
-    seen, sharp = np.asarray(Image.open(path), float), encode(truth, Srgb(), 8).astype(float)
-    assert np.abs(np.diff(seen)).max() < 0.6 * np.abs(np.diff(sharp)).max()
-    assert np.std(np.diff(seen)) > 1.3 * 0.02 * 255
-    assert seen.mean() == pytest.approx(sharp.mean(), rel=0.02)
+    stored, sharp = np.asarray(Image.open(path), float), encode(truth, Srgb(), 8).astype(float)
+    assert np.abs(np.diff(stored)).max() < 0.6 * np.abs(np.diff(sharp)).max()
+    assert np.std(np.diff(stored)) > 1.3 * 0.02 * 255
+    assert stored.mean() == pytest.approx(sharp.mean(), rel=0.02)
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def test_photos_out_of_focus_are_blurred_and_noisy(tmp_path):
         ("coffee disk 7", Result(0.001, 24, 23.8, 0.6, 1, [], left=False), "NO"),
     ],
 )
-def test_a_line_tells_whether_the_photo_was_made_worse(name, result, passed):
+def test_a_line_says_whether_the_photo_became_worse(name, result, passed):
     cells = [cell.strip() for cell in line(name, result).strip("|").split("|")]
     assert cells[0] == name
     assert cells[6] == passed

@@ -56,7 +56,7 @@ def outcome(code=1, err="error: a: b\n", seconds=1.0, memory=1e8):
 
 
 @pytest.mark.parametrize(
-    ("found", "fault"),
+    ("answer", "fault"),
     [
         (outcome(), None),
         (outcome(err="warning: c\nerror: a: b\nhint: d\n"), None),
@@ -71,9 +71,9 @@ def outcome(code=1, err="error: a: b\n", seconds=1.0, memory=1e8):
         (outcome(err="error: KeyError: 'x'\nhint: this is a bug\n"), "bug"),
     ],
 )
-def test_what_is_a_fault(found, fault):
-    assert bool(found.faults()) == (fault is not None)
-    assert fault is None or fault in "; ".join(found.faults())
+def test_what_is_a_fault(answer, fault):
+    assert bool(answer.faults()) == (fault is not None)
+    assert fault is None or fault in "; ".join(answer.faults())
 
 
 def test_a_child_that_dies_is_replaced():

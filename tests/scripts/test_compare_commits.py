@@ -10,27 +10,30 @@ LINES = ("calibrate a.jpg", "fix a.jpg")
 RUN = compare.Run([0, 1], ['{"focal": 1, "x": 2}', ""], ["", "error: a"], {"a.npz": b"1"})
 
 
-def seen(new, *, messages=False):
+def differences(new, *, messages=False):
     return list(compare.differences(LINES, RUN, new, messages=messages))
 
 
 def test_equal_runs_do_not_differ():
-    assert seen(replace(RUN), messages=True) == []
+    assert differences(replace(RUN), messages=True) == []
 
 
 def test_each_difference_is_named():
-    assert seen(replace(RUN, codes=[0, 2])) == ["fix a.jpg: exit code 1 -> 2: error: a"]
-    [first, *rest] = seen(replace(RUN, figures=['{"focal": 1, "x": 3}', ""]))
+    assert differences(replace(RUN, codes=[0, 2])) == ["fix a.jpg: exit code 1 -> 2: error: a"]
+    [first, *rest] = differences(replace(RUN, figures=['{"focal": 1, "x": 3}', ""]))
     assert first == "calibrate a.jpg: other figures"
     assert rest[1:] == ['-"x": 2}', '+"x": 3}']
-    assert seen(replace(RUN, files={"a.npz": b"2"})) == ["a.npz: other bytes"]
-    assert seen(replace(RUN, files={"b.npz": b"1"})) == ["a.npz: is missing", "b.npz: is new"]
+    assert differences(replace(RUN, files={"a.npz": b"2"})) == ["a.npz: other bytes"]
+    assert differences(replace(RUN, files={"b.npz": b"1"})) == [
+        "a.npz: is missing",
+        "b.npz: is new",
+    ]
 
 
 def test_messages_count_only_if_asked():
     other = replace(RUN, messages=["", "error: b"])
-    assert seen(other) == []
-    assert seen(other, messages=True)
+    assert differences(other) == []
+    assert differences(other, messages=True)
 
 
 def test_times_and_the_order_of_photos_do_not_count():

@@ -105,13 +105,13 @@ def test_the_table_stands_beside_the_papers(figure5):
 
 
 def test_a_cell_is_scored(figure5, sharp):
-    found = figure5.score(sharp, figure5.Cell("Y", 6, 0), "R", 0)
-    assert found.true < found.blurred
-    assert found.true < found.estimated < found.blurred
+    scored = figure5.score(sharp, figure5.Cell("Y", 6, 0), "R", 0)
+    assert scored.true < scored.blurred
+    assert scored.true < scored.estimated < scored.blurred
 
 
 @pytest.mark.parametrize("content", [None, b"not a photo"])
-def test_a_missing_photo_is_told(figure5, tmp_path, capsys, content):
+def test_a_missing_photo_is_reported(figure5, tmp_path, capsys, content):
     if content:
         (tmp_path / "houses.jpg").write_bytes(content)
     assert figure5.main(["--data", str(tmp_path)]) == 1

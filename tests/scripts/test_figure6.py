@@ -55,7 +55,7 @@ def test_estimators_are_read(figure6):
             figure6.parse_estimators(text)
 
 
-def test_cases_are_found_by_patterns(figure6, tmp_path):
+def test_patterns_choose_cases(figure6, tmp_path):
     for name in ("im05_flit01", "im05_flit02", "im06_flit02", "other"):
         (tmp_path / f"{name}.mat").touch()
 
@@ -84,7 +84,7 @@ def test_whole_pixels_cost_nothing(figure6, sharp, shift):
 
 
 @pytest.mark.parametrize("shift", [(0.25, 0), (-2.5, 1.75)])
-def test_quarters_are_found(figure6, sharp, shift):
+def test_quarters_of_a_pixel_are_tried(figure6, sharp, shift):
     smooth = cv2.GaussianBlur(sharp, (0, 0), 2)
     error = figure6.shifted_error(moved(smooth, *shift), smooth)
     assert error.quarters < 0.1 * error.whole
@@ -101,9 +101,9 @@ def test_errors_are_of_the_interior(figure6, sharp):
 def test_psnr_and_ratio(figure6):
     assert figure6.psnr(1e-3) == pytest.approx(30)
     errors = [error_of(figure6, e) for e in (3e-3, 1e-3, 1e-2)]
-    found = figure6.Score(*errors, "fine", 1.0)
-    assert found.ratio == pytest.approx(3)
-    assert str(found.true) == "30.00 (26.99)"
+    scored = figure6.Score(*errors, "fine", 1.0)
+    assert scored.ratio == pytest.approx(3)
+    assert str(scored.true) == "30.00 (26.99)"
 
 
 def test_the_table_counts_ratios(figure6):
@@ -128,14 +128,14 @@ def test_a_case_is_scored(figure6, sharp, smear, tmp_path, monkeypatch):
     blurred = correlate(sharp, smear.astype(np.float32), mode="mirror")
     path = tmp_path / "im01_flit01.mat"
     savemat(path, {"x": sharp, "y": blurred, "f": smear})
-    found = figure6.score(path, "edges", free=False)
-    assert found.true.quarters < 0.5 * found.blurred.quarters
-    assert found.estimated.quarters < found.blurred.quarters
-    assert found.name.startswith("start ")
-    assert found.seconds > 0
+    scored = figure6.score(path, "edges", free=False)
+    assert scored.true.quarters < 0.5 * scored.blurred.quarters
+    assert scored.estimated.quarters < scored.blurred.quarters
+    assert scored.name.startswith("start ")
+    assert scored.seconds > 0
 
 
-def test_missing_cases_are_told(figure6, tmp_path, capsys):
+def test_missing_cases_are_reported(figure6, tmp_path, capsys):
     assert figure6.main(["--data", str(tmp_path)]) == 1
     out, err = capsys.readouterr()
     assert out == ""

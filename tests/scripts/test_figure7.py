@@ -40,8 +40,8 @@ def test_yellow_lines_are_painted_over(tmp_path):
     sharp = codes.copy()
     cv2.rectangle(codes, (20, 20), (50, 45), (183, 178, 0), 1)
     Image.fromarray(codes).save(tmp_path / "a.png")
-    found = figure7.shown(figure7.without_boxes(read_photo(tmp_path / "a.png")))
-    assert np.abs(found.astype(int) - sharp).max() <= 3
+    picture = figure7.shown(figure7.without_boxes(read_photo(tmp_path / "a.png")))
+    assert np.abs(picture.astype(int) - sharp).max() <= 3
 
 
 def test_another_picture_is_brought_to_the_size(pair):
@@ -74,7 +74,7 @@ def test_a_pair_must_be_named(args, tmp_path):
     assert stop.value.code == 2
 
 
-def test_missing_logs_are_told(tmp_path, capsys):
+def test_missing_logs_are_reported(tmp_path, capsys):
     case = next(iter(figure7.PAIRS))
     assert run("--case", case, "--data", tmp_path, "-o", tmp_path / "s.png") == 1
     assert "no orientation logs" in capsys.readouterr().err

@@ -44,9 +44,9 @@ def test_finds_the_noise_of_a_jpeg_photo(photo, sigma):
 def test_more_noise_is_more(photo):
     rng = np.random.default_rng(3)
     noise = rng.normal(0, 1, photo.shape)
-    found = [coarse_noise((photo + s * noise).astype("f4")) for s in (0, 0.01, 0.02, 0.04)]
-    assert found == sorted(found)
-    assert found[0] < 1e-5
+    estimates = [coarse_noise((photo + s * noise).astype("f4")) for s in (0, 0.01, 0.02, 0.04)]
+    assert estimates == sorted(estimates)
+    assert estimates[0] < 1e-5
 
 
 def test_slopes_and_even_areas_are_no_noise():
@@ -110,7 +110,7 @@ def test_white_noise_is_measured(sigma) -> None:
     assert noise_level(white((200, 260), sigma)) == pytest.approx(sigma, rel=0.02)
 
 
-def test_noise_is_told_from_edges(sharp) -> None:
+def test_noise_is_distinguished_from_edges(sharp) -> None:
     soft = cv2.GaussianBlur(sharp, (0, 0), 2.0)
     assert noise_level(soft + white(sharp.shape, 0.02)) == pytest.approx(0.02, rel=0.1)
     assert noise_level(soft) < 0.002

@@ -18,12 +18,12 @@ def pair(lab, slope=SLOPE, floor=FLOOR):
 
 
 @pytest.mark.parametrize(("slope", "floor"), [(SLOPE, FLOOR), (0.0, 0.0025), (0.02, 0.002)])
-def test_tells_how_noise_grows_with_the_light(lab, slope, floor):
+def test_the_noise_as_a_function_of_light_is_estimated(lab, slope, floor):
     g, f_N = pair(lab, slope, floor)
-    found = noise_of_pair(f_N, g, np.ones(lab.shape, np.float32))
+    model = noise_of_pair(f_N, g, np.ones(lab.shape, np.float32))
     for light in (0.2, 0.4):
-        told = np.sqrt(found[0] * light + found[1])
-        assert told == pytest.approx(np.sqrt(slope * light + floor), rel=0.25)
+        deviation = np.sqrt(model[0] * light + model[1])
+        assert deviation == pytest.approx(np.sqrt(slope * light + floor), rel=0.25)
 
 
 def test_what_is_not_valid_does_not_count(lab):

@@ -28,9 +28,9 @@ def noise(shape: tuple[int, int], seed: int = 0) -> np.ndarray:
 @pytest.mark.parametrize("shape", SHAPES)
 def test_a_picture_comes_back_from_its_own_gradients(shape: tuple[int, int]) -> None:
     picture = np.random.default_rng(1).random(shape)
-    found = poisson_image(*gradients(picture), float(picture.mean()))
-    assert found.dtype == np.float32
-    np.testing.assert_allclose(found, picture, atol=1e-6)
+    picture_again = poisson_image(*gradients(picture), float(picture.mean()))
+    assert picture_again.dtype == np.float32
+    np.testing.assert_allclose(picture_again, picture, atol=1e-6)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -63,8 +63,8 @@ def test_the_normal_equations_hold() -> None:
     ).T
     given = np.concatenate([across[:, :-1].ravel(), down[:-1].ravel()])
     want = np.linalg.lstsq(rows, given, rcond=None)[0].reshape(9, 12)
-    found = poisson_image(across, down, 0.5)
-    np.testing.assert_allclose(found, want - want.mean() + 0.5, atol=1e-5)
+    solution = poisson_image(across, down, 0.5)
+    np.testing.assert_allclose(solution, want - want.mean() + 0.5, atol=1e-5)
 
 
 def test_it_is_linear() -> None:

@@ -68,7 +68,7 @@ def test_smaller_photos_have_one_scale() -> None:
     assert of(np.random.default_rng(0).random((30, 40)).astype(np.float32)).coarsest == 0
 
 
-def test_the_finest_scale_with_so_many_pixels_is_found(sharp) -> None:
+def test_the_finest_scale_with_at_most_so_many_pixels(sharp) -> None:
     pyramid = of(sharp)
     for pixels in (52_000, 51_999, 20_000, 5_000.5):
         level = pyramid.level_of(pixels)
@@ -139,7 +139,7 @@ def test_what_was_made_of_a_photo_is_kept_under_its_key(sharp) -> None:
     assert len(made) == 2
 
 
-def test_noise_is_told_in_the_contrast_of_the_pyramid(sharp) -> None:
+def test_noise_is_in_the_contrast_of_the_pyramid(sharp) -> None:
     grain = np.random.default_rng(0).normal(0, 0.05, sharp.shape).astype(np.float32)
     pyramid = of(sharp + grain)
     assert pyramid.noise(0) == pytest.approx(0.05 * pyramid.at(0).contrast, rel=0.2)

@@ -13,8 +13,8 @@ def test_lengths_shrink_to_the_minimum(threshold):
     energy = threshold * u**0.6 + (u - n[:, None]) ** 2 / 2
     least = energy.min(1)
     ours = n * shrunk(n, threshold, 0.6)
-    found = threshold * ours**0.6 + (ours - n) ** 2 / 2
-    np.testing.assert_allclose(found, least, rtol=1e-3, atol=1e-5)
+    cost = threshold * ours**0.6 + (ours - n) ** 2 / 2
+    np.testing.assert_allclose(cost, least, rtol=1e-3, atol=1e-5)
 
 
 def test_short_ones_go_and_long_ones_stay():

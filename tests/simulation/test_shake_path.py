@@ -149,7 +149,7 @@ def test_reads_times_in_the_first_of_four_columns(tmp_path):
         (b"\x93NUMPY\xff\xfe", "not a text file"),
     ],
 )
-def test_bad_files_are_told_in_a_line(tmp_path, content, what):
+def test_bad_files_are_reported_in_a_line(tmp_path, content, what):
     file = tmp_path / "path.csv"
     file.write_bytes(content)
     with pytest.raises(DeshakeError, match=what) as caught:
@@ -157,6 +157,6 @@ def test_bad_files_are_told_in_a_line(tmp_path, content, what):
     assert caught.value.file == str(file)
 
 
-def test_a_missing_file_is_told(tmp_path):
+def test_a_missing_file_is_reported(tmp_path):
     with pytest.raises(DeshakeError, match="no such file"):
         read_path(tmp_path / "none.csv")

@@ -100,12 +100,12 @@ def test_gain_clips_lights(photo, camera):
     assert shaken.sharp.max() > 1
 
 
-def test_tells_how_far_it_is(photo, camera):
-    told = []
-    shake(photo, camera, random_path(camera, 4), progress=lambda part, _: told.append(part))
-    assert told == sorted(told)
-    assert len(told) > 4
-    assert 0 < told[0] < told[-1] <= 1
+def test_progress_is_reported(photo, camera):
+    shares = []
+    shake(photo, camera, random_path(camera, 4), progress=lambda part, _: shares.append(part))
+    assert shares == sorted(shares)
+    assert len(shares) > 4
+    assert 0 < shares[0] < shares[-1] <= 1
 
 
 def test_refuses_what_does_not_fit(photo, camera):
@@ -125,10 +125,10 @@ def test_a_lens_bends_after_the_shake(photo, camera):
     assert there.distortion.tolist() == [-0.15, 0, 0, 0]
     assert there.focal_px > camera.focal_px
     np.testing.assert_array_equal(bent.kernel.theta, plain.kernel.theta)
-    seen = pinhole(there)
-    straight = LensWarp(there, seen).straighten(bent.pixels)
-    # the same picture, seen through a longer lens
-    zoom = seen.focal_px / camera.focal_px
+    straight_camera = pinhole(there)
+    straight = LensWarp(there, straight_camera).straighten(bent.pixels)
+    # the same picture through a longer lens
+    zoom = straight_camera.focal_px / camera.focal_px
     height, width = plain.pixels.shape[:2]
     y, x = np.mgrid[20 : height - 20, 20 : width - 20].astype(np.float32)
     middle = (width - 1) / 2, (height - 1) / 2

@@ -1,9 +1,9 @@
 """From coarse to fine: the pyramid, and the active region of the kernel (Sec. 7).
 
-Estimation begins on a picture so small that the blur is about three pixels wide, and goes on to
+The estimate begins on a picture so small that the blur is about three pixels wide, and continues on
 finer ones, each larger by sqrt(2). Between two scales the kernel loses its smallest weights, is
-moved so that its centroid is the origin, resampled, and given room for one step on every side:
-only this active region is estimated at the finer scale.
+moved until its centroid is the origin, is resampled, and grows by one step on every side. The finer
+scale estimates this active region only.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ __all__ = [
 Image = NDArray[np.float32]
 
 RATIO = np.sqrt(2)
-_COARSEST_BLUR = 3.0  # px of blur at the coarsest scale
-_SMALLEST_SIDE = 16  # px
+_COARSEST_BLUR = 3.0  # px: width of the blur at the coarsest scale
+_SMALLEST_SIDE = 16  # px: least side of the coarsest scale
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""One photo to its blur kernel by variational inference (Secs. 5 and 7)."""
+"""Estimate of the blur kernel of one photo by variational inference (Secs. 5 and 7)."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ Mask = NDArray[np.bool_]
 BLUR_SHARES = (0.015, 0.025, 0.04, 0.06)
 """Bounds of the blur that are tried where none is given, in longer sides of the photo."""
 
-_LONGEST_SIDE = 640  # px, of the finest working resolution
-_CONTRAST = 30.0  # rms gradient, of 0..256, that the photo is scaled to at 100 px
-_CONTRAST_SIDE = 100  # px
-_LEAST_CONTRAST = 0.02  # of 0..256 at 100 px: below it there is nothing to go by
-_FINE_BLUR = 12.0  # px: up to this bound nothing is smoothed but for noise
-_SMOOTHING = 0.06  # of how far the bound of the blur lies above it
-_SMOOTHING_NOISE = 0.13  # px, for noise of 1 of 0..256, in the contrast of the priors
-_MOST_SMOOTHING = 1.0  # px
-_CLOSE = 0.005  # the same at a coarse scale, where a larger one costs little
+_LONGEST_SIDE = 640  # px: longer side of the finest scale; larger photos are reduced
+_CONTRAST = 30.0  # rms gradient on 0..256, reduced to 100 px, after the photo is scaled
+_CONTRAST_SIDE = 100  # px: longer side of the picture that measures the contrast
+_LEAST_CONTRAST = 0.02  # the same gradient before: less is an error
+_FINE_BLUR = 12.0  # px: bound of the blur; up to it only noise causes smoothing
+_SMOOTHING = 0.06  # px of sigma for each px of the bound above that
+_SMOOTHING_NOISE = 0.13  # px of sigma for noise of 1 on 0..256, in the contrast of the priors
+_MOST_SMOOTHING = 1.0  # px: largest sigma
+_CLOSE = 0.005  # as `_TOUCHING`, at a coarse scale, where a larger bound costs little
 
 
 def estimate_variational(
@@ -61,17 +61,17 @@ def estimate_variational(
     camera : Camera
         Its camera.
     clipped : (h, w) array of bool, optional
-        Pixels that are not to be believed.
+        Pixels that are not used.
     blur_px : float, optional
         Bound of the blur in pixels of the photo. By default the smallest of `BLUR_SHARES` whose
         bounds the kernel does not touch at a coarse scale, or the one that it touches least.
     region : (x, y, width, height), optional
-        The part of the photo to go by; by default all of it.
+        The part of the photo that the estimate uses; by default all of it.
     uniform : bool
         Use the uniform model: theta_Z = 0 and a very long focal length.
     finest : bool
-        Go on to the finest scale, however wide the blur is. By default the estimate ends at the
-        scale where it is wide enough to be known well.
+        Continue to the finest scale at any width of the blur. By default the estimate ends at the
+        scale where the blur is 22 px wide.
     roll_rate : float
         Rate of the prior on turns about the optical axis, `priors.ROLL_RATE`; 0 for none, where
         the camera was not in a hand.
@@ -105,7 +105,7 @@ def estimate_variational(
     contrast = _contrast_scale(picture)
     small = resize((picture * contrast)[None], shape)[0]
     usable = resize(1 - bad.astype(np.float32)[None], shape)[0] > 1 - 1e-3
-    tell = _rising(progress)
+    report_progress = _rising(progress)
     trials = []
     for bound in bounds:
         plan = PyramidPlan(whole.cropped(x, y, w, h).scaled(*shape), bound * scale, axes)
@@ -117,12 +117,12 @@ def estimate_variational(
                 finest=finest,
                 roll_rate=roll_rate,
                 threads=threads,
-                progress=tell,
+                progress=report_progress,
             )
         )
         if len(bounds) == 1 or trials[-1].try_coarse() <= _CLOSE:
             break
-    # where every kernel touches its bounds, the one that does so least is the least wrong
+    # if every kernel touches its bounds, the one with the least weight there is the best
     scales = min(reversed(trials), key=lambda tried: tried.outermost)
     kernel, confidence = scales.run()
     notes = scales.notes
@@ -132,20 +132,20 @@ def estimate_variational(
 
 
 def _rising(progress: Callable[[float, str], None] | None) -> Callable[[float, str], None]:
-    """Tell of progress that never falls, however often the work starts anew."""
+    """Report progress that never falls, even if the work starts again."""
     highest = 0.0
 
-    def tell(share: float, text: str) -> None:
+    def report_progress(share: float, text: str) -> None:
         nonlocal highest
         highest = max(highest, share)
         if progress is not None:
             progress(highest, text)
 
-    return tell
+    return report_progress
 
 
 def _contrast_scale(grey: Image) -> np.float32:
-    """Return what takes a photo to the contrast that the gradient priors were learnt at."""
+    """Return the factor that scales a photo to the contrast of the gradient priors."""
     scale = min(1.0, _CONTRAST_SIDE / max(grey.shape))
     shape = max(round(grey.shape[0] * scale), 2), max(round(grey.shape[1] * scale), 2)
     small = resize(grey[None], shape)[0] * priors.INTENSITY_RANGE
@@ -158,10 +158,10 @@ def _contrast_scale(grey: Image) -> np.float32:
 
 
 def _smoothed(image: Image, blur_px: float) -> Image:
-    """Smooth a photo a little: the more, the wider its blur may be and the noisier it is.
+    """Smooth a photo a little, with a sigma that grows with the bound of its blur and its noise.
 
-    Kernels of wide blurs break up on the finest detail, and the noise of differences puts a spike
-    into any. The noise is told by the median of the photo's second differences across 2 x 2 pixels.
+    On the finest detail, kernels of wide blurs break up, and the noise of differences puts a spike
+    into any kernel. The median of second differences across 2 x 2 pixels measures the noise.
     """
     across = image[1:, 1:] - image[1:, :-1] - image[:-1, 1:] + image[:-1, :-1]
     noise = float(np.median(np.abs(across))) / 2 / 0.6745

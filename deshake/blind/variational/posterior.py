@@ -24,7 +24,7 @@ __all__ = ["Posterior", "gradient_precision", "rectified_moments", "start", "wei
 Image = NDArray[np.float32]
 Vector = NDArray[np.float64]
 
-_FAR = 25.0  # beyond it the moments of a rectified Gaussian are taken from their series
+_FAR = 25.0  # |t| of `rectified_moments`: beyond it, series give the moments
 
 
 @dataclass(frozen=True, eq=False)

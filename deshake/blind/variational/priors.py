@@ -53,7 +53,7 @@ class ExponentialMixture:
     Parameters
     ----------
     rho : (D,) array
-        Shares, summing to 1; learnt anew for each photo.
+        Shares, summing to 1; estimated for each photo.
     rate : (D,) array
         Rates r_d.
 

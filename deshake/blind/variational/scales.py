@@ -35,21 +35,23 @@ __all__ = ["ScaleByScale", "ScaleReport"]
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-_TRIAL_SIDE = 200  # px, longer side of the scale at which a bound is found too small
-_ENOUGH_BLUR = 22.0  # px: a blur this wide is fine enough, no larger scale is worked on
-_LEAST_OBSERVED = 0.05  # share of the pixels
-_ITERATIONS = 12
-_CUT = 0.05  # weights below this share of the largest are noise, between scales and at the end
-_PRUNE = 0.004  # weights below this share of the largest are given up within a scale
-_PRUNE_GAIN = 0.85
-_HOPS = (32, 16)  # patch distance at the finest scale and at the coarser ones, px
-_TOUCHING = 0.02  # share of the weight on the faces of the box that calls for a larger one
-_STILL_PX = 1.5  # an extent below it at the working scale is no shake
+_TRIAL_SIDE = 200  # px: longer side of the last scale that may reject a bound as too small
+_ENOUGH_BLUR = 22.0  # px: width of the blur; if it is reached, no finer scale is solved
+_LEAST_OBSERVED = 0.05  # share of the pixels that must be usable: less is an error
+_ITERATIONS = 12  # iterations at each scale
+_CUT = (
+    0.05  # share of the largest weight: smaller weights are removed between scales and at the end
+)
+_PRUNE = 0.004  # share of the largest weight: smaller weights are removed within a scale
+_PRUNE_GAIN = 0.85  # share of the rotations: if more would stay, none is removed within a scale
+_HOPS = (32, 16)  # px: patch distance at the finest scale, and at the coarser ones
+_TOUCHING = 0.02  # share of the weight on the faces of the box: above it, the box is too small
+_STILL_PX = 1.5  # px at the finest scale: a smaller extent is no shake
 
 
 @dataclass(frozen=True)
 class ScaleReport:
-    """How one scale ended: its size, rotations left, noise (of 0..256) and C_KL per gradient."""
+    """The result of one scale: its size, rotations, noise (of 0..256) and C_KL per gradient."""
 
     height: int
     width: int
@@ -59,7 +61,7 @@ class ScaleReport:
 
 
 class ScaleByScale:
-    """The estimate under way, scale by scale."""
+    """The state of an estimate, scale by scale."""
 
     def __init__(
         self,
@@ -89,16 +91,16 @@ class ScaleByScale:
         self.latent: Image | None = None
 
     def try_coarse(self) -> float:
-        """Work through the coarse scales; return the weight that touches the bounds."""
-        while self._goes_on():
+        """Solve the coarse scales; return the weight that touches the bounds."""
+        while self._continues():
             self._step()
             if max(self.levels[len(self.reports) - 1].camera.shape) >= _TRIAL_SIDE:
                 break
         return self.outermost
 
     def run(self) -> tuple[RotationKernel, float]:
-        """Work through the scales left; return the last kernel and how far to trust it."""
-        while self._goes_on():
+        """Solve the remaining scales; return the last kernel and its confidence."""
+        while self._continues():
             self._step()
         self.progress(1.0, "kernel estimated")
         assert self.kernel is not None  # noqa: S101 - there is at least one level
@@ -122,7 +124,7 @@ class ScaleByScale:
         level = self.levels[len(self.reports) - 1]
         return latent_differences(self.latent, level, self.kernel.above(_CUT).centroid)
 
-    def _goes_on(self) -> bool:
+    def _continues(self) -> bool:
         """Whether there is a finer scale, and the blur is not wide enough yet."""
         if len(self.reports) == len(self.levels):
             return False

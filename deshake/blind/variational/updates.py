@@ -46,7 +46,7 @@ _SHAPE = _SCALE = 1e-3  # p(beta) = Gamma(a0, b0)
 
 @dataclass(frozen=True, eq=False)
 class KernelProblem:
-    """What q(f) says of the kernel.
+    """The quadratic form of the kernel under q(f).
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ class VariationalModel:
         return replace(q, f=f, f_var=1 / x2)
 
     def kernel_problem(self, q: Posterior) -> KernelProblem:
-        """Gather what q(f) says of the kernel; good for any q with the same f and f_var."""
+        """Compute the kernel's quadratic form; valid for all q with the same f and f_var."""
         ones = np.broadcast_to(self.mask, self.g.shape)
         local = dict(self.flow.grid.cross_correlations(ones, q.f_var, lambda _, v: v.copy()))
         f, variance = np.moveaxis(q.f, 0, -1), np.moveaxis(q.f_var, 0, -1)

@@ -157,10 +157,10 @@ def differences(picture: np.ndarray) -> np.ndarray:
     return out
 
 
-def misfit(found: np.ndarray, want: np.ndarray) -> float:
+def misfit(ours: np.ndarray, want: np.ndarray) -> float:
     """Of gradients away from the border, as a share of those that are wanted."""
     inner = np.s_[:, 4:-4, 4:-4]
-    return float(np.linalg.norm((found - want)[inner]) / np.linalg.norm(want[inner]))
+    return float(np.linalg.norm((ours - want)[inner]) / np.linalg.norm(want[inner]))
 
 
 @pytest.mark.parametrize("index", [0, 2, 4])
@@ -169,10 +169,10 @@ def test_latent_gradients_become_differences_of_their_scale(index: int, sharp: n
     level = PyramidPlan(Camera.from_focal(260.0, *sharp.shape), 24).levels()[-1 - index]
     f = resize(differences(smooth), level.camera.shape)
     want = differences(resize(smooth[None], level.camera.shape)[0])
-    found = latent_differences(f, level, np.zeros(3))
-    assert misfit(found, want) < 0.04
+    result = latent_differences(f, level, np.zeros(3))
+    assert misfit(result, want) < 0.04
     where_they_were = f * 2 ** (index / 2)
-    assert index == 0 or misfit(found, want) < 0.5 * misfit(where_they_were, want)
+    assert index == 0 or misfit(result, want) < 0.5 * misfit(where_they_were, want)
 
 
 def test_gradients_turn_as_their_picture_does(sharp: np.ndarray) -> None:
@@ -180,6 +180,6 @@ def test_gradients_turn_as_their_picture_does(sharp: np.ndarray) -> None:
     camera = Camera.from_focal(260.0, *sharp.shape)
     theta = np.array([-0.003, 0.005, 0.004])
     want = differences(turn(smooth[None], camera, theta)[0])
-    found = turned_gradients(differences(smooth), camera, theta)
-    assert misfit(found, want) < 0.05
+    result = turned_gradients(differences(smooth), camera, theta)
+    assert misfit(result, want) < 0.05
     assert misfit(differences(smooth), want) > 0.3

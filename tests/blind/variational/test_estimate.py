@@ -66,25 +66,25 @@ def estimates(shots: dict[str, Shot]) -> dict[str, BlindEstimate]:
     }
 
 
-class Told(NamedTuple):
-    """An estimate, and what was told of its progress."""
+class Watched(NamedTuple):
+    """An estimate, and the reports of its progress."""
 
-    found: BlindEstimate
+    result: BlindEstimate
     shares: list[float]
     texts: list[str]
 
 
 @pytest.fixture(scope="module")
-def told(small: Shot) -> Told:
-    told: list[tuple[float, str]] = []
-    found = estimate_variational(
+def watched(small: Shot) -> Watched:
+    reports: list[tuple[float, str]] = []
+    result = estimate_variational(
         small.photo,
         small.true.camera,
         blur_px=8,
         threads=2,
-        progress=lambda share, text: told.append((share, text)),
+        progress=lambda share, text: reports.append((share, text)),
     )
-    return Told(found, [share for share, _ in told], [text for _, text in told])
+    return Watched(result, [share for share, _ in reports], [text for _, text in reports])
 
 
 def psnr(restored: np.ndarray, sharp: np.ndarray) -> float:
@@ -119,26 +119,26 @@ def cosine(a: RotationKernel, b: RotationKernel) -> float:
 def test_a_known_kernel_is_recovered(
     name: str, shots: dict[str, Shot], estimates: dict[str, BlindEstimate]
 ) -> None:
-    shot, found = shots[name], estimates[name]
-    assert found.kernel.camera is shot.true.camera
-    assert cosine(shot.true, found.kernel) > 0.85
-    assert gain(shot, found.kernel) > 2
-    assert found.confidence > 0.8
-    assert found.notes == []
+    shot, result = shots[name], estimates[name]
+    assert result.kernel.camera is shot.true.camera
+    assert cosine(shot.true, result.kernel) > 0.85
+    assert gain(shot, result.kernel) > 2
+    assert result.confidence > 0.8
+    assert result.notes == []
 
 
-def test_strong_noise_leaves_the_kernel_to_be_found(shots: dict[str, Shot]) -> None:
+def test_strong_noise_leaves_the_kernel_right(shots: dict[str, Shot]) -> None:
     photo, true = shots["Y"].photo, shots["Y"].true
     display = photo ** (1 / 2.2)
     display = display + np.random.default_rng(1).normal(0, 10 / 255, photo.shape)
     noisy = ((np.rint(255 * np.clip(display, 0, 1)) / 255) ** 2.2).astype(np.float32)
-    found = estimate_variational(noisy, true.camera, blur_px=BOUND, threads=2)
-    assert cosine(true, found.kernel) > 0.7
+    result = estimate_variational(noisy, true.camera, blur_px=BOUND, threads=2)
+    assert cosine(true, result.kernel) > 0.7
 
 
 def test_the_kernel_is_centred(estimates: dict[str, BlindEstimate]) -> None:
-    for found in estimates.values():
-        assert np.all(np.abs(found.kernel.centroid) < 1e-6)
+    for result in estimates.values():
+        assert np.all(np.abs(result.kernel.centroid) < 1e-6)
 
 
 def test_scales_are_reported_from_coarse_to_fine(estimates: dict[str, BlindEstimate]) -> None:
@@ -154,19 +154,21 @@ def test_scales_are_reported_from_coarse_to_fine(estimates: dict[str, BlindEstim
 def test_a_uniform_kernel_is_recovered_by_the_uniform_model(sharp: np.ndarray) -> None:
     camera = Camera.from_focal(260.0, *sharp.shape)
     shot = shoot(sharp, Camera.uniform(*sharp.shape), (4, 8, 0))
-    found = estimate_variational(shot.photo, camera, blur_px=10, uniform=True, threads=2)
-    assert np.all(np.abs(found.kernel.theta[:, 2]) < 1e-9)
-    assert found.kernel.camera.is_uniform
-    assert cosine(shot.true, found.kernel) > 0.85
-    assert gain(shot, found.kernel) > 2
+    result = estimate_variational(shot.photo, camera, blur_px=10, uniform=True, threads=2)
+    assert np.all(np.abs(result.kernel.theta[:, 2]) < 1e-9)
+    assert result.kernel.camera.is_uniform
+    assert cosine(shot.true, result.kernel) > 0.85
+    assert gain(shot, result.kernel) > 2
 
 
-def test_threads_do_not_change_a_byte(small: Shot, told: Told) -> None:
+def test_threads_do_not_change_a_byte(small: Shot, watched: Watched) -> None:
     alone = estimate_variational(small.photo, small.true.camera, blur_px=8, threads=1)
     for name in ("theta", "weights", "steps"):
-        assert getattr(alone.kernel, name).tobytes() == getattr(told.found.kernel, name).tobytes()
-    assert alone.confidence == told.found.confidence
-    assert alone.scales == told.found.scales
+        assert (
+            getattr(alone.kernel, name).tobytes() == getattr(watched.result.kernel, name).tobytes()
+        )
+    assert alone.confidence == watched.result.confidence
+    assert alone.scales == watched.result.scales
 
 
 def test_the_kernel_of_a_reduced_photo_belongs_to_the_whole(
@@ -174,13 +176,13 @@ def test_the_kernel_of_a_reduced_photo_belongs_to_the_whole(
 ) -> None:
     monkeypatch.setattr(estimate, "_LONGEST_SIDE", 156)
     shot = shots["Y"]
-    found = estimate_variational(shot.photo, shot.true.camera, blur_px=BOUND, threads=2)
-    assert found.scales[-1].width == 156
-    assert found.kernel.camera is shot.true.camera
-    spread = [np.sqrt(k.weights @ k.theta[:, 1] ** 2) for k in (found.kernel, shot.true)]
+    result = estimate_variational(shot.photo, shot.true.camera, blur_px=BOUND, threads=2)
+    assert result.scales[-1].width == 156
+    assert result.kernel.camera is shot.true.camera
+    spread = [np.sqrt(k.weights @ k.theta[:, 1] ** 2) for k in (result.kernel, shot.true)]
     assert spread[0] == pytest.approx(spread[1], rel=0.25)
-    assert cosine(shot.true, found.kernel) > 0.75
-    assert gain(shot, found.kernel) > 0.5
+    assert cosine(shot.true, result.kernel) > 0.75
+    assert gain(shot, result.kernel) > 0.5
 
 
 def test_a_region_speaks_for_the_whole_photo(shots: dict[str, Shot]) -> None:
@@ -188,14 +190,14 @@ def test_a_region_speaks_for_the_whole_photo(shots: dict[str, Shot]) -> None:
     spoilt = shot.photo.copy()
     spoilt[:, :70] = np.random.default_rng(0).random((150, 70))
     region = (82, 30, 90, 90)
-    found = estimate_variational(spoilt, shot.true.camera, blur_px=BOUND, region=region, threads=2)
+    result = estimate_variational(spoilt, shot.true.camera, blur_px=BOUND, region=region, threads=2)
     same = estimate_variational(
         shot.photo, shot.true.camera, blur_px=BOUND, region=region, threads=2
     )
-    assert found.kernel.camera is shot.true.camera
-    assert found.scales == same.scales
-    assert found.scales[-1].width == 90
-    assert cosine(shot.true, found.kernel) > 0.75
+    assert result.kernel.camera is shot.true.camera
+    assert result.scales == same.scales
+    assert result.scales[-1].width == 90
+    assert cosine(shot.true, result.kernel) > 0.75
 
 
 def test_clipped_pixels_are_not_believed(small: Shot) -> None:
@@ -208,15 +210,15 @@ def test_clipped_pixels_are_not_believed(small: Shot) -> None:
     assert cosine(small.true, masked.kernel) > cosine(small.true, plain.kernel)
 
 
-def test_the_bound_is_found_where_none_is_given(small: Shot) -> None:
+def test_the_bound_is_chosen_where_none_is_given(small: Shot) -> None:
     shares: list[float] = []
-    found = estimate_variational(
+    result = estimate_variational(
         small.photo,
         small.true.camera,
         threads=2,
         progress=lambda share, _text: shares.append(share),
     )
-    assert cosine(small.true, found.kernel) > 0.75
+    assert cosine(small.true, result.kernel) > 0.75
     assert shares == sorted(shares)
     assert shares[-1] == 1
 
@@ -226,27 +228,27 @@ def test_the_prior_on_rolls_takes_them_away(sharp: np.ndarray) -> None:
     shot = shoot(reduced, Camera.from_focal(130.0, 100, 130), (0, 0, 6))
     spreads = []
     for rate in (0.0, 1.0):
-        found = estimate_variational(
+        result = estimate_variational(
             shot.photo, shot.true.camera, blur_px=8, roll_rate=rate, threads=2
         )
-        spreads.append(float(np.sqrt(found.kernel.weights @ found.kernel.theta[:, 2] ** 2)))
+        spreads.append(float(np.sqrt(result.kernel.weights @ result.kernel.theta[:, 2] ** 2)))
     assert spreads[0] > 0.6 * np.sqrt(shot.true.weights @ shot.true.theta[:, 2] ** 2)
     assert spreads[1] < 0.2 * spreads[0]
 
 
-def test_progress_rises_to_one(told: Told) -> None:
-    assert told.shares == sorted(told.shares)
-    assert told.shares[0] >= 0
-    assert told.shares[-1] == 1
-    assert len(told.shares) > 50
-    assert all(told.texts)
+def test_progress_rises_to_one(watched: Watched) -> None:
+    assert watched.shares == sorted(watched.shares)
+    assert watched.shares[0] >= 0
+    assert watched.shares[-1] == 1
+    assert len(watched.shares) > 50
+    assert all(watched.texts)
 
 
-def test_a_bound_too_small_is_told(shots: dict[str, Shot]) -> None:
+def test_a_bound_too_small_is_noted(shots: dict[str, Shot]) -> None:
     shot = shots["Z"]
     region = (110, 10, 80, 80)
-    found = estimate_variational(shot.photo, shot.true.camera, blur_px=1, region=region, threads=2)
-    assert any("--blur-size" in note for note in found.notes)
+    result = estimate_variational(shot.photo, shot.true.camera, blur_px=1, region=region, threads=2)
+    assert any("--blur-size" in note for note in result.notes)
 
 
 @pytest.mark.parametrize(

@@ -46,10 +46,10 @@ def test_rectified_moments_are_those_of_integration(t: float, x2: float) -> None
     mean = integral(lambda w: w) / z
     second = integral(lambda w: w * w) / z
     log_q = integral(lambda w: x1 * w - x2 * w * w / 2 - top) / z - np.log(z * width)
-    found = rectified_moments(x1, x2)
-    assert found[0] == pytest.approx(mean, rel=1e-7)
-    assert found[1] == pytest.approx(second, rel=1e-6)
-    assert found[2] == pytest.approx(log_q, abs=1e-6 * max(abs(log_q), 1))
+    moments = rectified_moments(x1, x2)
+    assert moments[0] == pytest.approx(mean, rel=1e-7)
+    assert moments[1] == pytest.approx(second, rel=1e-6)
+    assert moments[2] == pytest.approx(log_q, abs=1e-6 * max(abs(log_q), 1))
 
 
 @pytest.mark.parametrize("t", [-25.0, 25.0])
@@ -62,10 +62,10 @@ def test_rectified_moments_are_continuous_where_the_series_begins(t: float) -> N
 
 def test_gradients_have_the_expected_precision() -> None:
     second = np.array([[0.0, 0.01, 1.0], [50.0, 200.0, 1e6]], np.float32)
-    found, bound = gradient_precision(second, PRIOR)
-    np.testing.assert_allclose(found[1, 2], PRIOR.gamma.min())
+    precision, bound = gradient_precision(second, PRIOR)
+    np.testing.assert_allclose(precision[1, 2], PRIOR.gamma.min())
     lam = responsibilities(second.astype(np.float64).ravel()[:5, None])
-    np.testing.assert_allclose(found.ravel()[:5], lam @ PRIOR.gamma, rtol=1e-5)
+    np.testing.assert_allclose(precision.ravel()[:5], lam @ PRIOR.gamma, rtol=1e-5)
     mixture = PRIOR.pi * np.sqrt(PRIOR.gamma / (2 * np.pi))
     few = second.ravel()[:3, None].astype(np.float64)
     _, part = gradient_precision(second[:1], PRIOR)

@@ -163,11 +163,11 @@ def test_expected_error_and_gram_are_the_dense_ones(exact: Callable[..., Case]) 
 def test_the_variances_products_are_the_dense_ones(exact: Callable[..., Case]) -> None:
     model, dense = exact(masked=True)
     q = posterior(SHAPE, len(SHIFTS))
-    found = model._variance_product(q.w, model.kernel_problem(q))
+    product = model._variance_product(q.w, model.kernel_problem(q))
     expected = np.einsum(
         "i,ijk,ijl,cj,l->k", dense.m, dense.c, dense.c, rows(q.f_var), q.w, optimize=True
     )
-    np.testing.assert_allclose(found, expected, rtol=1e-5)
+    np.testing.assert_allclose(product, expected, rtol=1e-5)
 
 
 def test_the_latent_update_solves_the_dense_system(exact: Callable[..., Case]) -> None:
@@ -256,8 +256,8 @@ def test_the_noise_update_finds_the_lowest_free_energy(exact: Callable[..., Case
 def test_free_energy_is_the_dense_one(exact: Callable[..., Case]) -> None:
     model, dense = exact(masked=False)
     q = posterior(SHAPE, len(SHIFTS), inner=INNER)
-    found = model.free_energy(q, model.kernel_problem(q))
-    assert found == pytest.approx(dense.free_energy(q), abs=1e-4 * 2 * dense.m.sum())
+    energy = model.free_energy(q, model.kernel_problem(q))
+    assert energy == pytest.approx(dense.free_energy(q), abs=1e-4 * 2 * dense.m.sum())
 
 
 def test_a_tiny_rotational_case_is_nearly_the_dense_one(
