@@ -43,7 +43,7 @@ def test_fix_is_estimate_and_deblur(photo, tmp_path):
     sharp, kernel, again, other = (tmp_path / name for name in ("s.png", "k.npz", "t.png", "l.npz"))
     figures = did(Fix(OPTIONS), Job(photo, sharp, {"kernel": kernel}))
     assert figures["camera_source"] == "given"
-    verdict = {name: figures.pop(name) for name in ("verdict", "reason")}
+    verdict = {name: figures.pop(name) for name in ("verdict", "reason") if name in figures}
     assert did(EstimateKernel(OPTIONS), Job(photo, other)) == figures
     assert other.read_bytes() == kernel.read_bytes()
     figures = did(Deblur(), Job(photo, again, needs={"kernel": kernel}))
