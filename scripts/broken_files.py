@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 __all__ = ["Case", "Outcome", "cases", "run"]
 
 _SECONDS, _HANG, _BYTES = 10.0, 30.0, 1e9
+_DONE = " -> "  # in the line that `fix` prints of a result
 _ADDRESSES = 4 << 30  # what a child may map; what it may use is measured
 _FIX = ("--blur-size", 3, "--estimator", "edges", "--uniform", "--quality", "fast")
 _FIX = (*_FIX, "--iterations", 2, "--focal-35mm", 30, "-o", "{out}", "--overwrite")
@@ -91,8 +92,9 @@ class Outcome:
         errors = sum(line.startswith("error: ") for line in lines)
         if self.code is not None and errors != self.code:
             faults.append(f"{errors} lines of errors at exit code {self.code}")
-        if not all(line.startswith(("error: ", "hint: ", "warning: ")) for line in lines):
-            faults.append("lines that are neither errors, hints nor warnings")
+        known = ("error: ", "hint: ", "warning: ")
+        if not all(line.startswith(known) or _DONE in line for line in lines):
+            faults.append("lines that are neither errors, hints, warnings nor what was done")
         if "this is a bug" in self.err:
             faults.append("what is called a bug")
         return faults
