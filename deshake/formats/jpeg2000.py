@@ -110,14 +110,14 @@ def encode_jpeg2000(picture: Decoded) -> bytes:
 
 
 def _boxes(data: bytes) -> list[tuple[bytes, bytes]]:
-    """Return the boxes of a file, with those in its header instead of that."""
-    found = []
+    """Return the boxes of a file; the boxes inside the header replace the header."""
+    contents = []
     for name, start, end in read_boxes(data):
         if name == b"jp2h":
-            found += [(inner, data[a:b]) for inner, a, b in read_boxes(data, start, end)]
+            contents += [(inner, data[a:b]) for inner, a, b in read_boxes(data, start, end)]
         else:
-            found.append((name, data[start:end]))
-    return found
+            contents.append((name, data[start:end]))
+    return contents
 
 
 def _box(name: bytes, content: bytes) -> bytes:

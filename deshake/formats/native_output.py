@@ -1,4 +1,4 @@
-"""What libraries in C print on stderr: kept from the user, who is told of damage in one line."""
+"""Captures what C libraries print on stderr: deshake itself reports damage in one line."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ _caught: BinaryIO | None = None
 
 @contextlib.contextmanager
 def silenced() -> Iterator[list[str]]:
-    """Keep all that is printed on file descriptor 2 from being seen, in every thread.
+    """Capture all output to file descriptor 2, of every thread.
 
-    For short calls of libraries that print what they find wrong in a file. May be nested, and used
-    by several threads at once. Without a stderr nothing is done.
+    It serves short calls of libraries that print errors of a file. Calls may be nested, and several
+    threads may use it at once. Without a stderr it does nothing.
 
     Yields
     ------
     list of str
-        The lines that were printed meanwhile; it is filled at the end.
+        The lines that were printed meanwhile; the list is filled at the end.
 
     """
     lines: list[str] = []
@@ -65,7 +65,7 @@ def _leave(start: int) -> list[str]:
         printed = b""
         if _caught is not None:
             _caught.seek(start)
-            printed = _caught.read()  # to the end, where printing goes on
+            printed = _caught.read()  # to the end, where the next output goes
         _depth -= 1
         if _depth == 0 and _caught is not None:
             os.dup2(_saved, _STDERR)
