@@ -1,4 +1,4 @@
-"""Photos of a chessboard give a camera file: ``calibrate --chessboard`` runs this."""
+"""A camera file from photos of a chessboard: ``calibrate --chessboard`` runs this."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def calibrate_from_chessboards(
     overwrite: bool = False,
     progress: Callable[[float, str], None] | None = None,
 ) -> ChessboardCalibration:
-    """Find a camera from photos of a printed board, and write its file if `output` is given.
+    """Estimate a camera from photos of a printed board; write its file if `output` is given.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def calibrate_from_chessboards(
 def _corners(
     photos: Sequence[Path], board: tuple[int, int], progress: Callable[[float, str], None] | None
 ) -> tuple[list[Corners], tuple[int, int]]:
-    """Find the board in all photos; return its corners, and the size of the photos."""
+    """Detect the board in all photos; return its corners, and the size of the photos."""
     report_progress = progress or (lambda _share, _text: None)
     boards: list[Corners] = []
     missing: list[Path] = []
