@@ -213,7 +213,7 @@ def append_tree(data: bytes, tree: Tree, *, note_at: int | None = None) -> bytes
 
 
 def new_block(tree: Tree, *, note_at: int | None = None) -> bytes:
-    """Make an EXIF block of directories; empty if they are.
+    """Make an EXIF block of directories; empty if all directories are.
 
     Parameters
     ----------
@@ -245,8 +245,8 @@ def orientation(block: bytes) -> int:
 def read_directory(block: bytes, order: str, offset: int, *, big: bool) -> Directory:
     """Read one directory, without entries of unknown type or with values outside the block.
 
-    Together, the values of a directory are no longer than the block. So many entries cannot
-    multiply the same bytes.
+    The values of a directory together may not be longer than the block. So a few entries cannot
+    copy the same bytes again and again.
     """
     count_code, entry_code, width, inline = ("Q", "HHQ", 20, 8) if big else ("H", "HHI", 12, 4)
     (count,) = struct.unpack_from(f"{order}{count_code}", block, offset)
