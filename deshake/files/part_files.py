@@ -1,7 +1,7 @@
 """Part files: temporary files that hold an output until it is whole.
 
-A part file is locked while its process runs. When the process ends, in whatever way, the system
-releases the lock. A part file without a lock is stale.
+A part file is locked while its process runs. When the process ends, the system releases the lock.
+A part file without a lock is stale.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ def silenced() -> Iterator[list[str]]:
 
 
 def _enter() -> int:
-    """Send what is printed to a file, if it does not go there yet; return the file's length."""
+    """Redirect stderr to a file, if it is not redirected yet; return the length of the file."""
     global _caught, _depth, _saved  # noqa: PLW0603 - a file descriptor is the process's own
     with _lock:
         if _depth == 0:

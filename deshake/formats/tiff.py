@@ -268,7 +268,7 @@ def _decode_page(page: TiffPage, data: bytes) -> Codes:
 
 
 def _finite(pixels: Codes) -> Codes:
-    """Return floating-point pixels in single precision; refuse what is no number."""
+    """Return floating-point pixels in single precision; refuse infinities and nan."""
     with np.errstate(over="ignore"):
         single = pixels.astype(np.float32)
     if not np.isfinite(single).all():
