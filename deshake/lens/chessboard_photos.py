@@ -36,7 +36,7 @@ class ChessboardCalibration:
     ----------
     content : CameraFile
         The camera and its source in words.
-    found : BoardCamera
+    fit : BoardCamera
         How well it explains the photos.
     photos : list of Path
         The photos.
@@ -46,22 +46,22 @@ class ChessboardCalibration:
     """
 
     content: CameraFile
-    found: BoardCamera
+    fit: BoardCamera
     photos: list[Path]
     notes: list[str]
 
     def report(self) -> dict[str, Any]:
         """Return the figures as JSON data."""
-        camera = self.found.camera
+        camera = self.fit.camera
         return {
             "inputs": [str(path) for path in self.photos],
             "focal_px": round(camera.focal_px, 3),
-            "focal_sigma_px": round(self.found.focal_sigma_px, 3),
+            "focal_sigma_px": round(self.fit.focal_sigma_px, 3),
             "principal_point": np.round(camera.matrix[:2, 2], 3).tolist(),
             "distortion": camera.distortion.tolist(),
             "source": self.content.source,
-            "error_px": round(self.found.error_px, 4),
-            "errors_px": np.round(self.found.errors_px, 4).tolist(),
+            "error_px": round(self.fit.error_px, 4),
+            "errors_px": np.round(self.fit.errors_px, 4).tolist(),
             "notes": self.notes,
             "width": camera.width,
             "height": camera.height,
