@@ -127,7 +127,7 @@ def _box(name: bytes, content: bytes) -> bytes:
 def _size(stream: bytes) -> tuple[int, int, int, int]:
     """Return height, width, bits a sample and the number of channels of a code stream.
 
-    One that does not end as it should is refused: the decoder would leave the rest blank.
+    A code stream without its end marker is refused: the decoder would leave the rest blank.
     """
     if not stream.startswith(_STREAM) or not stream.rstrip(b"\0").endswith(_END):
         raise PhotoError("the JPEG 2000 is damaged or cut short")

@@ -1,4 +1,4 @@
-"""Captures what C libraries print on stderr: deshake itself reports damage in one line."""
+"""Captures the output of C libraries on stderr: deshake itself reports damage in one line."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def _enter() -> int:
 
 
 def _leave(start: int) -> list[str]:
-    """Return the lines that were printed since; the last one restores what was before."""
+    """Return the lines that were printed since `start`; the last call restores stderr."""
     global _caught, _depth  # noqa: PLW0603 - as above
     with _lock:
         printed = b""

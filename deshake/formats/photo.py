@@ -253,7 +253,7 @@ def read_pair(
 
 
 def balanced(photo: Photo, reference: Photo) -> Photo:
-    """Return a RAW photo with the white balance of another one; any other photo as it is."""
+    """Return a RAW photo with the white balance of another one; else return the photo."""
     own, wanted = photo.encoding.balance, reference.encoding.balance
     if not wanted or len(wanted) != len(own) or wanted == own:
         return photo

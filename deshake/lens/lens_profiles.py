@@ -34,7 +34,9 @@ __all__ = ["LensProfile", "crop_factor", "find_profile"]
 
 _BOARD: Final = "or find it with calibrate --chessboard"
 _WITH_MORE: Final = re.compile(r"compatibles[^,+]*[,+]")  # converters, macro, other raw formats
-_SMALLER: Final = 0.96  # least crop factor of the camera, in those of the profile; lensfun's value
+_SMALLER: Final = (
+    0.96  # least crop factor of the camera, as a share of the profile's; lensfun's value
+)
 _SAMPLES: Final = 60  # points of the profile's curve
 _BEYOND: Final = 1.02  # half diagonals: how far out the curve is sampled
 _FAR: Final = 1000.0  # m: the distance of the scene

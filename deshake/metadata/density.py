@@ -101,7 +101,7 @@ def jfif_density(content: bytes) -> Density | None:
 
 
 def phys_density(content: bytes) -> Density | None:
-    """Read the density in a PNG's chunk pHYs; None if it is missing or impossible."""
+    """Read the density in a PNG's chunk pHYs; None if it only states square pixels, or is wrong."""
     if len(content) != 9:
         return None
     across, down, unit = struct.unpack(">IIB", content)

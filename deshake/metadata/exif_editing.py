@@ -122,7 +122,7 @@ def without_thumbnail(block: bytes) -> bytes:
 
 
 def shortened(block: bytes, longest: int) -> tuple[bytes, list[int]]:
-    """Make a new EXIF block of the same tags that is no longer than `longest`.
+    """Make a new EXIF block no longer than `longest`, if need be without the longest values.
 
     Returns
     -------

@@ -106,7 +106,7 @@ def power_profile(gamma: float, *, grey: bool = False) -> bytes:
 def cicp_profile(primaries: int, transfer: int) -> bytes:
     """Make the profile of coding-independent code points [3]_; empty if they are sRGB's.
 
-    The curves of television are taken for sRGB's: photos that state them have it.
+    The curves of television count as sRGB's: photos that state them have sRGB's curve.
 
     Parameters
     ----------

@@ -120,7 +120,7 @@ class CameraPath:
         return theta, np.diff(elapsed)
 
     def _along(self, camera: Camera) -> NDArray[np.float64]:
-        """Distance of each orientation along the path, (T,), in pixels where they move most."""
+        """Return the path length up to each orientation, (T,), in pixels of the fastest corner."""
         moved = displacements(homographies(camera, self.theta), camera.corners)
         lengths = np.linalg.norm(np.diff(moved, axis=1), axis=2).max(0)
         along = np.concatenate([[0.0], np.cumsum(lengths)])
