@@ -116,12 +116,12 @@ def _from_chessboards(
         result = calibrate_from_chessboards(
             paths, output, board, overwrite=batch.overwrite, progress=bar
         )
-    found = result.found
+    fit = result.fit
     if batch.as_json:
         files = {"output": None if output is None else str(output)}
         print_json(result.report() | files)
     elif not to_stdout and context.verbosity >= 0:
-        click.echo(f"{output}: {found.camera.focal_px:.1f} pixels ({result.content.source})")
+        click.echo(f"{output}: {fit.camera.focal_px:.1f} pixels ({result.content.source})")
 
 
 def _line(result: Result) -> str:

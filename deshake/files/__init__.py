@@ -1,1 +1,1 @@
-"""Outputs whole or not at all, and the ``.npz`` files between the stages."""
+"""Outputs that appear whole or not at all, and the ``.npz`` files between the stages."""

@@ -1,4 +1,4 @@
-"""Where outputs go and how they get there: checked, written whole or not at all."""
+"""Reads inputs; checks outputs, and writes them whole or not at all."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ _REASONS = {
 def check_output(
     out: str | os.PathLike[str], *inputs: str | os.PathLike[str], overwrite: bool = False
 ) -> None:
-    """Check that a file may be written, before any work is done for it.
+    """Check that a file may be written, before any work begins.
 
     Raises
     ------
@@ -92,8 +92,8 @@ def atomic_write(
 
     The bytes go to a hidden temporary file in the same folder, are flushed to the disk, and the
     file then takes its name in one step. On any exception, an interrupt included, the temporary
-    file is removed and an existing `path` stays as it was. What a killed process leaves of it,
-    `part_files.remove_stale_parts` knows.
+    file is removed and an existing `path` is unchanged. `part_files.remove_stale_parts` removes the
+    temporary files of killed processes.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def atomic_write(
     overwrite : bool, keyword-only
         Whether an existing file may be replaced; checked again at the last moment.
     made_from : sequence of path, keyword-only
-        The inputs, whose permissions the file takes; the temporary file is its owner's alone.
+        The inputs, whose permissions the file takes; only its owner can read the temporary file.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def atomic_write(
         _take_name(part, target, overwrite=overwrite)
     except BaseException as error:
         with contextlib.suppress(OSError):
-            stream.close()  # tries once more to flush what could not be written
+            stream.close()  # it tries again to flush the rest
         with contextlib.suppress(OSError):
             os.unlink(part)  # noqa: PTH108
         if isinstance(error, OSError):
@@ -144,7 +144,7 @@ def write_bytes(
     overwrite: bool = False,
     made_from: Sequence[str | os.PathLike[str]] = (),
 ) -> None:
-    """Write a whole file, or to standard output for ``-``.
+    """Write a whole file; ``-`` is standard output.
 
     The parameters are those of `atomic_write`.
 
@@ -171,19 +171,19 @@ def write_bytes(
 
 
 def sha256(path: Path) -> str:
-    """Return the SHA-256 of a file, in hexadecimal: what provenance knows a photo by."""
+    """Return the SHA-256 of a file, in hexadecimal: provenance names a photo by it."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def read_bytes(path: str | os.PathLike[str], limit: int, error: type[DeshakeError]) -> bytes:
-    """Read a whole file, or standard input for ``-``, of at most `limit` bytes.
+    """Read a whole file of at most `limit` bytes; ``-`` is standard input.
 
     Raises
     ------
     DeshakeError
-        Of the class `error`: no such file, a folder, not readable, larger than `limit`, or
-        standard input is a terminal.
+        Of the class `error`: if the file does not exist, is a folder, is not readable or is larger
+        than `limit`, or if standard input is a terminal.
 
     """
     name = os.fspath(path)
@@ -203,7 +203,7 @@ def read_bytes(path: str | os.PathLike[str], limit: int, error: type[DeshakeErro
 
 
 def check_input(path: str | os.PathLike[str], error: type[DeshakeError]) -> None:
-    """Check that a file is there and may be read, ``-`` being standard input, which is.
+    """Check that a file exists and may be read; ``-``, standard input, always passes.
 
     Raises
     ------
@@ -223,7 +223,7 @@ def check_input(path: str | os.PathLike[str], error: type[DeshakeError]) -> None
 
 @contextlib.contextmanager
 def _reading(name: str, error: type[DeshakeError]) -> Iterator[None]:
-    """Say in one line why the system refused to read."""
+    """Turn an error of the system on reading into one line."""
     try:
         yield
     except FileNotFoundError as cause:
@@ -238,11 +238,11 @@ _PIECE = 1 << 20
 
 
 def _read_at_most(stream: BinaryIO, limit: int) -> bytes | None:
-    """Read all of a stream, in pieces unless its size is known; None if it is over the limit."""
+    """Read a stream, in pieces if its size is unknown; None if it is larger than the limit."""
     size = os.fstat(stream.fileno()).st_size
     if size > limit:
         return None
-    data = stream.read(size + 1)  # one more than a file of that size has
+    data = stream.read(size + 1)  # one byte more, to detect the end
     if len(data) <= size:
         return data
     pieces, length = [data], len(data)
@@ -255,7 +255,7 @@ def _read_at_most(stream: BinaryIO, limit: int) -> bytes | None:
 
 
 def _same_file(a: str, b: str) -> bool:
-    """Tell whether two names mean one file: by its inode, else by the resolved path."""
+    """Return whether two names stand for one file: by the resolved path or the inode."""
     if os.path.realpath(a) == os.path.realpath(b):
         return True
     try:
@@ -265,12 +265,12 @@ def _same_file(a: str, b: str) -> bool:
 
 
 def _take_name(part: str, target: str, *, overwrite: bool) -> None:
-    """Give the finished temporary file its name; without `overwrite`, never over another."""
+    """Give the finished temporary file its name; replace a file only with `overwrite`."""
     if overwrite:
         os.replace(part, target)  # noqa: PTH105
         return
     try:
-        os.link(part, target)  # fails if the name has been taken meanwhile
+        os.link(part, target)  # fails if the name exists by now
     except FileExistsError as error:
         raise OutputError("exists already", hint=_OVERWRITE_HINT, file=target) from error
     except OSError as error:
@@ -282,7 +282,7 @@ def _take_name(part: str, target: str, *, overwrite: bool) -> None:
 
 
 def _output_error(error: OSError, file: str) -> OutputError:
-    """Say in one line why the system refused to write."""
+    """Turn an error of the system on writing into one line."""
     _, hint = _REASONS.get(error.errno or 0, ("", None))
     return OutputError(f"cannot be written: {_reason(error)}", hint=hint, file=file)
 

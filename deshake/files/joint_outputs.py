@@ -17,17 +17,17 @@ _Identity = tuple[int, ...]
 
 
 class AddOutput(Protocol):
-    """Adds a file, or standard output for ``-``, to the outputs."""
+    """Adds a file to the outputs; ``-`` is standard output."""
 
     def __call__(
         self, path: str | os.PathLike[str], data: bytes, *, overwrite: bool = False
     ) -> None:
-        """Add one; `overwrite` says whether an existing file may be replaced.
+        """Add an output; `overwrite` decides whether an existing file may be replaced.
 
         Raises
         ------
         OutputError
-            If it may not or cannot be written.
+            If the file may not or cannot be written.
 
         """
         ...
@@ -39,8 +39,9 @@ def joint_outputs(*made_from: str | os.PathLike[str]) -> Iterator[AddOutput]:
 
     All of them are on the disk before the first takes its name. The file that is added last takes
     its name first: if another process has taken that name meanwhile, none of these files appears,
-    and those of the other process stay. Standard output comes after the files. On any exception
-    the files go that have their names already, but only those that this call created.
+    and the files of the other process remain. Standard output is written after the files. On any
+    exception, files that already have their names are removed, but only those that this call
+    created.
 
     Parameters
     ----------
@@ -92,7 +93,7 @@ def _named_at_the_end(
     *,
     overwrite: bool,
 ) -> Iterator[BinaryIO]:
-    """Open a file under a temporary name; give it its own at the end, and note if it is new."""
+    """Open a temporary file; give it its name at the end, and record it if the name is new."""
     with atomic_write(path, overwrite=overwrite, made_from=made_from) as stream:
         yield stream
         status = os.fstat(stream.fileno())
@@ -101,12 +102,12 @@ def _named_at_the_end(
 
 
 def _remove(path: str, identity: _Identity) -> None:
-    """Remove a file if it still is the one that was created."""
+    """Remove a file if it is still the file that was created."""
     with contextlib.suppress(OSError):
         if _identity(os.lstat(path)) == identity:
             os.unlink(path)  # noqa: PTH108
 
 
 def _identity(status: os.stat_result) -> _Identity:
-    """Return what tells a file from one that took its place, which may have its inode."""
+    """Return values that distinguish a file from its replacement, which may have its inode."""
     return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns

@@ -1,7 +1,7 @@
 """Camera and kernel files: the ``.npz`` schemas between the stages, version 1.
 
-A file from another version, or one with anything missing, misshapen or out of range, is refused
-with one line that says what is wrong. Keys that are not in the schema are ignored.
+A file of another version is refused, and so is a file with a missing array, a wrong shape or a
+value out of range. One line states the error. Keys that are not in the schema are ignored.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ MAX_WEIGHTS: Final = 2_000_000
 
 _MAX_BYTES: Final = 32 * MAX_WEIGHTS + 4 * MAX_TEXT + (1 << 20)
 _SUM_TOLERANCE: Final = 1e-6
-_ROUNDING: Final = 1e-12  # a sum this close to 1 is 1: dividing by it would only add noise
+_ROUNDING: Final = 1e-12  # a sum this close to 1 counts as 1: a division would only add noise
 _KERNEL_FIELDS: Final = {
     "theta": Field("f", (None, 3), 3 * MAX_WEIGHTS),
     "weights": Field("f", (None,), MAX_WEIGHTS),
@@ -62,14 +62,14 @@ _KERNEL_FIELDS: Final = {
 
 @dataclass(frozen=True, eq=False)
 class CameraFile:
-    """What a camera file holds.
+    """The content of a camera file.
 
     Parameters
     ----------
     camera : Camera
         The camera.
     source : str
-        Which tag or option gave the focal length.
+        The tag or option that gave the focal length.
 
     """
 
@@ -79,7 +79,7 @@ class CameraFile:
 
 @dataclass(frozen=True, eq=False)
 class KernelFile:
-    """What a kernel file holds.
+    """The content of a kernel file.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class KernelFile:
     confidence : float
         How far the estimate is to be trusted, from 0 to 1.
     provenance : dict
-        How the kernel came about: JSON data.
+        The origin of the kernel: JSON data.
 
     """
 
@@ -182,7 +182,7 @@ def write_kernel(
 
 
 def kernel_bytes(content: KernelFile) -> bytes:
-    """Return what a kernel file holds; raise ValueError if the provenance is not JSON data."""
+    """Return the bytes of a kernel file; raise ValueError if the provenance is not JSON data."""
     kernel = content.kernel
     arrays = camera_arrays(kernel.camera) | {
         "theta": np.asarray(kernel.theta, np.float64),

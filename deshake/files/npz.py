@@ -1,8 +1,8 @@
-"""The ``.npz`` container, read with suspicion and written the same way every time.
+"""The ``.npz`` container: strict reading, and equal bytes for equal arrays.
 
-A file may come from anywhere. Names, sizes and types are checked in the zip directory and in each
-array's header before any array is read, no Python object is ever unpickled, and no more memory is
-used than the caller's limits allow.
+A file may come from a stranger. Names, sizes and types are checked in the zip directory and in each
+array's header before any array is read. No Python object is unpickled. Reading uses no more memory
+than the caller's limits allow.
 """
 
 from __future__ import annotations
@@ -38,16 +38,16 @@ _DATE: Final = (1980, 1, 1, 0, 0, 0)
 
 @dataclass(frozen=True)
 class Field:
-    """What an array must be.
+    """The required form of an array.
 
     Parameters
     ----------
     kind : {"f", "i", "U"}
         float64, an integer type, or text.
     shape : tuple of int or None
-        Its shape; None for a length that is free.
+        Its shape; None for a free length.
     limit : int
-        The largest number of entries; of text, of characters.
+        The largest number of entries; for text, of characters.
 
     """
 
@@ -57,14 +57,14 @@ class Field:
 
 
 def unpack(data: bytes, fields: Mapping[str, Field]) -> dict[str, NDArray[Any]]:
-    """Read the named arrays of an ``.npz`` file; others are left alone.
+    """Read the named arrays of an ``.npz`` file; other arrays are ignored.
 
     Parameters
     ----------
     data : bytes
         The file.
     fields : mapping of str to Field
-        What is wanted; all of it must be there.
+        The wanted arrays; all of them must be in the file.
 
     Returns
     -------
@@ -74,7 +74,7 @@ def unpack(data: bytes, fields: Mapping[str, Field]) -> dict[str, NDArray[Any]]:
     Raises
     ------
     ValueError
-        If the file is damaged, an array is missing or not what its field says. The message is
+        If the file is damaged, or an array is missing or differs from its field. The message is
         one line.
 
     """
@@ -104,7 +104,7 @@ def pack(arrays: Mapping[str, NDArray[Any]]) -> bytes:
 
 
 class _RefusalError(ValueError):
-    """Something that the file should not hold, said in one line."""
+    """An error of the file, in one line."""
 
 
 _DAMAGE: Final = (
@@ -116,7 +116,7 @@ _DAMAGE: Final = (
     ValueError,
     TypeError,
     SyntaxError,
-    tokenize.TokenError,  # where NumPy looks at a header that is no literal once more
+    tokenize.TokenError,  # NumPy's second attempt at a header that is no literal
     LookupError,
     OverflowError,
     RecursionError,
@@ -127,7 +127,7 @@ _DAMAGE: Final = (
 
 
 def _check_end(data: bytes) -> None:
-    """Check the end record of the zip, by which the directory is found, before it is trusted."""
+    """Check the end record of the zip, which locates the directory."""
     if not data:
         raise ValueError("is empty")
     if data[:4] != b"PK\x03\x04":
@@ -141,7 +141,7 @@ def _check_end(data: bytes) -> None:
 
 
 def _members(archive: zipfile.ZipFile, wanted: Iterable[str]) -> dict[str, zipfile.ZipInfo]:
-    """Find the wanted arrays in the zip's directory; a name that is there twice is a trap."""
+    """Return the wanted arrays' entries in the zip's directory; refuse a name that occurs twice."""
     members: dict[str, zipfile.ZipInfo] = {}
     for info in archive.infolist():
         key = info.filename.removesuffix(".npy")
@@ -174,7 +174,7 @@ def _read(archive: zipfile.ZipFile, info: zipfile.ZipInfo, key: str, field: Fiel
 def _read_header(
     head: bytes, file_size: int, key: str, field: Field
 ) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:
-    """Check the header of one ``.npy`` against its field; say where the data begins."""
+    """Check the header of one ``.npy`` against its field; return where the data begins."""
     stream = io.BytesIO(head)
     version = npy.read_magic(stream)
     read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0

@@ -1,7 +1,7 @@
-"""Temporary files that hold an output until it is whole, and what killed runs left of them.
+"""Part files: temporary files that hold an output until it is whole.
 
-A part file is locked as long as its writer lives; the system lets go of the lock however the
-writer ends. One that nobody holds is stale.
+A part file is locked while its process runs. When the process ends, the system releases the lock.
+A part file without a lock is stale.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ if TYPE_CHECKING:
 fcntl: ModuleType | None
 try:
     fcntl = import_module("fcntl")
-except ImportError:  # Windows, which removes no file that is open
+except ImportError:  # Windows, which never removes an open file
     fcntl = None
 
 __all__ = ["create_part", "remove_stale_parts"]
 
 _NAME = re.compile(r"\.deshake-[0-9a-f]{16}\.part")
-_BINARY: int = getattr(os, "O_BINARY", 0)  # Windows alone tells text from binary
+_BINARY: int = getattr(os, "O_BINARY", 0)  # only Windows distinguishes text from binary
 _FOLLOW: int = getattr(os, "O_NOFOLLOW", 0)
 
 
 def create_part(folder: str) -> tuple[int, str]:
-    """Create a hidden, empty part file in a folder, which its owner alone may read, and lock it.
+    """Create and lock a hidden, empty part file in a folder; only its owner may read it.
 
     Returns
     -------
@@ -56,11 +56,11 @@ def create_part(folder: str) -> tuple[int, str]:
             fcntl.flock(handle, fcntl.LOCK_EX)
         if os.fstat(handle).st_nlink:
             return handle, path
-        os.close(handle)  # taken for stale before it was locked
+        os.close(handle)  # another process removed it as stale before the lock
 
 
 def remove_stale_parts(folder: str | os.PathLike[str]) -> int:
-    """Remove the part files in a folder whose writers have ended; return how many there were."""
+    """Remove the part files in a folder whose processes have ended; return their number."""
     try:
         with os.scandir(folder or ".") as entries:
             parts = [entry.path for entry in entries if _NAME.fullmatch(entry.name)]
@@ -70,7 +70,7 @@ def remove_stale_parts(folder: str | os.PathLike[str]) -> int:
 
 
 def _removed(path: str) -> bool:
-    """Remove a part file unless somebody holds it."""
+    """Remove a part file unless a process holds its lock; return whether it was removed."""
     try:
         if fcntl is None:
             os.unlink(path)  # noqa: PTH108

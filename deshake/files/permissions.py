@@ -1,4 +1,4 @@
-"""Who may read an output: whoever may read what it was made from."""
+"""Who may read an output: those who may read all its inputs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 __all__ = ["PRIVATE", "output_mode"]
 
 PRIVATE: Final = 0o600
-"""Permissions of a file that its owner alone may read."""
+"""Permissions of a file that only its owner may read."""
 
 _STREAM: Final = "-"
 _lock = threading.Lock()
@@ -21,13 +21,13 @@ _lock = threading.Lock()
 def output_mode(inputs: Iterable[str | os.PathLike[str]]) -> int:
     """Return the permissions of an output: those that all of its inputs have.
 
-    Without inputs, or for those from standard input, they are what the system gives a new file.
-    Where an input has gone, the output is its owner's alone.
+    Without inputs, or if all are standard input, they are the system's default for a new file. If
+    an input no longer exists, only the owner may read the output.
 
     Parameters
     ----------
     inputs : iterable of path
-        The files that it was made from.
+        The inputs of the output.
 
     Returns
     -------
@@ -48,7 +48,7 @@ def output_mode(inputs: Iterable[str | os.PathLike[str]]) -> int:
 
 
 def _umask() -> int:
-    """Return the process's mask, which can only be read by setting it."""
+    """Return the process's mask; reading it requires setting it."""
     with _lock:
         mask = os.umask(0o077)
         os.umask(mask)

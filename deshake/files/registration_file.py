@@ -1,6 +1,6 @@
 """Registration files: the ``.npz`` schema between ``register`` and the stages that use it.
 
-They are read with the suspicion that kernel files are read with.
+They are checked as strictly as kernel files.
 """
 
 from __future__ import annotations
@@ -45,20 +45,20 @@ _FIELDS: Final = {
 
 @dataclass(frozen=True, eq=False)
 class RegistrationFile:
-    """What a registration file holds.
+    """The content of a registration file.
 
     Parameters
     ----------
     theta : (3,) array of float64
         The rotation from the noisy to the blurred photo, in radians.
     scale : float
-        Photometric factor: the noisy photo times it is as bright as the blurred one.
+        Photometric factor: multiplied by it, the noisy photo is as bright as the blurred photo.
     camera : Camera
         The camera of the blurred photo.
     confidence : float
         How far the registration is to be trusted, from 0 to 1.
     provenance : dict
-        How it came about: JSON data.
+        The origin of the registration: JSON data.
 
     """
 
@@ -98,7 +98,7 @@ def write_registration(
 
 
 def registration_bytes(content: RegistrationFile) -> bytes:
-    """Return what a registration file holds; raise ValueError if the provenance is not JSON."""
+    """Return the bytes of a registration file; raise ValueError if the provenance is not JSON."""
     arrays = camera_arrays(content.camera) | {
         "theta": np.asarray(content.theta, np.float64),
         "scale": np.float64(content.scale),

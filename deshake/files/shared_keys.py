@@ -1,4 +1,4 @@
-"""What camera, kernel and registration files have in common: version, camera, provenance."""
+"""The common keys of camera, kernel and registration files: version, camera, provenance."""
 
 from __future__ import annotations
 
@@ -34,26 +34,26 @@ __all__ = [
 ]
 
 FORMAT: Final = 1
-"""Version of the schemas that is written and read."""
+"""Version of the schemas that deshake writes and reads."""
 
 MAX_TEXT: Final = 1 << 20
-"""Characters of the longest text that is read."""
+"""Length of the longest text that is read, in characters."""
 
 CAMERA_FIELDS: Final = {
     "camera_matrix": Field("f", (3, 3)),
     "image_size": Field("i", (2,)),
     "distortion": Field("f", (None,)),
 }
-"""What tells a camera."""
+"""The arrays of a camera."""
 
 _MAX_SIDE: Final = 1_000_000
-_FOCAL_RANGE: Final = (1e-2, 1e5)  # in longer sides; the uniform model's is 1000
+_FOCAL_RANGE: Final = (1e-2, 1e5)  # in longer sides of the photo; the uniform model has 1000
 
 
 def read_arrays(
     path: str | os.PathLike[str], what: str, parse: Callable[[bytes], _T], limit: int
 ) -> _T:
-    """Read a file of at most `limit` bytes, ``-`` for standard input, and parse it.
+    """Read a file of at most `limit` bytes and parse it; ``-`` is standard input.
 
     Raises
     ------
@@ -73,14 +73,14 @@ def read_arrays(
 
 
 def check_format(data: bytes) -> None:
-    """Refuse other versions first: their other keys may mean anything."""
+    """Refuse other versions first: their other keys may have other meanings."""
     version = int(unpack(data, {"format": Field("i")})["format"])
     if version != FORMAT:
         raise ValueError(f"its format is {version}; this version of deshake reads {FORMAT}")
 
 
 def camera_arrays(camera: Camera) -> dict[str, Any]:
-    """Return the arrays that tell the format and the camera."""
+    """Return the arrays of the format's version and the camera."""
     return {
         "format": np.int64(FORMAT),
         "camera_matrix": np.asarray(camera.matrix, np.float64),
@@ -90,7 +90,7 @@ def camera_arrays(camera: Camera) -> dict[str, Any]:
 
 
 def camera_of(arrays: Mapping[str, NDArray[Any]]) -> Camera:
-    """Make the camera; raise ValueError if it is an absurd one."""
+    """Make the camera; raise ValueError if it is absurd."""
     matrix = arrays["camera_matrix"]
     height, width = (int(side) for side in arrays["image_size"])
     if not (1 <= height <= _MAX_SIDE and 1 <= width <= _MAX_SIDE):
@@ -128,8 +128,8 @@ def _refuse_constant(name: str) -> None:
 
 
 def text_of(array: NDArray[Any], key: str) -> str:
-    """Read a text; raise ValueError if it is none."""
+    """Read a text; raise ValueError if the array is no text."""
     try:
         return str(array.item())
-    except (ValueError, SystemError) as error:  # code points that no character has
+    except (ValueError, SystemError) as error:  # code points without a character
         raise ValueError(f"{key!r} is not text") from error

@@ -1,8 +1,7 @@
 """AVIF in and out, with 8, 10 or 12 bits.
 
-OpenCV decodes, in full depth; Pillow tells how the picture is to be turned, which OpenCV leaves to
-its caller. 8 bits are written by Pillow, at quality 95; more bits, and opacity, which is carried
-to the bit, by OpenCV, lossless.
+OpenCV decodes in full depth; Pillow reads the orientation, which OpenCV does not apply. Pillow
+writes 8 bits without opacity, at quality 95. OpenCV writes more bits, and opacity, lossless.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ _GAIN_MAP: Final = b"tmap"
 
 
 def decode_avif(data: bytes) -> Decoded:
-    """Decode a still AVIF to 8 bits, or to 16 of which it has 10 or 12.
+    """Decode a still AVIF of 8 bits to 8 bits, one of 10 or 12 bits to 16.
 
     Raises
     ------
@@ -108,18 +107,18 @@ def encode_avif(picture: Decoded) -> bytes:
 
 
 class _Block(Image.Exif):
-    """An EXIF block that Pillow writes to the byte, instead of anew."""
+    """An EXIF block that Pillow copies byte for byte, instead of making a new one."""
 
     def __init__(self, block: bytes) -> None:
         super().__init__()
         self.block = block
 
     def __contains__(self, tag: object) -> bool:
-        """Deny all tags: none is to be taken out."""
+        """Deny all tags, so that Pillow removes none."""
         return False
 
     def __bool__(self) -> bool:
-        """Tell that there is a block."""
+        """Return that there is a block."""
         return True
 
     def tobytes(self, offset: int = 8) -> bytes:  # noqa: ARG002 - Pillow's own signature
@@ -128,7 +127,7 @@ class _Block(Image.Exif):
 
 
 def _pixels(data: bytes, picture: AvifImageFile, bits: int) -> Codes:
-    """Decode to (H, W, C); grey with alpha, which OpenCV does not take, by Pillow."""
+    """Decode to (H, W, C); OpenCV cannot decode grey with alpha, so Pillow does."""
     try:
         return np.atleast_3d(imdecode(data))
     except PhotoError:
@@ -138,16 +137,16 @@ def _pixels(data: bytes, picture: AvifImageFile, bits: int) -> Codes:
 
 
 def _exif(items: list[Item]) -> bytes:
-    """Return the EXIF block to the byte: Pillow may write it anew."""
+    """Return the bytes of the EXIF block as stored: Pillow may return a new block."""
     for item in items:
         if item.kind == b"Exif":
-            block = item.content[4:]  # behind the length of what precedes the TIFF header
+            block = item.content[4:]  # first the length of what precedes the TIFF header
             return block[int.from_bytes(item.content[:4], "big") :]
     return b""
 
 
 def _without(data: bytes, items: list[Item]) -> bytes:
-    """Hide the metadata: OpenCV takes a file for damaged in which they lie behind the picture."""
+    """Hide the metadata: if they lie behind the picture, OpenCV calls the file damaged."""
     hidden = bytearray(data)
     for item in items:
         hidden[item.at : item.at + 4] = b"skip"
@@ -165,7 +164,7 @@ def _configuration(properties: list[tuple[bytes, bytes]]) -> tuple[int, bool, in
 
 
 def _profile_by_numbers(properties: list[tuple[bytes, bytes]]) -> bytes:
-    """Make the profile that the colour's numbers mean; empty for sRGB."""
+    """Make the profile for the code numbers of the colours; empty for sRGB."""
     for name, content in properties:
         if name == b"colr" and content[:4] == b"nclx" and len(content) >= 8:
             return cicp_profile(*struct.unpack_from(">HH", content, 4))

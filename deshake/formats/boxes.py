@@ -24,7 +24,7 @@ _MAX_BOXES: Final = 4096
 
 
 class Item(NamedTuple):
-    """A block of metadata in a file of boxes: its type, where that stands, and its content."""
+    """A block of metadata in a file of boxes: its type, the place of the type, its content."""
 
     kind: bytes
     at: int
@@ -39,7 +39,7 @@ def read_boxes(
     Yields
     ------
     bytes, int, int
-        The type, and where the content begins and ends. A box that is damaged ends the walk.
+        The type, and where the content begins and ends. A damaged box ends the walk.
 
     """
     end = len(data) if end is None else end
@@ -77,21 +77,21 @@ def metadata_items(data: bytes) -> list[Item]:
     try:
         extents = dict(_extents(data[slice(*boxes[b"iloc"])]))
         start, end = boxes[b"iinf"]
-        found = []
+        items = []
         for name, at, _ in read_boxes(data, start + (6 if data[start] == 0 else 8), end):
-            wide = 2 if data[at] == 3 else 0  # bytes more in the item's number
+            wide = 2 if data[at] == 3 else 0  # the item's number has 2 bytes more
             (number,) = struct.unpack_from(">I" if wide else ">H", data, at + 4)
             kind = data[at + 8 + wide : at + 12 + wide]
             if name == b"infe" and kind in {b"Exif", b"mime"} and number in extents:
                 content = b"".join(data[a : a + size] for a, size in extents[number])
-                found.append(Item(kind, at + 8 + wide, content))
+                items.append(Item(kind, at + 8 + wide, content))
     except (struct.error, IndexError):
         return []
-    return found
+    return items
 
 
 def _in_meta(data: bytes) -> Iterator[tuple[bytes, int, int]]:
-    """Walk over the boxes of the box that describes all items."""
+    """Walk over the boxes in the box that describes all items."""
     for name, start, end in read_boxes(data):
         if name == b"meta":
             yield from read_boxes(data, start + 4, end)  # behind version and flags
@@ -99,7 +99,7 @@ def _in_meta(data: bytes) -> Iterator[tuple[bytes, int, int]]:
 
 
 def _extents(box: bytes) -> Iterator[tuple[int, list[tuple[int, int]]]]:
-    """Read where items lie in the file: numbers, and offsets and lengths of their parts [1]_."""
+    """Read where items lie: their numbers, and the offsets and lengths of their parts [1]_."""
     version, sizes = box[0], (box[4] >> 4, box[4] & 15, box[5] >> 4, box[5] & 15)
     at = 6
 
@@ -114,7 +114,7 @@ def _extents(box: bytes) -> Iterator[tuple[int, list[tuple[int, int]]]]:
     for _ in range(min(number(wide), _MAX_BOXES)):
         item = number(wide)
         method = number(2) & 15 if version else 0
-        number(2)  # the file that it lies in: this one
+        number(2)  # the number of the file that holds it: this file
         base = number(sizes[2])
         parts = []
         for _ in range(number(2)):
@@ -122,12 +122,12 @@ def _extents(box: bytes) -> Iterator[tuple[int, list[tuple[int, int]]]]:
                 number(sizes[3])
             offset = number(sizes[0])
             parts.append((base + offset, number(sizes[1])))
-        if method == 0:  # counted from the file's beginning
+        if method == 0:  # offsets count from the file's beginning
             yield item, parts
 
 
 def canon_exif(data: bytes) -> exif.Tree:
-    """Read the EXIF of a CR3: blocks of its own for the main tags, EXIF and GPS."""
+    """Read the EXIF of a CR3, which has separate blocks for the main tags, EXIF and GPS."""
     blocks = {}
     for name, start, end in read_boxes(data):
         if name != b"moov":

@@ -1,7 +1,8 @@
-"""What of a photo's metadata a format can hold, and in what form it does.
+"""Which metadata of a photo a format can hold, and in what form.
 
-Blocks go over byte for byte. What has to change: thumbnails go, since they show the photo as it
-was, sizes become those of the picture, and what is too long for a JPEG is shortened or split.
+Blocks are copied byte for byte, with three changes. Thumbnails are removed, since they show the
+photo before the work. Sizes become those of the picture. Blocks too long for a JPEG are shortened
+or split.
 """
 
 from __future__ import annotations
@@ -32,9 +33,9 @@ class Carried:
     Parameters
     ----------
     metadata : Metadata
-        What the file is to hold.
+        The metadata that the file will hold.
     losses : tuple of str
-        What it cannot hold, in plain words.
+        The metadata that it cannot hold, in plain words.
 
     """
 
@@ -43,12 +44,12 @@ class Carried:
 
 
 def carried(metadata: Metadata, form: Format, height: int, width: int) -> Carried:
-    """Fit a photo's metadata to the file that it will be in.
+    """Fit a photo's metadata to the format of its file.
 
     Parameters
     ----------
     metadata : Metadata
-        The metadata of the photo, which lies upright.
+        The metadata of the photo, which is upright.
     form : Format
         The format of the file.
     height, width : int
@@ -58,25 +59,27 @@ def carried(metadata: Metadata, form: Format, height: int, width: int) -> Carrie
     losses: list[str] = []
     block = exif_editing.with_size(exif_editing.without_thumbnail(metadata.exif), height, width)
     packet = xmp.with_size(xmp.without_thumbnails(metadata.xmp), height, width)
-    found = replace(
+    fitted = replace(
         metadata,
         exif=block,
         xmp=packet,
         resources=image_resources.without_thumbnails(metadata.resources),
     )
-    if found.extended_xmp and form != "JPEG":
-        found = _with_extended(found, losses)
+    if fitted.extended_xmp and form != "JPEG":
+        fitted = _with_extended(fitted, losses)
     if form == "JPEG":
-        block = exif_editing.complete(block, metadata.density, (height, width), icc=bool(found.icc))
-        found = _for_jpeg(replace(found, exif=block), losses)
-    if form in _NO_IPTC and (found.iptc or found.resources):
+        block = exif_editing.complete(
+            block, metadata.density, (height, width), icc=bool(fitted.icc)
+        )
+        fitted = _for_jpeg(replace(fitted, exif=block), losses)
+    if form in _NO_IPTC and (fitted.iptc or fitted.resources):
         losses.append(f"{_title(form)} has no place for IPTC, which is left out")
-        found = replace(found, iptc=b"", resources=b"")
-    return Carried(found, tuple(losses))
+        fitted = replace(fitted, iptc=b"", resources=b"")
+    return Carried(fitted, tuple(losses))
 
 
 def _with_extended(metadata: Metadata, losses: list[str]) -> Metadata:
-    """Put a JPEG's extended XMP into the packet: other formats have room in one."""
+    """Put a JPEG's extended XMP into the packet: in other formats one packet has room."""
     packet = xmp.merged(metadata.xmp, metadata.extended_xmp)
     if packet is None:
         losses.append("its extended XMP is damaged, and left out")
@@ -101,9 +104,9 @@ def _for_jpeg(metadata: Metadata, losses: list[str]) -> Metadata:
 
 
 def _short_xmp(metadata: Metadata, losses: list[str]) -> Metadata:
-    """Make an XMP packet fit into a JPEG, the rest of it into extended XMP."""
+    """Make an XMP packet fit into a JPEG; the rest becomes extended XMP."""
     packet, more = xmp.without_padding(metadata.xmp), metadata.extended_xmp
-    if len(packet) > LONGEST_XMP and more:  # split before; what has come since is the provenance
+    if len(packet) > LONGEST_XMP and more:  # split already: the provenance was added since
         packet = xmp.without(packet, NAMESPACE[0], PROPERTY)
         losses.append("its XMP has no room for the provenance")
     elif len(packet) > LONGEST_XMP:

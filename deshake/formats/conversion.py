@@ -1,4 +1,4 @@
-"""From one format to another: which one is written, how, and what that costs."""
+"""From one format to another: which format is written, how, and what is lost."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 __all__ = ["check_ending", "converted", "encoded", "lost", "output_format"]
 
 _TEXTS = (b"tEXt", b"zTXt", b"iTXt")
-_BAND = 256  # rows whose colours are turned at once
+_BAND = 256  # rows whose colours are converted at once
 
 
 def output_format(path: str | os.PathLike[str], source: Path, encoding: Encoding) -> Format:
-    """Return the format to write under a name a photo that was read from a source.
+    """Return the format in which a photo is written to a file of this name.
 
-    The photo's own, if the name ends as the source's does; else the one that the ending means.
+    If the name has the source's ending, it is the photo's own format; else the ending decides.
 
     Raises
     ------
     OutputError
-        If the ending means no format that is written.
+        If the ending stands for no format that deshake writes.
 
     """
     own = encoding.format not in WRITTEN_AS
@@ -45,19 +45,19 @@ def output_format(path: str | os.PathLike[str], source: Path, encoding: Encoding
 
 
 def check_ending(path: str | os.PathLike[str], source: str | os.PathLike[str] | None) -> None:
-    """Check that a name's ending means a format that is written.
+    """Check that a name's ending stands for a format that deshake writes.
 
     Parameters
     ----------
     path : path
         The name.
     source : path or None
-        A photo, whose ending means its own format, whatever it is.
+        A photo: its ending stands for its own format, even if it is unusual.
 
     Raises
     ------
     OutputError
-        If it does not.
+        If it stands for no such format.
 
     """
     suffix = Path(path).suffix.lower()
@@ -76,7 +76,7 @@ def check_ending(path: str | os.PathLike[str], source: str | os.PathLike[str] | 
 
 
 def converted(encoding: Encoding, form: Format) -> Encoding:
-    """Return the way to write another format: lossless and compressed where it can be.
+    """Return how to write another format: lossless and compressed where possible.
 
     More than 8 bits stay 16, or become 10 in an AVIF.
     """
@@ -94,7 +94,7 @@ def converted(encoding: Encoding, form: Format) -> Encoding:
 
 
 def encoded(pixels: NDArray[np.float32], encoding: Encoding) -> Codes:
-    """Encode pixels, in the file's colours; a band of rows at a time if they must be turned."""
+    """Encode pixels in the file's colours; a matrix works on one band of rows at a time."""
     if encoding.matrix is None or pixels.ndim == 2:
         return encode(pixels, encoding.transfer, encoding.depth)
     matrix = np.array(encoding.matrix, np.float32)
@@ -106,7 +106,7 @@ def encoded(pixels: NDArray[np.float32], encoding: Encoding) -> Codes:
 
 
 def lost(encoding: Encoding, form: Format) -> list[str]:
-    """Say what a photo loses by being written in a format that is not its own."""
+    """Report what a photo loses if it is written in a format that is not its own."""
     if form != encoding.format and (
         (encoding.format == "JPEG" and encoding.carried)
         or (encoding.format == "PNG" and any(name in encoding.carried for name in _TEXTS))

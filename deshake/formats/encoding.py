@@ -1,4 +1,4 @@
-"""How a file holds its pixels, so that a result can be written the same way."""
+"""How a file stores its pixels, so that the result can be stored in the same way."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ READ_ONLY: dict[str, Format] = {
 """Formats that are only read, by the ending of the name."""
 
 WRITTEN_AS: dict[Format, str] = {"HEIF": ".jpg", "RAW": ".tif"}
-"""What the result of a format that is only read ends in."""
+"""Endings of the results of formats that are only read."""
 
 MAX_PIXELS = 300_000_000
 """Pixels of the largest picture that is decoded: half as many again as a 200 MP camera's."""
@@ -86,19 +86,19 @@ _STATED_A_BYTE = 500
 
 @dataclass(frozen=True)
 class Encoding:
-    """The way a file holds its pixels.
+    """How a file stores its pixels.
 
     Parameters
     ----------
     format : {"JPEG", "PNG", "TIFF", "WEBP", "AVIF", "JPEG2000", "HEIF", "RAW"}
         The file format.
     depth : {8, 16, 32}
-        Bits a sample; 32 are those of floating-point numbers, in linear light if no profile says
-        otherwise.
+        Bits a sample; 32 means floating-point numbers, in linear light if no profile states
+        another curve.
     bits : int
-        Bits a sample that the file really has, where they are fewer than a depth of 16; 0: as many.
+        Bits a sample in the file, if they are fewer than the depth of 16; 0: as many.
     grey : bool
-        One channel, or three.
+        Whether there is one channel; else there are three.
     transfer : Transfer
         The curve from codes to linear light.
     quantisation : tuple of tuples of int
@@ -110,17 +110,17 @@ class Encoding:
     lossless : bool
         Whether a WebP is lossless.
     compressed : bool
-        Whether a TIFF is compressed. Whatever the method was, deflate is what is written.
+        Whether a TIFF is compressed. Results are compressed with deflate always.
     premultiplied : bool
-        Whether a TIFF's colours are multiplied by its alpha; they are carried as they are.
+        Whether a TIFF's colours are multiplied by its alpha; they stay so.
     matrix : 3 x 3 tuple of float, or None
-        Turns colours as the photo has them, the sensor's own, into those of the file.
+        Converts the photo's colours, those of the sensor, to the colours of the result's file.
     balance : tuple of float
-        By how much the channels of a RAW file were amplified, the least by 1: the white balance.
+        The white balance of a RAW file: the gains of its channels, the smallest 1.
     carried : bytes
-        Blocks of the same format that are copied as they are: JPEG segments (IPTC, comments,
-        extended XMP) or PNG chunks (texts, chromaticities);
-        of a TIFF in RGB its reference black and white.
+        Blocks that are copied unchanged to a result of the same format: JPEG segments (comments,
+        old image resources), PNG chunks (texts, chromaticities), JPEG 2000 boxes, or the reference
+        black and white of an RGB TIFF.
 
     """
 
@@ -142,7 +142,7 @@ class Encoding:
 
 @dataclass(frozen=True)
 class Decoded:
-    """A file's content as the file has it: codes, not yet turned upright.
+    """The content of a file as stored: codes, not yet turned upright.
 
     Parameters
     ----------
@@ -155,12 +155,12 @@ class Decoded:
     metadata : Metadata
         The metadata blocks.
     saturated : array of bool, as `codes`, or None
-        Of a RAW file, whose codes are in linear light: where the sensor was at its white level.
+        For a RAW file, whose codes are linear light: where the sensor was at its white level.
     notes : tuple of str
-        What else the file holds that a result will lack, in plain words.
+        What else the file holds and a result does not, in plain words.
     frame : bytes
-        The compressed picture of a JPEG (`jpeg_frame`), to be written instead of the codes where
-        they are still its own; empty: there is none.
+        The compressed picture of a JPEG (`jpeg_frame`), written instead of the codes if they are
+        unchanged; empty: there is none.
 
     """
 
@@ -179,9 +179,9 @@ def check_size(height: int, width: int, packed: int) -> None:
     Parameters
     ----------
     height, width : int
-        What its header says.
+        What its header states.
     packed : int
-        Bytes of the file. A small file that says to be a huge picture is damaged or made to harm.
+        Bytes of the file. A small file that states a huge picture is damaged or malicious.
 
     Raises
     ------
@@ -201,10 +201,10 @@ def check_size(height: int, width: int, packed: int) -> None:
 
 
 def check_stated_size(height: int, width: int, packed: int) -> None:
-    """Refuse a size that stands apart from the pixels, and that they cannot have.
+    """Refuse a stated size that the stored pixels cannot have.
 
-    In a file of boxes (AVIF, HEIC), a picture of another size is scaled to the one that is stated:
-    a few bytes become megapixels.
+    In a file of boxes (AVIF, HEIC), the decoder scales the picture to the stated size: a few bytes
+    could become megapixels.
 
     Parameters
     ----------
@@ -226,8 +226,8 @@ def check_stated_size(height: int, width: int, packed: int) -> None:
 
 
 def turned(array: NDArray[T], orientation: int) -> NDArray[T]:
-    """Turn an array (H, W, ...) as stored to upright, by its EXIF orientation."""
-    if orientation >= 5:  # rows and columns change places first
+    """Turn a stored array (H, W, ...) upright, by its EXIF orientation."""
+    if orientation >= 5:  # exchange rows and columns first
         array = array.swapaxes(0, 1)
     if orientation in {3, 4, 7, 8}:
         array = array[::-1]
@@ -238,7 +238,7 @@ def turned(array: NDArray[T], orientation: int) -> NDArray[T]:
 
 @contextlib.contextmanager
 def decoding(what: str) -> Iterator[None]:
-    """Turn whatever a decoder raises on a damaged file into a `PhotoError`.
+    """Turn any error that a decoder raises on a damaged file into a `PhotoError`.
 
     Warnings are dropped: a file is either read whole or refused.
     """

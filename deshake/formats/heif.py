@@ -1,7 +1,7 @@
 """HEIC in: photos of telephones, and of cameras that write 10 bits.
 
-libheif decodes, and turns and crops as the file says; what EXIF says of the orientation counts no
-more. HEIC is only read: its encoders are not free. pi-heif is an optional package.
+libheif decodes, turns and crops the picture as the file demands. The orientation in EXIF no longer
+applies. deshake does not write HEIC: its encoders are not free. pi-heif is an optional package.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _GAIN_MAPS: Final = ("gainmap", "gain-map")
 
 
 def decode_heif(data: bytes) -> Decoded:
-    """Decode the main picture of a HEIC to 8 bits, or to 16 of which it has 10 or 12.
+    """Decode the main picture of a HEIC: 8 bits to 8 bits, 10 or 12 bits to 16.
 
     Raises
     ------
@@ -43,11 +43,11 @@ def decode_heif(data: bytes) -> Decoded:
         check_stated_size(picture.size[1], picture.size[0], len(data))
         info = picture.info
         icc = info.get("icc_profile", b"") or _profile_by_numbers(info.get("nclx_profile", {}))
-        pixels = np.atleast_3d(np.array(picture))  # a copy: the memory goes with the file
+        pixels = np.atleast_3d(np.array(picture))  # a copy: the memory belongs to the file
         exif = (info.get("exif") or b"").removeprefix(b"Exif\0\0")
         metadata = Metadata(exif, info.get("xmp", b""), icc).upright()
     bits = info["bit_depth"]
-    if bits > 8:  # they come shifted to the left
+    if bits > 8:  # they are shifted to the left
         pixels = np.rint((pixels >> (16 - bits)) * (65535 / ((1 << bits) - 1))).astype(np.uint16)
     grey = pixels.shape[2] < 3
     codes = pixels[..., 0] if grey else pixels[..., :3]
@@ -61,14 +61,14 @@ def decode_heif(data: bytes) -> Decoded:
 
 
 def _profile_by_numbers(numbers: dict[str, Any]) -> bytes:
-    """Make the profile that the colour's numbers mean; empty for sRGB."""
+    """Make the profile for the code numbers of the colours; empty for sRGB."""
     return cicp_profile(
         int(numbers.get("color_primaries", 2)), int(numbers.get("transfer_characteristics", 2))
     )
 
 
 def _dropped(info: dict[str, Any], count: int) -> list[str]:
-    """Say what else the file holds."""
+    """List what the file holds and the result does not."""
     kinds = info.get("aux", {})
     notes = []
     if any(name in kind.lower() for kind in kinds for name in _GAIN_MAPS):

@@ -1,9 +1,9 @@
 """The transfer curve in an ICC profile.
 
 Only the curve is read: the ``rTRC``, ``gTRC``, ``bTRC`` or ``kTRC`` tags of types ``curv`` and
-``para``. Where there is no such curve, or one for each channel, LittleCMS tells how light greys
-are, and the nearest of sRGB's curve and a power stands for that. Colours are carried over as they
-are, with the profile.
+``para``. If there is no such curve, or each channel has its own, LittleCMS computes the lightness
+of greys, and the nearest curve is used: sRGB's or a power. Colours are not converted; the file of
+the result has the same profile.
 
 References
 ----------
@@ -31,15 +31,15 @@ __all__ = ["profile_transfer"]
 
 _HEADER = 128
 _MAX_TAGS = 256
-_PARAMETERS = ("g", "gab", "gabc", "gabcd", "gabcdef")  # of the functions 0 to 4
-_SAMPLES = 4096  # of a parametric curve that is neither sRGB nor a power
-_TOLERANCE = 5e-4  # in linear light: a profile's sRGB is a table or rounded numbers
-_ABOUT = 0.05  # in linear light: how far greys may be from the curve that stands for theirs
+_PARAMETERS = ("g", "gab", "gabc", "gabcd", "gabcdef")  # of the function types 0 to 4
+_SAMPLES = 4096  # number, for a parametric curve that is neither sRGB nor a power
+_TOLERANCE = 5e-4  # in linear light: profiles hold sRGB as a table or as rounded numbers
+_ABOUT = 0.05  # in linear light: largest distance of greys from the curve that replaces theirs
 _GAMMAS = (0.3, 4.0)  # the range in which 16-bit codes survive float32
 
 
 def profile_transfer(profile: bytes) -> Transfer | None:
-    """Return the curve that the channels of a profile share, at least about; or None.
+    """Return the curve that the channels of a profile share, at least approximately; or None.
 
     Parameters
     ----------
@@ -49,8 +49,8 @@ def profile_transfer(profile: bytes) -> Transfer | None:
     Returns
     -------
     Transfer or None
-        None if the profile is damaged, is for neither grey nor RGB, or its curve has flat
-        stretches, falls, or has black or white far off.
+        None if the profile is damaged or is for neither grey nor RGB, or if its curve is flat in
+        places, falls, or has a wrong black or white.
 
     """
     try:
@@ -101,14 +101,14 @@ def _parametric(p: dict[str, float]) -> NDArray[np.float64]:
     x = np.linspace(0, 1, _SAMPLES)
     a, b = p["a"], p["b"]
     bent = np.maximum(a * x + b, 0) ** p["g"]
-    if "d" not in p:  # functions 1 and 2 break where the base of the power turns positive
+    if "d" not in p:  # functions 1 and 2 change where the base of the power becomes positive
         return np.where(x >= -b / a, bent, 0) + p.get("c", 0.0)
     straight = p["c"] * x + p.get("f", 0.0)
     return np.where(x >= p["d"], bent + p.get("e", 0.0), straight)
 
 
 def _of_greys(profile: bytes) -> Transfer | None:
-    """Return the curve nearest to the greys of a profile, as LittleCMS takes them to Lab."""
+    """Return the curve nearest to the greys of a profile, which LittleCMS converts to Lab."""
     if profile[16:20] != b"RGB ":
         return None
     ramp = np.arange(256, dtype=np.uint8)
@@ -146,7 +146,7 @@ def _power(gamma: float) -> Transfer | None:
 
 
 def _recognise(light: NDArray[np.float64]) -> Transfer | None:
-    """Give a sampled curve its name if it has one; else keep the samples."""
+    """Recognise a sampled curve as sRGB or a power; else keep the samples."""
     if not np.isfinite(light).all() or light[-1] < 0.99 or not 0 <= light[0] < 0.02:
         return None
     light = light / light[-1]

@@ -1,4 +1,4 @@
-"""JPEG in and out, with the tables that the camera used."""
+"""JPEG in and out, with the camera's quantisation tables."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ _XMP: Final = b"http://ns.adobe.com/xap/1.0/\0"
 _EXTENDED_XMP: Final = b"http://ns.adobe.com/xmp/extension/\0"
 _RESOURCES: Final = b"Photoshop 3.0\0"
 _ICC: Final = b"ICC_PROFILE\0"
-_GAIN_MAPS: Final = (b"hdrgm:Version", b"HDRGainMap")  # in the XMP of the second picture
-_QUALITY: Final = 95  # for photos that were no JPEG before
+_GAIN_MAPS: Final = (b"hdrgm:Version", b"HDRGainMap")  # marks in the XMP of the second picture
+_QUALITY: Final = 95  # for photos of other formats
 _MAX_SEGMENT: Final = 65533
 
 Segments = list[tuple[str, bytes]]
@@ -63,7 +63,7 @@ def decode_jpeg(data: bytes) -> Decoded:
             quantisation=tuple(tuple(table) for _, table in sorted(tables.items())),
             subsampling=max(0, get_sampling(picture)),
             progressive=bool(picture.info.get("progressive")),
-            carried=b"".join(_as_it_is(*item) for item in picture.applist),
+            carried=b"".join(_unchanged(*item) for item in picture.applist),
         )
         metadata = _metadata(picture.applist)
     lost = b"HasExtendedXMP" in metadata.xmp and not metadata.extended_xmp
@@ -74,7 +74,7 @@ def decode_jpeg(data: bytes) -> Decoded:
 
 
 def encode_jpeg(picture: Decoded) -> bytes:
-    """Encode 8-bit codes as JPEG, or take the frame if there is one; alpha must be gone.
+    """Encode 8-bit codes without alpha as JPEG, or copy the frame if there is one.
 
     Raises
     ------
@@ -111,13 +111,13 @@ def encode_jpeg(picture: Decoded) -> bytes:
 
 
 def _tables(codes: Codes, encoding: Encoding) -> list[list[int]]:
-    """Return the tables to encode with: a grey photo uses the first alone."""
+    """Return the tables for the encoder: a grey photo uses the first one alone."""
     tables = [list(table) for table in encoding.quantisation]
     return tables[:1] if codes.ndim == 2 else tables
 
 
 def _metadata(segments: Segments) -> Metadata:
-    """Sort the segments; where there are two of what should be one, the first counts."""
+    """Sort the segments; of several segments of a kind that should be single, the first counts."""
 
     def parts(marker: str, head: bytes) -> list[bytes]:
         return [
@@ -130,7 +130,7 @@ def _metadata(segments: Segments) -> Metadata:
     packet = packets[0] if packets else b""
     resources = b"".join(parts("APP13", _RESOURCES))
     return Metadata(
-        exif=b"".join([*exif[:1], *itertools.takewhile(_goes_on, exif[1:])]),
+        exif=b"".join([*exif[:1], *itertools.takewhile(_continues, exif[1:])]),
         xmp=packet,
         icc=_profile(parts("APP2", _ICC)),
         iptc=iptc_of(resources),
@@ -140,19 +140,19 @@ def _metadata(segments: Segments) -> Metadata:
     )
 
 
-def _goes_on(exif: bytes) -> bool:
-    """Tell whether an EXIF segment goes on with the one before: it has no header of its own."""
+def _continues(exif: bytes) -> bool:
+    """Return whether an EXIF segment continues the one before: it has no header of its own."""
     return exif[:4] not in {b"II*\0", b"MM\0*"}
 
 
 def _profile(parts: list[bytes]) -> bytes:
-    """Join the parts of the first colour profile that is whole."""
-    found: dict[int, bytes] = {}
+    """Join the parts of the first complete colour profile."""
+    numbered: dict[int, bytes] = {}
     for part in parts:
         if len(part) > 2 and 1 <= part[0] <= part[1]:
-            found.setdefault(part[0], part[2:])
-            if len(found) == part[1]:
-                return b"".join(found[number] for number in sorted(found))
+            numbered.setdefault(part[0], part[2:])
+            if len(numbered) == part[1]:
+                return b"".join(numbered[number] for number in sorted(numbered))
     return b""
 
 
@@ -191,8 +191,8 @@ def _segment(marker: int, content: bytes) -> bytes:
     return struct.pack(">BBH", 0xFF, marker, len(content) + 2) + content
 
 
-def _as_it_is(name: str, content: bytes) -> bytes:
-    """Return a segment that is copied as it is: a comment, or old image resources; else nothing."""
+def _unchanged(name: str, content: bytes) -> bytes:
+    """Return a segment that is copied unchanged: a comment, old image resources; else nothing."""
     if name == "COM":
         return _segment(0xFE, content)
     old = name == "APP13" and not content.startswith(_RESOURCES)

@@ -110,14 +110,14 @@ def encode_jpeg2000(picture: Decoded) -> bytes:
 
 
 def _boxes(data: bytes) -> list[tuple[bytes, bytes]]:
-    """Return the boxes of a file, with those in its header instead of that."""
-    found = []
+    """Return the boxes of a file; the boxes inside the header replace the header."""
+    contents = []
     for name, start, end in read_boxes(data):
         if name == b"jp2h":
-            found += [(inner, data[a:b]) for inner, a, b in read_boxes(data, start, end)]
+            contents += [(inner, data[a:b]) for inner, a, b in read_boxes(data, start, end)]
         else:
-            found.append((name, data[start:end]))
-    return found
+            contents.append((name, data[start:end]))
+    return contents
 
 
 def _box(name: bytes, content: bytes) -> bytes:
@@ -127,7 +127,7 @@ def _box(name: bytes, content: bytes) -> bytes:
 def _size(stream: bytes) -> tuple[int, int, int, int]:
     """Return height, width, bits a sample and the number of channels of a code stream.
 
-    One that does not end as it should is refused: the decoder would leave the rest blank.
+    A code stream without its end marker is refused: the decoder would leave the rest blank.
     """
     if not stream.startswith(_STREAM) or not stream.rstrip(b"\0").endswith(_END):
         raise PhotoError("the JPEG 2000 is damaged or cut short")

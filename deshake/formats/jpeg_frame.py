@@ -1,7 +1,7 @@
-"""The compressed picture of a JPEG, to be carried as it is where no pixel has changed.
+"""The compressed picture of a JPEG, which is copied if no pixel has changed.
 
-Encoding a decoded JPEG again moves its values, most of all where colours were kept at half the
-size: the only way to give the same ones is to give the same bytes.
+Encoding a decoded JPEG again changes its values, above all where the colours have half the
+resolution. Only the same bytes give the same values.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _ADOBE: Final = b"\xff\xee", b"Adobe"
 _COMMENT: Final = 0xFE
 _SCAN, _END = 0xDA, 0xD9
 _MARKER: Final = re.compile(rb"\xff+([\x01-\xcf\xd8-\xfe])")
-"""In compressed data: neither a stuffed byte nor a restart marker."""
+"""A marker in compressed data: neither a stuffed byte nor a restart marker."""
 
 
 class Frame(NamedTuple):
@@ -34,7 +34,7 @@ class Frame(NamedTuple):
     pixels: NDArray[np.float32]
 
     def of(self, pixels: NDArray[np.float32]) -> bytes:
-        """Return the data, if these are the very pixels; else nothing."""
+        """Return the data if the pixels are this same array; else nothing."""
         return self.data if pixels is self.pixels else b""
 
 
@@ -49,7 +49,7 @@ class _Segment(NamedTuple):
 def frame_of(data: bytes) -> bytes:
     """Return the first picture of a JPEG: tables and scans, without metadata.
 
-    Empty if there is no end to it. The JFIF header stays, and Adobe's, which names the colour
+    Empty if the picture has no end. The JFIF header is kept, and Adobe's, which names the colour
     transform.
     """
     kept = [segment.data for segment in _header(data) if not _is_metadata(segment)]
@@ -57,10 +57,10 @@ def frame_of(data: bytes) -> bytes:
     if not at:
         return b""
     start = at
-    while found := _MARKER.search(data, at):
-        if found[1][0] == _END:
-            return b"".join(kept) + data[start : found.end()]
-        at = found.end() + _length(data, found.end())
+    while marker_match := _MARKER.search(data, at):
+        if marker_match[1][0] == _END:
+            return b"".join(kept) + data[start : marker_match.end()]
+        at = marker_match.end() + _length(data, marker_match.end())
     return b""
 
 
@@ -68,7 +68,7 @@ def with_frame(header: bytes, frame: bytes) -> bytes:
     """Return the metadata of one JPEG with the picture that `frame_of` took from another."""
     metadata = b"".join(segment.data for segment in _header(header) if _is_metadata(segment))
     first = next(_segments(frame, 0))
-    cut = first.end if _starts(first, _JFIF) else 0  # it comes first of all
+    cut = first.end if _starts(first, _JFIF) else 0  # JFIF comes first of all
     return _SOI + frame[:cut] + metadata + frame[cut:]
 
 
@@ -81,16 +81,16 @@ def _header(data: bytes) -> Iterator[_Segment]:
 
 
 def _segments(data: bytes, at: int) -> Iterator[_Segment]:
-    """Yield the segments from a place on, until there is something else."""
-    while found := _MARKER.match(data, at):
-        start, at = at, found.end() + _length(data, found.end())
-        yield _Segment(found[1][0], at, b"\xff" + data[found.end() - 1 : at])
+    """Yield the segments from a place on, up to the first byte that begins none."""
+    while marker_match := _MARKER.match(data, at):
+        start, at = at, marker_match.end() + _length(data, marker_match.end())
+        yield _Segment(marker_match[1][0], at, b"\xff" + data[marker_match.end() - 1 : at])
         if at <= start:
             return
 
 
 def _length(data: bytes, at: int) -> int:
-    """Return the length that a segment gives of itself; more than there is if it does not."""
+    """Return the length that a segment states; if it is cut off, the length of all data."""
     if at + 2 > len(data):
         return len(data)
     length: int = struct.unpack_from(">H", data, at)[0]
@@ -98,7 +98,7 @@ def _length(data: bytes, at: int) -> int:
 
 
 def _is_metadata(segment: _Segment) -> bool:
-    """Tell whether a segment says nothing about how the picture is decoded."""
+    """Return whether the decoder of the picture does not need a segment."""
     application = 0xE0 <= segment.number <= 0xEF
     needed = _starts(segment, _JFIF) or _starts(segment, _ADOBE)
     return segment.number == _COMMENT or (application and not needed)

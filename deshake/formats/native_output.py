@@ -1,4 +1,4 @@
-"""What libraries in C print on stderr: kept from the user, who is told of damage in one line."""
+"""Captures the output of C libraries on stderr: deshake itself reports damage in one line."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ _caught: BinaryIO | None = None
 
 @contextlib.contextmanager
 def silenced() -> Iterator[list[str]]:
-    """Keep all that is printed on file descriptor 2 from being seen, in every thread.
+    """Capture all output to file descriptor 2, of every thread.
 
-    For short calls of libraries that print what they find wrong in a file. May be nested, and used
-    by several threads at once. Without a stderr nothing is done.
+    It serves short calls of libraries that print errors of a file. Calls may be nested, and several
+    threads may use it at once. Without a stderr it does nothing.
 
     Yields
     ------
     list of str
-        The lines that were printed meanwhile; it is filled at the end.
+        The lines that were printed meanwhile; the list is filled at the end.
 
     """
     lines: list[str] = []
@@ -43,7 +43,7 @@ def silenced() -> Iterator[list[str]]:
 
 
 def _enter() -> int:
-    """Send what is printed to a file, if it does not go there yet; return the file's length."""
+    """Redirect stderr to a file, if it is not redirected yet; return the length of the file."""
     global _caught, _depth, _saved  # noqa: PLW0603 - a file descriptor is the process's own
     with _lock:
         if _depth == 0:
@@ -59,13 +59,13 @@ def _enter() -> int:
 
 
 def _leave(start: int) -> list[str]:
-    """Return the lines that were printed since; the last one restores what was before."""
+    """Return the lines that were printed since `start`; the last call restores stderr."""
     global _caught, _depth  # noqa: PLW0603 - as above
     with _lock:
         printed = b""
         if _caught is not None:
             _caught.seek(start)
-            printed = _caught.read()  # to the end, where printing goes on
+            printed = _caught.read()  # to the end, where the next output goes
         _depth -= 1
         if _depth == 0 and _caught is not None:
             os.dup2(_saved, _STDERR)

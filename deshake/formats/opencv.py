@@ -1,4 +1,4 @@
-"""OpenCV's codecs, for files of more than 8 bits, which Pillow would silently cut."""
+"""OpenCV's codecs, for files of more than 8 bits, which Pillow would silently reduce to 8."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SWAPPED = [2, 1, 0, 3]  # from RGB to BGR, and back
 
 
 def imdecode(data: bytes) -> Codes:
-    """Decode a picture as it is: neither turned by EXIF nor cut to 8 bits.
+    """Decode a picture as stored: neither turned by EXIF nor reduced to 8 bits.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def imdecode(data: bytes) -> Codes:
     Returns
     -------
     (H, W) or (H, W, C) array of uint8 or uint16
-        Grey, RGB or RGBA. (OpenCV's own order is BGR; grey with alpha comes as RGBA.)
+        Grey, RGB or RGBA. (OpenCV's own order is BGR; grey with alpha becomes RGBA.)
 
     Raises
     ------
@@ -61,13 +61,13 @@ def imencode(
     Parameters
     ----------
     suffix : str
-        The ending that means the format, such as ".avif".
+        The ending that stands for the format, such as ".avif".
     codes : (H, W) or (H, W, C) array of uint8 or uint16
         Grey, RGB or RGBA.
     options : sequence of int
         OpenCV's names of options, each with its value.
     metadata : mapping, optional
-        Blocks by OpenCV's kinds of metadata; empty ones do not count.
+        Blocks by OpenCV's kinds of metadata; empty ones are ignored.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def imencode(
 
 @contextlib.contextmanager
 def _silent() -> Iterator[None]:
-    """Keep OpenCV from printing what it finds wrong."""
+    """Keep OpenCV from printing errors."""
     level = logging.getLogLevel()
     logging.setLogLevel(0)
     try:

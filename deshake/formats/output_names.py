@@ -17,8 +17,8 @@ __all__ = ["default_output", "output_name"]
 def output_name(source: str | os.PathLike[str]) -> str:
     """Return the default name of a photo's output: ``<stem>.deshaken.<ext>``.
 
-    The ending is the photo's own, or that of the format which takes the place of one that is only
-    read.
+    The ending is the photo's own. For a format that is only read, it is the ending of the format
+    that replaces it.
     """
     path = Path(source)
     form = READ_ONLY.get(path.suffix.lower())
@@ -38,7 +38,7 @@ def default_output(
     source : path
         The input photo.
     out : path, optional
-        What the user asked for: a file, or an existing folder, which takes the default name.
+        The user's choice: a file, or an existing folder for a file of the default name.
         By default ``<stem>.deshaken.<ext>`` beside the input.
     overwrite : bool, keyword-only
         Whether an existing output may be replaced.

@@ -79,28 +79,28 @@ class Photo:
     Parameters
     ----------
     pixels : (H, W) or (H, W, 3) array of float32
-        Linear light; 1 is the file's white, where it clips, as results beyond it do when they are
-        encoded. Of a RAW file, the sensor's colours, white-balanced.
+        Linear light. 1 is the file's white: the file clips there, and so does a result in a
+        format of integers. The pixels of a RAW file are the sensor's colours, white-balanced.
     clipped : (H, W) array of bool
-        Where any channel of the input was at the top (see `transfer.is_clipped`), or at the
-        sensor's white level.
+        True where any channel of the input has its largest value (see `transfer.is_clipped`) or
+        the sensor's white level.
     alpha : (H, W) array of uint8 or uint16, or None
-        Opacity in the file's depth; carried bit for bit.
+        Opacity in the file's depth; it is copied bit for bit.
     encoding : Encoding
         How the file held the pixels.
     metadata : Metadata
         EXIF, XMP and ICC, with the orientation set to 1.
     source : Path
-        The file; of a photo that was made in memory, what messages call it.
+        The file. For a photo that was made in memory: its name in messages.
     notes : tuple of str
-        What the file holds that a result will lack, in plain words.
+        What the file holds and a result does not, in plain words.
     frame : Frame, optional
         The compressed picture of a JPEG that was stored upright.
     sha256 : str, optional
-        The SHA-256 of the file's bytes as they were read, in hexadecimal; a photo that was made in
-        memory has none.
+        The SHA-256 of the bytes that were read, in hexadecimal; a photo that was made in memory
+        has none.
     stored_turned : bool
-        Whether width and height have changed places since it was read.
+        Whether the file stores the photo on its side: reading it exchanged width and height.
 
     Examples
     --------
@@ -127,7 +127,7 @@ class Photo:
 
     @property
     def is_sensors(self) -> bool:
-        """Whether the pixels are a sensor's own light, which no tone curve has bent."""
+        """Whether the pixels are a sensor's own values, without a tone curve."""
         return self.encoding.format == "RAW"
 
     @property
@@ -137,7 +137,7 @@ class Photo:
 
     @property
     def described_size(self) -> str:
-        """Width and height in words, of the upright photo."""
+        """Width and height of the upright photo, in words."""
         size = f"{self.shape[1]} x {self.shape[0]} pixels"
         return f"{size} upright (it is stored turned)" if self.stored_turned else size
 
@@ -156,9 +156,9 @@ class Photo:
         return replace(self, pixels=np.asarray(pixels, np.float32), frame=None)
 
     def in_linear_light(self) -> Photo:
-        """Return a RAW photo that is encoded in linear light and the sensor's colours.
+        """Return a RAW photo that will be encoded in linear light and in the sensor's colours.
 
-        The profile says which colours these are.
+        Its ICC profile describes these colours.
 
         Raises
         ------
@@ -182,7 +182,9 @@ class Photo:
 
 
 def read_photo(path: str | os.PathLike[str], *, transfer: TransferName | None = None) -> Photo:
-    """Read a photo, whatever its name says, and turn it upright.
+    """Read a photo and turn it upright.
+
+    The content of the file decides its format; the name matters for RAW files alone.
 
     Parameters
     ----------
@@ -195,8 +197,8 @@ def read_photo(path: str | os.PathLike[str], *, transfer: TransferName | None = 
     Raises
     ------
     PhotoError
-        If there is no such file, it is of no known format, damaged or cut short, has more
-        than one picture, more than `encoding.MAX_PIXELS` pixels, or no grey or RGB integers.
+        If the file does not exist, has no known format, is damaged or cut short, holds more than
+        one picture, has more than `encoding.MAX_PIXELS` pixels, or is neither grey nor RGB.
 
     Examples
     --------
@@ -244,14 +246,14 @@ def read_pair(
 ) -> tuple[Photo, Photo]:
     """Read two photos of one scene as `read_photo` does.
 
-    Of two RAW files, the second is taken to the first one's white balance.
+    If both are RAW files, the second one gets the white balance of the first one.
     """
     one, other = (read_photo(path, transfer=transfer) for path in (first, second))
     return one, balanced(other, one)
 
 
 def balanced(photo: Photo, reference: Photo) -> Photo:
-    """Return a RAW photo in the white balance of another one; any other photo as it is."""
+    """Return a RAW photo with the white balance of another one; else return the photo."""
     own, wanted = photo.encoding.balance, reference.encoding.balance
     if not wanted or len(wanted) != len(own) or wanted == own:
         return photo
@@ -266,10 +268,10 @@ def encode_photo(photo: Photo, form: Format | None = None) -> bytes:
     Parameters
     ----------
     photo : Photo
-        The photo. A JPEG's own pixels are written as the bytes that they were read from.
+        The photo. If the pixels of a JPEG are unchanged, its compressed picture is copied.
     form : Format, optional
-        Another format. JPEG and WebP hold 8 bits; WebP holds grey as RGB. A format that is only
-        read becomes another by default: RAW a TIFF, HEIC a JPEG.
+        Another format. JPEG and WebP hold 8 bits; WebP holds grey as RGB. deshake does not write
+        RAW and HEIC: by default, RAW becomes TIFF, and HEIC becomes JPEG.
 
     Raises
     ------
@@ -283,7 +285,7 @@ def encode_photo(photo: Photo, form: Format | None = None) -> bytes:
     metadata = photo.metadata
     if form is not None and form != encoding.format:
         encoding = converted(encoding, form)
-        if not metadata.icc and isinstance(encoding.transfer, Power):  # as a PNG may say otherwise
+        if not metadata.icc and isinstance(encoding.transfer, Power):  # a PNG states it elsewhere
             profile = power_profile(encoding.transfer.gamma, grey=encoding.grey)
             metadata = replace(metadata, icc=profile)
         if alpha is not None and alpha.dtype == np.uint16 and encoding.depth == 8:
@@ -342,12 +344,12 @@ def write_photo(
 
 
 def photo_bytes(path: str | os.PathLike[str], photo: Photo) -> bytes:
-    """Return a photo as a file of this name holds it; warn of metadata that it cannot hold.
+    """Return the bytes of a photo's file; warn of metadata that the format cannot hold.
 
     Raises
     ------
     OutputError
-        If the name's ending means no format that is written.
+        If the name's ending stands for no format that deshake writes.
     PhotoError
         If the format cannot hold the photo.
 

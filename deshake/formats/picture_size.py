@@ -1,4 +1,4 @@
-"""How large a picture is, by its file's header: what to know before it is decoded."""
+"""The size of a picture, from its file's header: known before the picture is decoded."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["PictureSize", "picture_size"]
 
 _GREY = {"1", "L", "LA", "I", "I;16", "I;16B", "I;16L", "F"}
 _PIXELS_A_BYTE = 8
-"""Of a file whose header tells nothing: more than phones' HEIC files hold."""
+"""For a file with an unknown header: more than phones' HEIC files hold."""
 
 
 class PictureSize(NamedTuple):
@@ -30,13 +30,13 @@ class PictureSize(NamedTuple):
 def picture_size(path: str | os.PathLike[str]) -> PictureSize | None:
     """Return the size of a picture, without decoding it; None: it is no picture.
 
-    Where no library knows the header, the size of the file tells, roughly and rather too much.
+    If no library knows the header, the size of the file gives a rough estimate, rather too large.
     """
-    if READ_ONLY.get(Path(path).suffix.lower()) == "RAW":  # has a small preview for the others
+    if READ_ONLY.get(Path(path).suffix.lower()) == "RAW":  # the others see its small preview
         with contextlib.suppress(Exception):
             return _by_rawpy(path)
     with warnings.catch_warnings(), contextlib.suppress(Exception):
-        warnings.simplefilter("ignore")  # reading the photo tells what is wrong with it
+        warnings.simplefilter("ignore")  # reading the photo reports what is wrong
         return _by_pillow(path)
     with contextlib.suppress(Exception):
         return _by_tifffile(path)

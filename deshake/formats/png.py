@@ -1,8 +1,8 @@
 """PNG in and out, 8 and 16 bits, with its chunks.
 
-The chunks are read and written here: metadata must be carried byte for byte, and grey with alpha
-at 16 bits is written by neither Pillow nor OpenCV. The pixels are decoded by Pillow (8 bits) and
-OpenCV (16 bits), from a copy of the file without its ancillary chunks.
+This module reads and writes the chunks itself: metadata must be copied byte for byte, and neither
+Pillow nor OpenCV writes grey with alpha at 16 bits. Pillow decodes pixels of 8 bits, OpenCV pixels
+of 16 bits, from a copy of the file without its ancillary chunks.
 
 References
 ----------
@@ -45,16 +45,16 @@ _PIXEL_CHUNKS: Final = (b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND")
 _CARRIED: Final = (b"cHRM", b"gAMA", b"sRGB", b"cICP", b"tEXt", b"zTXt", b"iTXt")
 _PALETTE: Final = 3
 _GREY_TYPES: Final = (0, 4)
-_MAX_METADATA: Final = 1 << 26  # bytes that a compressed profile or packet may grow to
-_SRGB_GAMMA: Final = 45455  # what files with sRGB's curve state
+_MAX_METADATA: Final = 1 << 26  # bytes of the largest decompressed profile or packet
+_SRGB_GAMMA: Final = 45455  # the gAMA of files with sRGB's curve
 _PIECE: Final = 1 << 20  # bytes decompressed at once
-_ROWS: Final = 64  # filtered at once
+_ROWS: Final = 64  # rows filtered at once
 
 Chunk = tuple[bytes, bytes]
 
 
 def decode_png(data: bytes) -> Decoded:
-    """Decode a still PNG. A palette becomes RGB, fewer than 8 bits 8, a transparent colour alpha.
+    """Decode a still PNG: a palette to RGB, 1 to 4 bits to 8, a transparent colour to alpha.
 
     Raises
     ------
@@ -162,7 +162,7 @@ def _decode_16(bare: bytes, chunks: list[Chunk]) -> Codes:
     if kind == 4:  # grey and alpha, which OpenCV widens to RGBA
         return pixels[..., [0, 3]]
     key = next((content for name, content in chunks if name == b"tRNS"), None)
-    if kind == 0 and key is not None:  # the one grey value that is transparent
+    if kind == 0 and key is not None:  # this grey value is transparent
         alpha = np.where(pixels == int.from_bytes(key, "big"), 0, 65535).astype(np.uint16)
         return np.dstack([pixels, alpha])
     return pixels
@@ -171,7 +171,7 @@ def _decode_16(bare: bytes, chunks: list[Chunk]) -> Codes:
 def _check_stream(chunks: list[Chunk]) -> None:
     """Refuse compressed pixels that are damaged or end too soon.
 
-    OpenCV's decoder would print what it finds, or leave the rest of the picture blank.
+    OpenCV's decoder prints an error, or leaves the rest of the picture blank.
     """
     width, height, _, kind, _, _, interlaced = struct.unpack(">IIBBBBB", chunks[0][1])
     stream = zlib.decompressobj()
@@ -187,14 +187,14 @@ def _check_stream(chunks: list[Chunk]) -> None:
 
 
 def _metadata(chunks: list[Chunk]) -> tuple[Metadata, Transfer, bytes]:
-    """Sort the ancillary chunks into metadata, transfer curve, and what is carried as it is.
+    """Sort the ancillary chunks: metadata, transfer curve, and chunks that are copied unchanged.
 
-    Where there are two of what should be one, the first counts.
+    Of several chunks of a kind that should be single, the first counts.
     """
     blocks: dict[str, bytes] = {}
     raw: dict[str, bytes] = {}
     carried = b""
-    found = dict(chunks)
+    contents = dict(chunks)
     for name, content in chunks:
         if name == b"eXIf":
             blocks.setdefault("exif", content.removeprefix(b"Exif\0\0"))
@@ -208,12 +208,12 @@ def _metadata(chunks: list[Chunk]) -> tuple[Metadata, Transfer, bytes]:
             raw = profile | raw
         elif name in _CARRIED:
             carried += _pack(name, content)
-    if len(found.get(b"cICP", b"")) == 4:  # comes before all others
-        numbers = cicp_profile(*found[b"cICP"][:2])
+    if len(contents.get(b"cICP", b"")) == 4:  # it overrules all others
+        numbers = cicp_profile(*contents[b"cICP"][:2])
         blocks["icc"] = numbers or blocks.get("icc", b"")
     transfer: Transfer = SRGB
-    if b"gAMA" in found and b"sRGB" not in found and b"cICP" not in found:
-        (gamma,) = struct.unpack(">I", found[b"gAMA"])
+    if b"gAMA" in contents and b"sRGB" not in contents and b"cICP" not in contents:
+        (gamma,) = struct.unpack(">I", contents[b"gAMA"])
         if 25000 <= gamma <= 300000 and abs(gamma - _SRGB_GAMMA) > 100:
             transfer = Power(100000 / gamma)
     density = next((phys_density(content) for name, content in chunks if name == b"pHYs"), None)
@@ -221,7 +221,7 @@ def _metadata(chunks: list[Chunk]) -> tuple[Metadata, Transfer, bytes]:
 
 
 def _raw_profile(name: bytes, content: bytes) -> dict[str, bytes]:
-    """Read a text that holds metadata; what cannot be read is none, and a text like others."""
+    """Read metadata from a text; empty if it is unreadable or an ordinary text."""
     text = content.partition(b"\0")[2]
     if name == b"zTXt":
         try:
@@ -232,7 +232,7 @@ def _raw_profile(name: bytes, content: bytes) -> dict[str, bytes]:
 
 
 def _inflate(packed: bytes) -> bytes:
-    """Decompress a profile or packet, or refuse one that grows without end."""
+    """Decompress a profile or packet; refuse one that grows too large."""
     stream = zlib.decompressobj()
     out = stream.decompress(packed, _MAX_METADATA)
     if not stream.eof:
@@ -243,8 +243,8 @@ def _inflate(packed: bytes) -> bytes:
 def _compress(pixels: Codes) -> Iterator[bytes]:
     """Filter and compress the pixels (H, W, C), a few rows at a time.
 
-    Every row takes the filter, of Sub, Up, Average and Paeth, whose differences are smallest in
-    sum: the heuristic that the specification recommends [1]_.
+    Each row uses one of the filters Sub, Up, Average and Paeth: the one with the smallest sum of
+    differences, as the specification recommends [1]_.
     """
     height, width, channels = pixels.shape
     step = channels * pixels.itemsize  # bytes from a pixel to its left neighbour
@@ -260,7 +260,7 @@ def _compress(pixels: Codes) -> Iterator[bytes]:
 
 
 def _filter(rows: NDArray[np.uint8], above: NDArray[np.uint8], step: int) -> NDArray[np.uint8]:
-    """Filter rows of bytes, which begin with one empty pixel; each result leads with its type."""
+    """Filter rows of bytes that begin with an empty pixel; the filter's type leads each result."""
     x, b = rows[:, step:], above[:, step:]
     a, c = rows[:, :-step].astype(np.int16), above[:, :-step].astype(np.int16)
     up = b.astype(np.int16)

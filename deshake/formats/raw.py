@@ -1,9 +1,9 @@
 """RAW files of cameras, and DNG: the sensor's data, demosaiced, in linear light.
 
-LibRaw decodes and demosaics. Colours stay the sensor's own, white-balanced as the camera was set,
-so that each channel clips by itself and its noise is its own; a matrix takes them to sRGB when the
-result is written. White is where the least amplified channel clips: what the white balance lifts
-above it is cut off, as the camera's own pictures have it.
+LibRaw decodes and demosaics. The colours stay the sensor's own, with the camera's white balance.
+So each channel clips by itself and has its own noise. When the result is written, a matrix converts
+the colours to sRGB. White is the level where the channel with the smallest gain clips. Values that
+the white balance lifts above white are cut off, as in the camera's own pictures.
 
 References
 ----------
@@ -40,17 +40,19 @@ if TYPE_CHECKING:
 
 __all__ = ["decode_raw"]
 
-# EXIF orientation by LibRaw's flip, whose bits mean: upside down, mirrored, rows for columns.
+# EXIF orientation for each flip of LibRaw; its bits: upside down, mirrored, rows for columns.
 _ORIENTATIONS: Final = {0: 1, 1: 2, 2: 4, 3: 3, 4: 5, 5: 8, 6: 6, 7: 7}
-_SATURATED: Final = 0.995  # share of the white level, above black, that counts as clipped
-_LEAST_CROP: Final = 0.55  # of a side; less is no crop of the whole frame, as LibRaw has it
-_LEAST_MATRIX: Final = 0.125  # of the first element, by which LibRaw takes the file's matrix
-_PHOTO_TAGS: Final = 0x8000  # main tags below it are the photo's, most above it the sensor's
-_EXIF_TAGS: Final = (33434, 33437, 34850, 34855, *range(36864, 37389))  # also found in the main
+_SATURATED: Final = (
+    0.995  # share of the range from black to white; above it, a value counts as clipped
+)
+_LEAST_CROP: Final = 0.55  # of a side; LibRaw takes a smaller crop for no crop of the whole frame
+_LEAST_MATRIX: Final = 0.125  # of the first element; above it, LibRaw uses the file's matrix
+_PHOTO_TAGS: Final = 0x8000  # main tags below it describe the photo, most above it the sensor
+_EXIF_TAGS: Final = (33434, 33437, 34850, 34855, *range(36864, 37389))  # also in the main
 _DNG_VERSION: Final = 50706
 _SUB_IFDS: Final = 330
-_PIXELS: Final = ((273, 279), (324, 325))  # where strips, and tiles, lie, and their lengths
-_COMPLAINTS: Final = ("Unexpected end of file", "data corrupted at")  # LibRaw goes on after them
+_PIXELS: Final = ((273, 279), (324, 325))  # tags of the places and lengths of strips, and of tiles
+_COMPLAINTS: Final = ("Unexpected end of file", "data corrupted at")  # LibRaw continues
 _COPYRIGHT: Final = 33432
 
 
@@ -60,12 +62,12 @@ def decode_raw(data: bytes) -> Decoded:
     Returns
     -------
     Decoded
-        The codes are the sensor's colours, grey of a sensor without filters; white is 65535.
+        The codes are the sensor's colours, or grey if it has no filters; white is 65535.
 
     Raises
     ------
     PhotoError
-        If the file is damaged or cut short, of a camera that LibRaw does not know, or too large.
+        If the file is damaged, cut short or too large, or LibRaw does not know the camera.
 
     """
     import rawpy  # noqa: PLC0415 - needed for RAW files alone
@@ -108,7 +110,9 @@ def _decode(raw: RawPy, data: bytes) -> Decoded:
 
     count = raw.num_colors
     space = rawpy.ColorSpace.sRGB if count == 4 else rawpy.ColorSpace.raw
-    turn = _ORIENTATIONS[raw.sizes.flip & 7]  # before it is overruled: pixels are turned later
+    turn = _ORIENTATIONS[
+        raw.sizes.flip & 7
+    ]  # `user_flip` overrules it: the pixels are turned later
     saturated = _saturated(raw, count)
     codes = raw.postprocess(
         gamma=(1, 1),
@@ -123,7 +127,7 @@ def _decode(raw: RawPy, data: bytes) -> Decoded:
         codes = codes[..., 0]
     if saturated.shape[:2] != codes.shape[:2]:
         saturated = np.zeros(codes.shape, bool)  # LibRaw has resized or turned the pixels
-    elif count == 4:  # each of the four is in all three
+    elif count == 4:  # each of the four colours is part of all three
         saturated = np.broadcast_to(saturated.any(-1, keepdims=True), codes.shape)
     saturated = saturated | (codes >= round(_SATURATED * 65535))
     rows, columns = _crop(raw.sizes, codes.shape)
@@ -143,10 +147,10 @@ def _decode(raw: RawPy, data: bytes) -> Decoded:
 
 
 def _saturated(raw: RawPy, count: int) -> NDArray[np.bool_]:
-    """Tell where a channel was found from photosites at their white level.
+    """Return where demosaicing made a channel from photosites at their white level.
 
-    Demosaicing makes a channel out of its photosites nearby: within one pixel of a Bayer pattern,
-    two of larger ones. Without a mosaic each channel has its own value everywhere.
+    Demosaicing makes a channel from its photosites nearby: within one pixel in a Bayer pattern,
+    within two in larger patterns. Without a mosaic, each pixel has its own value of each channel.
     """
     pattern = raw.raw_pattern
     black, white = raw.black_level_per_channel, raw.camera_white_level_per_channel
@@ -161,7 +165,7 @@ def _saturated(raw: RawPy, count: int) -> NDArray[np.bool_]:
     sizes = raw.sizes
     for y, x in np.ndindex(pattern.shape):
         colour = int(pattern[y, x]) if count > 1 else 0
-        # the pattern begins at the whole sensor's corner, the visible part within it
+        # the pattern begins at the corner of the whole sensor, not of its visible part
         first = (y - sizes.top_margin) % len(pattern), (x - sizes.left_margin) % len(pattern)
         place = slice(first[0], None, len(pattern)), slice(first[1], None, len(pattern))
         channel = colour if colour < count else 1  # the second green is green
@@ -174,7 +178,7 @@ def _saturated(raw: RawPy, count: int) -> NDArray[np.bool_]:
 
 
 def _crop(sizes: ImageSizes, shape: tuple[int, ...]) -> tuple[slice, slice]:
-    """Return the rows and columns that the camera shows; the rest only serves demosaicing."""
+    """Return the rows and columns that the camera shows; demosaicing alone needs the others."""
     top, left = sizes.crop_top_margin - sizes.top_margin, sizes.crop_left_margin - sizes.left_margin
     height, width = sizes.crop_height, sizes.crop_width
     fits = (
@@ -192,8 +196,8 @@ def _crop(sizes: ImageSizes, shape: tuple[int, ...]) -> tuple[slice, slice]:
 def _to_srgb(raw: RawPy) -> Matrix | None:
     """Return the matrix from white-balanced sensor colours to linear sRGB; None if not known.
 
-    It is LibRaw's: the file's own, else the inverse of the camera's response to sRGB, each taking
-    white to white.
+    It is the matrix that LibRaw uses: the file's own, else the inverse of the camera's response to
+    sRGB. Both map white to white.
     """
     stated = np.asarray(raw.color_matrix, np.float64)[:, :3]
     response = np.asarray(raw.rgb_xyz_matrix, np.float64)[:3] @ XYZ_FROM_SRGB
@@ -207,7 +211,7 @@ def _to_srgb(raw: RawPy) -> Matrix | None:
 
 
 def _metadata(raw: RawPy, data: bytes, turn: int, *, grey: bool) -> Metadata:
-    """Collect what the file says of the photo, with the profile of the result."""
+    """Collect the metadata of the photo, with the profile of the result."""
     tree = exif.read_tree(data) or canon_exif(data) or _of_preview(raw) or _of_libraw(raw)
     tree.exif = {tag: tree.main[tag] for tag in _EXIF_TAGS if tag in tree.main} | tree.exif
     tree.main = {
@@ -239,7 +243,7 @@ def _of_preview(raw: RawPy) -> exif.Tree:
 
 
 def _of_libraw(raw: RawPy) -> exif.Tree:
-    """Make EXIF tags of what LibRaw tells of the exposure."""
+    """Make EXIF tags of the exposure that LibRaw reports."""
     other = raw.other
     numbers = {0x829A: other.shutter_speed, 0x829D: other.aperture, 0x920A: other.focal_length}
     tags: exif.Values = {

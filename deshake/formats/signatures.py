@@ -1,4 +1,4 @@
-"""What a file is, told by its first bytes, whatever its name says."""
+"""The format of a file, by its first bytes rather than its name."""
 
 from __future__ import annotations
 
@@ -46,20 +46,20 @@ _MAX_DIRECTORIES: Final = 16
 
 
 def photo_format(data: bytes, suffix: str = "") -> Format:
-    """Tell the format of a photo.
+    """Detect the format of a photo.
 
     Parameters
     ----------
     data : bytes
         The file.
     suffix : str
-        The ending of its name: a TIFF, or what is of no known format, that is called as RAW files
-        are is one.
+        The ending of its name. With the ending of a RAW file, a TIFF or a file of no known format
+        counts as RAW.
 
     Raises
     ------
     PhotoError
-        If it is none that can be read.
+        If deshake cannot read the format.
 
     """
     for mark, form in _START.items():
@@ -88,7 +88,7 @@ def photo_format(data: bytes, suffix: str = "") -> Format:
 
 
 def _by_brand(data: bytes) -> Format:
-    """Tell the kind of a file of boxes by its brands, the major one first."""
+    """Detect the format of a file of boxes by its brands, the major one first."""
     size = min(int.from_bytes(data[:4], "big"), 256)
     brands = [data[8:12], *(data[at : at + 4] for at in range(16, size, 4))]
     if b"avis" in brands[:1] or b"hevc" in brands[:1]:
@@ -102,7 +102,7 @@ def _by_brand(data: bytes) -> Format:
 
 
 def _holds_sensor_data(data: bytes) -> bool:
-    """Tell whether one of a TIFF's directories describes a sensor's data."""
+    """Return whether one of a TIFF's directories describes a sensor's data."""
     first = exif.read_first(data)
     if first is None or data[8:10] == b"CR":
         return first is not None

@@ -1,7 +1,7 @@
 """TIFF in and out, 8 and 16 bits and floating point, with the tags of its directories.
 
-Pixels are decoded by tifffile. What it cannot decompress alone (LZW, JPEG) is decoded by Pillow
-at 8 bits and by OpenCV at 16. Results are written uncompressed or by deflate.
+tifffile decodes the pixels. It cannot decompress LZW and JPEG alone: there Pillow decodes 8 bits,
+and OpenCV 16 bits. Results are written uncompressed or with deflate.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 __all__ = ["decode_tiff", "encode_tiff"]
 
-# tifffile logs what it finds odd in a file; without a handler Python would print that.
+# tifffile logs oddities of a file; without a handler Python would print them.
 logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
 _DNG_VERSION: Final = 50706
@@ -40,7 +40,7 @@ _REDUCED: Final = 1  # the bit of NewSubfileType that marks a thumbnail
 _ASSOCIATED, _UNASSOCIATED = 1, 2
 _STRIPS: Final = 273  # StripOffsets
 _REFERENCE: Final = 532  # ReferenceBlackWhite
-_MAX_PAGES: Final = 64  # looked at to tell thumbnails from pictures
+_MAX_PAGES: Final = 64  # searched for pictures beside thumbnails
 _ALONE: Final = {  # the methods that tifffile knows without further libraries
     COMPRESSION.NONE,
     COMPRESSION.ADOBE_DEFLATE,
@@ -131,10 +131,10 @@ def encode_tiff(picture: Decoded) -> bytes:
 
 
 def _with_metadata(written: bytes, metadata: Metadata, reference: bytes) -> bytes:
-    """Put metadata into a TIFF that has none, made in their byte order.
+    """Put metadata into a TIFF that has none and that has their byte order.
 
-    The EXIF block becomes the beginning of the file, so that what counts from there still holds;
-    the pixels follow, and then the main directory, anew.
+    The file begins with the EXIF block, so that offsets from the beginning stay valid; then come
+    the pixels, and then a new main directory.
     """
     first = exif.read_first(written)
     if first is None:
@@ -175,7 +175,7 @@ def _reference(first: exif.Directory | None) -> bytes:
 
 
 def _only_page(file: TiffFile) -> TiffPage:
-    """Return the picture of a file that has one; a thumbnail may lack its size, as in EXIF."""
+    """Return the only picture of a file; a page without a size is a thumbnail, as in EXIF."""
     pages = []
     for index in range(_MAX_PAGES):
         try:
@@ -257,7 +257,7 @@ def _decode_page(page: TiffPage, data: bytes) -> Codes:
             top = 1 if palette else 255 // ((1 << page.bitspersample) - 1)
             pixels = pixels.astype(np.uint8) * np.uint8(top)
     elif page.photometric == PHOTOMETRIC.MINISWHITE or page.bitspersample < 8:
-        raise _unusual()  # Pillow and OpenCV each have their own idea of these
+        raise _unusual()  # Pillow and OpenCV read these in different ways
     else:
         pixels = np.atleast_3d(
             imdecode(data) if page.bitspersample == 16 else _decode_by_pillow(data)
@@ -268,7 +268,7 @@ def _decode_page(page: TiffPage, data: bytes) -> Codes:
 
 
 def _finite(pixels: Codes) -> Codes:
-    """Return floating-point pixels in single precision; refuse what is no number."""
+    """Return floating-point pixels in single precision; refuse infinities and nan."""
     with np.errstate(over="ignore"):
         single = pixels.astype(np.float32)
     if not np.isfinite(single).all():

@@ -1,7 +1,7 @@
 """Transfer curves: a file's code values to linear light and back.
 
-Everything that deshake computes is in linear light; a file holds codes that its transfer curve
-has bent. A curve here is a map of [0, 1] onto [0, 1], rising all the way.
+deshake computes in linear light; a file holds codes after a transfer curve. Here a curve is a
+rising map from [0, 1] onto [0, 1].
 
 References
 ----------
@@ -35,7 +35,7 @@ __all__ = [
     "is_clipped",
 ]
 
-Codes = NDArray[np.unsignedinteger]  # or float32, which the files of few formats hold
+Codes = NDArray[np.unsignedinteger]  # or float32, in floating-point TIFFs
 Depth = Literal[8, 16, 32]
 TransferName = Literal["srgb", "linear", "gamma22"]
 
@@ -48,7 +48,7 @@ class Transfer(Protocol):
     Attributes
     ----------
     name : str
-        What to call it in messages and provenance.
+        Its name in messages and provenance.
 
     """
 
@@ -120,14 +120,14 @@ class Table:
     Raises
     ------
     ValueError
-        If the entries do not rise so far at every step that all 16-bit codes survive.
+        If the entries do not rise strictly, or so little that 16-bit codes are lost.
 
     """
 
     light: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        """Check that nothing is lost."""
+        """Check that all 16-bit codes survive decoding and encoding."""
         codes = np.arange(1 << 16, dtype=np.uint16)
         if np.any(np.diff(self.light) <= 0) or np.any(
             encode(decode(codes, self), self, 16) != codes
@@ -167,7 +167,7 @@ def decode(codes: Codes, transfer: Transfer) -> NDArray[np.float32]:
     Returns
     -------
     array of float32, same shape
-        Linear light, in [0, 1] of integers.
+        Linear light; from integers, in [0, 1].
 
     """
     if codes.dtype.kind == "f":
@@ -178,7 +178,7 @@ def decode(codes: Codes, transfer: Transfer) -> NDArray[np.float32]:
 
 
 def encode(light: NDArray[np.floating], transfer: Transfer, depth: Depth) -> Codes:
-    """Turn linear light into the nearest codes; of integers, what lies outside [0, 1] is clipped.
+    """Turn linear light into the nearest codes; integer codes clip it to [0, 1].
 
     Parameters
     ----------
@@ -187,12 +187,12 @@ def encode(light: NDArray[np.floating], transfer: Transfer, depth: Depth) -> Cod
     transfer : Transfer
         The file's curve.
     depth : {8, 16, 32}
-        Bits a sample; 32 are those of a floating-point number.
+        Bits a sample; 32 means floating-point numbers.
 
     Returns
     -------
     array of uint8, uint16 or float32, same shape
-        The codes. Those of an unchanged `decode` come back exactly.
+        The codes. Encoding the result of `decode` gives the same codes again.
 
     Raises
     ------
@@ -216,10 +216,10 @@ def encode(light: NDArray[np.floating], transfer: Transfer, depth: Depth) -> Cod
 
 
 def is_clipped(codes: Codes) -> NDArray[np.bool_]:
-    """Tell where a code is at the top: 254 or 255 of 255, and the same share of 65535.
+    """Return where a code is clipped: 254 or 255 of 255, or at least that share of 65535.
 
-    One code below the top counts, since JPEG's rounding moves saturated pixels by that much.
-    Numbers in floating point have no top.
+    The code below the largest counts too, since JPEG's rounding changes saturated pixels by one.
+    Floating-point numbers have no largest code.
     """
     if codes.dtype.kind == "f":
         return np.zeros(codes.shape, bool)
@@ -232,7 +232,7 @@ def _beyond(
 ) -> NDArray[np.float32]:
     """Apply a curve to numbers that may lie outside [0, 1].
 
-    Negative ones mirror the positive; above 1 a power goes on, and a table as a straight line.
+    The curve is odd. Above 1, a power continues, and a table continues as a straight line.
     """
     size = np.abs(values).astype(np.float32)
     straight = isinstance(getattr(curve, "__self__", None), Table)

@@ -1,4 +1,4 @@
-"""WebP in and out, lossy or lossless as it came."""
+"""WebP in and out, lossy or lossless as the photo was."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from deshake.metadata.metadata import Metadata
 
 __all__ = ["decode_webp", "encode_webp"]
 
-_QUALITY: Final = 95  # a lossy WebP does not tell its own
+_QUALITY: Final = 95  # a lossy WebP does not state its own
 
 
 def decode_webp(data: bytes) -> Decoded:
@@ -45,7 +45,7 @@ def decode_webp(data: bytes) -> Decoded:
 
 
 def encode_webp(picture: Decoded) -> bytes:
-    """Encode 8-bit codes as WebP. Alpha, and colours under it, stay as they are.
+    """Encode 8-bit codes as WebP. Alpha, and the colours of transparent pixels, are kept.
 
     Raises
     ------
@@ -73,14 +73,14 @@ def encode_webp(picture: Decoded) -> bytes:
 
 
 def _check_length(data: bytes) -> None:
-    """Refuse a file shorter than its header says."""
+    """Refuse a file that is shorter than its header states."""
     if len(data) < 12 or int.from_bytes(data[4:8], "little") + 8 > len(data):
         msg = "the file is shorter than it says"
         raise ValueError(msg)
 
 
 def _is_lossless(data: bytes) -> bool:
-    """Tell whether the picture's chunk is the lossless kind."""
+    """Return whether the picture's chunk is of the lossless kind."""
     at = 12
     while at + 8 <= len(data):
         name, size = data[at : at + 4], int.from_bytes(data[at + 4 : at + 8], "little")

@@ -42,18 +42,18 @@ Corners = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class BoardCamera:
-    """The camera that photos of a board give, and how well it explains them.
+    """The camera estimated from photos of a board, and how well it explains them.
 
     Parameters
     ----------
     camera : Camera
         With its distortion: k1, k2, p1, p2, k3.
     error_px : float
-        Root mean square distance between corners and where the camera would see them.
+        Root mean square distance between the detected corners and the camera's prediction.
     errors_px : list of float
         The same for each photo.
     focal_sigma_px : float
-        Standard deviation of the focal length, by the fit.
+        Standard deviation of the focal length, from the fit.
     reach : float
         Distance of the outermost board corner from the middle, in shares of half the diagonal.
 
@@ -67,7 +67,7 @@ class BoardCamera:
 
 
 def find_board(grey: NDArray[np.uint8], board: tuple[int, int]) -> Corners | None:
-    """Find the inner corners of a board.
+    """Detect the inner corners of a board.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def find_board(grey: NDArray[np.uint8], board: tuple[int, int]) -> Corners | Non
 def board_camera(
     boards: Sequence[Corners], board: tuple[int, int], height: int, width: int
 ) -> BoardCamera:
-    """Find the camera that explains where the corners of a board are in several photos.
+    """Estimate the camera from the corners of a board in several photos.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Photos of a chessboard give a camera file: ``calibrate --chessboard`` runs this."""
+"""A camera file from photos of a chessboard: ``calibrate --chessboard`` runs this."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class ChessboardCalibration:
     ----------
     content : CameraFile
         The camera and its source in words.
-    found : BoardCamera
+    fit : BoardCamera
         How well it explains the photos.
     photos : list of Path
         The photos.
@@ -46,22 +46,22 @@ class ChessboardCalibration:
     """
 
     content: CameraFile
-    found: BoardCamera
+    fit: BoardCamera
     photos: list[Path]
     notes: list[str]
 
     def report(self) -> dict[str, Any]:
         """Return the figures as JSON data."""
-        camera = self.found.camera
+        camera = self.fit.camera
         return {
             "inputs": [str(path) for path in self.photos],
             "focal_px": round(camera.focal_px, 3),
-            "focal_sigma_px": round(self.found.focal_sigma_px, 3),
+            "focal_sigma_px": round(self.fit.focal_sigma_px, 3),
             "principal_point": np.round(camera.matrix[:2, 2], 3).tolist(),
             "distortion": camera.distortion.tolist(),
             "source": self.content.source,
-            "error_px": round(self.found.error_px, 4),
-            "errors_px": np.round(self.found.errors_px, 4).tolist(),
+            "error_px": round(self.fit.error_px, 4),
+            "errors_px": np.round(self.fit.errors_px, 4).tolist(),
             "notes": self.notes,
             "width": camera.width,
             "height": camera.height,
@@ -76,7 +76,7 @@ def calibrate_from_chessboards(
     overwrite: bool = False,
     progress: Callable[[float, str], None] | None = None,
 ) -> ChessboardCalibration:
-    """Find a camera from photos of a printed board, and write its file if `output` is given.
+    """Estimate a camera from photos of a printed board; write its file if `output` is given.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def calibrate_from_chessboards(
 def _corners(
     photos: Sequence[Path], board: tuple[int, int], progress: Callable[[float, str], None] | None
 ) -> tuple[list[Corners], tuple[int, int]]:
-    """Find the board in all photos; return its corners, and the size of the photos."""
+    """Detect the board in all photos; return its corners, and the size of the photos."""
     report_progress = progress or (lambda _share, _text: None)
     boards: list[Corners] = []
     missing: list[Path] = []

@@ -64,7 +64,7 @@ class FocalLength:
     pixels : float
         The focal length in pixels of the photo.
     source : str
-        The option or tag that gave it, such as "EXIF FocalLengthIn35mmFilm = 35 mm".
+        The option or tag that states it, such as "EXIF FocalLengthIn35mmFilm = 35 mm".
     confidence : float
         How likely it is right to within 5 %, by the table at the head of this module.
     notes : tuple of str
@@ -212,7 +212,7 @@ def _from_equivalent(tags: CameraTags, frame: WholeFrame) -> FocalLength | None:
 
 
 def _from_focal_plane(tags: CameraTags, frame: WholeFrame) -> FocalLength | None:
-    """Use the pixels per millimetre of the original picture, and how it was resized later."""
+    """Use the pixels per millimetre of the original picture, and the factor of later resizing."""
     if tags.focal_mm is None or tags.focal_plane_px_per_mm is None:
         return None
     pixels = tags.focal_mm * tags.focal_plane_px_per_mm * frame.scale * tags.digital_zoom

@@ -34,7 +34,9 @@ __all__ = ["LensProfile", "crop_factor", "find_profile"]
 
 _BOARD: Final = "or find it with calibrate --chessboard"
 _WITH_MORE: Final = re.compile(r"compatibles[^,+]*[,+]")  # converters, macro, other raw formats
-_SMALLER: Final = 0.96  # least crop factor of the camera, in those of the profile; lensfun's value
+_SMALLER: Final = (
+    0.96  # least crop factor of the camera, as a share of the profile's; lensfun's value
+)
 _SAMPLES: Final = 60  # points of the profile's curve
 _BEYOND: Final = 1.02  # half diagonals: how far out the curve is sampled
 _FAR: Final = 1000.0  # m: the distance of the scene
@@ -80,18 +82,18 @@ def find_profile(
     *,
     lens: str | None = None,
 ) -> LensProfile:
-    """Find the profile of the lens that a photo was taken with.
+    """Return the profile of the lens that took a photo.
 
     Parameters
     ----------
     tags : CameraTags
-        What the camera says.
+        The camera's tags.
     focal_px : float
         The focal length in pixels of the photo.
     frame : (float, float)
         Longer and shorter side of the whole frame in pixels of the photo.
     lens : str, optional, keyword-only
-        The lens's name as lensfun has it; by default by EXIF.
+        The lens's name in lensfun; by default EXIF names the lens.
 
     Raises
     ------
@@ -158,9 +160,9 @@ def _profile(
 
 
 def _lenses_by_exif(cameras: list[Any], tags: CameraTags) -> list[Any]:
-    """Return the lenses that EXIF names and the camera takes, or its one built-in lens."""
+    """Return the lenses that EXIF names and the camera's mount fits, or its built-in lens."""
     mounts = {camera.mount for camera in cameras}
-    if all(mount[:1].islower() for mount in mounts):  # a camera's own: the lens is built in
+    if all(mount[:1].islower() for mount in mounts):  # a mount of one camera: the lens is built in
         built_in = [lens for lens in _database().lenses if mounts & set(lens.mounts)]
         return [lens for lens in built_in if not _WITH_MORE.search(lens.model)]
     for mount in tuple(mounts):
@@ -176,7 +178,7 @@ def _lenses_by_exif(cameras: list[Any], tags: CameraTags) -> list[Any]:
 
 
 def _suitable(lenses: list[Any], crop: float, focal_mm: float) -> Any:  # noqa: ANN401
-    """Return the profile of a lens that was made on the sensor nearest to the camera's."""
+    """Return the profile of a lens that was measured on the sensor nearest to the camera's."""
     lens = lenses[0].model
     lenses = [item for item in lenses if "FISHEYE" not in str(item.type)]
     if not lenses:
@@ -203,7 +205,7 @@ def _suitable(lenses: list[Any], crop: float, focal_mm: float) -> Any:  # noqa: 
 
 
 def _fixed(lenses: list[Any]) -> float | None:
-    """Return the focal length of lenses that have but one."""
+    """Return the focal length of lenses that have only one."""
     lengths = {float(end) for lens in lenses for end in (lens.min_focal, lens.max_focal)}
     return lengths.pop() if len(lengths) == 1 else None
 

@@ -1,7 +1,7 @@
 """Resampling between a photo and the picture that a pinhole would have taken.
 
-Images are resampled once, by cubic B-splines with their prefilter, band by band; no value leaves
-the range of its 5 x 5 neighbours, so that lights have no dark rings. Beyond the photo it is
+Cubic B-splines with their prefilter resample an image once, band by band. Each value stays in the
+range of its 5 x 5 neighbours, so that lights get no dark rings. Beyond its border, the photo is
 mirrored.
 """
 

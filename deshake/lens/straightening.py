@@ -1,4 +1,4 @@
-"""Lens distortion is removed before all other steps, and applied again at the end if wanted.
+"""Lens distortion: removed before all other steps, and on demand applied again at the end.
 
 Rotations are homographies only in the picture of a pinhole. So the photo of a camera with
 distortion is straightened, in one resampling. All estimates and all deblurring work on the straight
@@ -134,9 +134,9 @@ def straight_pair(
     Parameters
     ----------
     blurred, noisy : Photo
-        The photos; the second one may be of another size, or lie on its side.
+        The photos; the noisy photo may be of another size, or lie on its side.
     camera : Camera
-        That of the first one.
+        The camera of the blurred photo.
     whole : bool, keyword-only
         As for `straightened`.
 
@@ -192,8 +192,8 @@ def straight_kernel(
 def bent_kernel(kernel: RotationKernel, camera: Camera, straight_camera: Camera) -> RotationKernel:
     """Return the kernel of a straight picture with the camera of its photo.
 
-    Rotations are the same for both. Those of the uniform model are shifts, which have the size of
-    the straight picture.
+    Rotations are the same for both. Those of the uniform model stand for shifts in pixels of the
+    straight picture, and are scaled.
 
     Parameters
     ----------
@@ -219,8 +219,8 @@ def bent_kernel(kernel: RotationKernel, camera: Camera, straight_camera: Camera)
 def camera_at(camera: Camera, shape: tuple[int, int]) -> Camera:
     """Return the camera of another photo through the same lens, of another size or turned.
 
-    Of a photo that lies on its side, nobody knows which side: its principal point is taken to be
-    in the middle.
+    For a photo that lies on its side, the side is unknown: its principal point is assumed to be
+    the middle.
     """
     height, width = shape
     if (height > width) == (camera.height > camera.width):

@@ -60,13 +60,13 @@ def whole_frame(
     Parameters
     ----------
     tags : CameraTags
-        What the camera says.
+        The camera's tags.
     height, width : int
         The photo's size in pixels.
     full : (float, float), optional
-        Longer and shorter side in pixels of the sensor, by its size and the resolution of the
-        focal plane: programs that crop or resize often write the new size, but hardly touch
-        these.
+        The sensor's longer and shorter side in pixels, from its size and the resolution of the
+        focal plane. Programs that crop or resize often write the new size, but rarely change that
+        resolution.
 
     """
     long, short = max(height, width), min(height, width)

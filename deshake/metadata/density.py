@@ -1,6 +1,6 @@
-"""How many pixels of a photo go on an inch: what printers and layout programs read.
+"""The density of a photo, in pixels an inch: printers and layout programs read it.
 
-EXIF and TIFF hold it in tags, a JPEG in its JFIF header as well, a PNG in its chunk pHYs.
+EXIF and TIFF hold it in tags, JPEG also in its JFIF header, PNG in its chunk pHYs.
 
 References
 ----------
@@ -39,7 +39,7 @@ _JFIF: Final = b"JFIF\0"
 
 
 class Density(NamedTuple):
-    """Pixels a unit of length; without a unit, the shape of a pixel alone.
+    """Pixels a unit of length; without a unit, only the shape of a pixel.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class Density(NamedTuple):
     unit: Unit = "inch"
 
     def a(self, unit: Unit) -> Density:
-        """Return it by another unit of length."""
+        """Return the density in another unit of length."""
         if self.unit == unit or not self.unit:
             return self
         factor = _METRES[unit] / _METRES[self.unit]
@@ -91,7 +91,7 @@ class Density(NamedTuple):
 
 
 def jfif_density(content: bytes) -> Density | None:
-    """Read what a JFIF segment states; None if it says no more than that pixels are square."""
+    """Read the density in a JFIF segment; None if it only states that pixels are square."""
     if not content.startswith(_JFIF) or len(content) < len(_JFIF) + 7:
         return None
     unit, across, down = struct.unpack_from(">BHH", content, len(_JFIF) + 2)
@@ -101,7 +101,7 @@ def jfif_density(content: bytes) -> Density | None:
 
 
 def phys_density(content: bytes) -> Density | None:
-    """Read what a PNG's chunk pHYs states; None if it says nothing that can be."""
+    """Read the density in a PNG's chunk pHYs; None if it only states square pixels, or is wrong."""
     if len(content) != 9:
         return None
     across, down, unit = struct.unpack(">IIB", content)
@@ -111,7 +111,7 @@ def phys_density(content: bytes) -> Density | None:
 
 
 def exif_density(block: bytes) -> Density | None:
-    """Read what the tags of an EXIF block state; None if they say nothing that can be."""
+    """Read the density in the tags of an EXIF block; None if it is missing or impossible."""
     first = exif.read_first(block)
     if first is None:
         return None

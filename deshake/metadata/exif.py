@@ -1,7 +1,7 @@
 """The raw structure of EXIF and TIFF: directories of tags, read and appended.
 
-Values are carried as the bytes that the camera wrote: no tag is ever interpreted and written
-anew. An EXIF block here is a small TIFF file, without the ``Exif`` marker of JPEG.
+Values are copied as the bytes that the camera wrote; no tag is decoded and encoded again. Here an
+EXIF block is a small TIFF file, without the ``Exif`` marker of JPEG.
 
 References
 ----------
@@ -48,15 +48,15 @@ IPTC: Final = 33723
 IMAGE_RESOURCES: Final = 34377
 ICC: Final = 34675
 
-# Bytes of one value, by TIFF type; 16 to 18 are BigTIFF's and have no place in an EXIF block.
+# Bytes of one value, by TIFF type; 16 to 18 are BigTIFF's, and no EXIF block holds them.
 SIZES: Final = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4,
                 129: 1}  # fmt: skip
 
-# How struct calls the types that are numbers; fractions are two.
+# The codes of the struct module for types that are numbers; a fraction is two numbers.
 NUMBERS: Final = {1: "B", 3: "H", 4: "I", 5: "II", 6: "b", 8: "h", 9: "i", 10: "ii", 11: "f",
                   12: "d", 13: "I"}  # fmt: skip
 
-# Tags that say how pixels lie in this very file, or point into it: never carried to another.
+# Tags that describe the layout of this file, or point into it: never copied to another file.
 _STRUCTURE: Final = frozenset(
     {254, 255, 256, 257, 258, 259, 262, 263, 264, 265, 266, 273, 277, 278, 279, 280, 281, 284,
      288, 289, 290, 291, 292, 293, 301, 317, 320, 321, 322, 323, 324, 325, 330, 332, 333, 334,
@@ -129,7 +129,7 @@ class Tree:
     interop: Values = field(default_factory=dict)
 
     def __bool__(self) -> bool:
-        """Tell whether there is anything to carry."""
+        """Return whether there is any metadata."""
         return bool(self.main or self.exif or self.gps)
 
 
@@ -148,7 +148,7 @@ def read_first(block: bytes) -> Directory | None:
 
 
 def read_below(block: bytes, parent: Directory, pointer: int) -> Directory | None:
-    """Read the directory that a pointer tag of another one leads to; None if there is none."""
+    """Read the directory that a pointer tag of its parent leads to; None if there is none."""
     offset = parent.numbers(pointer)
     if not offset:
         return None
@@ -160,16 +160,16 @@ def read_below(block: bytes, parent: Directory, pointer: int) -> Directory | Non
 
 
 def read_sub_directories(block: bytes, parent: Directory, pointer: int) -> list[Directory]:
-    """Read all directories that a pointer tag leads to, but for damaged ones."""
-    found = []
+    """Read all directories that a pointer tag leads to, except damaged ones."""
+    directories = []
     for offset in parent.numbers(pointer):
         with contextlib.suppress(struct.error, OverflowError):
-            found.append(read_directory(block, parent.order, int(offset), big=False))
-    return found
+            directories.append(read_directory(block, parent.order, int(offset), big=False))
+    return directories
 
 
 def read_tree(block: bytes) -> Tree:
-    """Collect the metadata of an EXIF block or a TIFF file, without what describes its pixels."""
+    """Collect the metadata of an EXIF block or a TIFF file, without tags of its pixels."""
     first = read_first(block)
     if first is None:
         return Tree()
@@ -186,16 +186,16 @@ def read_tree(block: bytes) -> Tree:
 def append_tree(data: bytes, tree: Tree, *, note_at: int | None = None) -> bytes:
     """Append directories to a TIFF file and make its header point at the new main one.
 
-    The bytes that are there stay where they are, so that offsets in the main directory hold.
+    No byte of `data` moves, so that offsets in the main directory stay valid.
 
     Parameters
     ----------
     data : bytes
         A TIFF file, or its bare header, in the byte order of `tree`.
     tree : Tree
-        The directories; the pointers between them are made here.
+        The directories; this function makes the pointers between them.
     note_at : int, optional
-        Where in `data` the maker note lies already.
+        Where the maker note lies in `data`, if it is there.
 
     """
     out = bytearray(data)
@@ -213,15 +213,15 @@ def append_tree(data: bytes, tree: Tree, *, note_at: int | None = None) -> bytes
 
 
 def new_block(tree: Tree, *, note_at: int | None = None) -> bytes:
-    """Make an EXIF block of directories; empty if there is nothing in them.
+    """Make an EXIF block of directories; empty if all directories are.
 
     Parameters
     ----------
     tree : Tree
         The directories.
     note_at : int, optional
-        Where the maker note has to lie: offsets in it often count from the block's beginning.
-        It is put there if that is possible without making the block too long for a JPEG.
+        Where the maker note should lie: its offsets often count from the beginning of the block.
+        It lies there if the block then fits into a JPEG.
 
     """
     mark = (b"II*\0" if tree.order == "<" else b"MM\0*") + bytes(4)
@@ -243,10 +243,10 @@ def orientation(block: bytes) -> int:
 
 
 def read_directory(block: bytes, order: str, offset: int, *, big: bool) -> Directory:
-    """Read one directory; entries of unknown type, or that point outside the block, are left out.
+    """Read one directory, without entries of unknown type or with values outside the block.
 
-    The values of a directory together may be no longer than the block, so that a few entries
-    cannot name the same bytes over and over.
+    The values of a directory together may not be longer than the block. So a few entries cannot
+    copy the same bytes again and again.
     """
     count_code, entry_code, width, inline = ("Q", "HHQ", 20, 8) if big else ("H", "HHI", 12, 4)
     (count,) = struct.unpack_from(f"{order}{count_code}", block, offset)
@@ -276,7 +276,7 @@ def pointer(order: str, offset: int) -> tuple[int, int, bytes]:
 def _append(
     out: bytearray, order: str, values: Values, lying: Mapping[int, int] | None = None
 ) -> int:
-    """Append one directory and, behind it, its values that lie nowhere yet; return its offset."""
+    """Append one directory, then its values that are not in `out` yet; return its offset."""
     if len(out) % 2:
         out += b"\0"
     offset = len(out)

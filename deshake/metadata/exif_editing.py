@@ -1,7 +1,7 @@
-"""Changes to an EXIF block that leave all else where it is.
+"""Changes to an EXIF block that move no other byte.
 
-Maker notes hold offsets that count from the beginning of the block, and nobody knows all of them:
-bytes are overwritten or appended, never moved.
+Maker notes hold offsets that count from the beginning of the block, and not all of these are
+documented. So bytes are overwritten or appended, never moved.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def maker_note_at(block: bytes) -> int | None:
 
 
 def upright(block: bytes) -> bytes:
-    """Return an EXIF block that says orientation 1, for pixels that have been turned."""
+    """Return an EXIF block with orientation 1, for pixels that are upright now."""
     first = exif.read_first(block)
     if first is None or exif.orientation(block) == 1:
         return block
@@ -47,21 +47,21 @@ def upright(block: bytes) -> bytes:
 
 
 def complete(block: bytes, density: Density | None, size: tuple[int, int], *, icc: bool) -> bytes:
-    """Return an EXIF block that has the tags which the standard asks of every JPEG.
+    """Return an EXIF block with the tags that the standard requires in every JPEG.
 
-    A camera's block is returned as it is: only what holds nothing but Software, as
-    `with_software` makes it, is completed.
+    Only a block that holds nothing but Software, as `with_software` makes it, is completed. A
+    camera's block is returned unchanged.
 
     Parameters
     ----------
     block : bytes
         The block.
     density : Density or None
-        Of the photo; None: 72 pixels an inch, as the standard says.
+        The photo's; None: 72 pixels an inch, the standard's default.
     size : (int, int)
         Height and width of the picture.
     icc : bool
-        Whether a profile tells the colours; else they are sRGB's.
+        Whether a profile defines the colours; else they are sRGB's.
 
     """
     first = exif.read_first(block)
@@ -82,7 +82,7 @@ def complete(block: bytes, density: Density | None, size: tuple[int, int], *, ic
 
 
 def with_size(block: bytes, height: int, width: int) -> bytes:
-    """Return an EXIF block whose sizes of the picture, where it tells any, are these."""
+    """Return an EXIF block with this size of the picture, wherever it states one."""
     first = exif.read_first(block)
     if first is None:
         return block
@@ -96,10 +96,10 @@ def with_size(block: bytes, height: int, width: int) -> bytes:
 
 
 def without_thumbnail(block: bytes) -> bytes:
-    """Return an EXIF block without its thumbnail, which shows the photo as it was.
+    """Return an EXIF block without its thumbnail, which shows the photo before the work.
 
-    The link to its directory is cut by zeroing the four bytes that point there, and the picture is
-    zeroed too, or cut off where it ends the block.
+    The four bytes that point at its directory become zero. The thumbnail becomes zero too; if it is
+    the end of the block, it is cut off.
     """
     first = exif.read_first(block)
     if first is None or not any(block[first.next_at : first.next_at + 4]):
@@ -122,14 +122,14 @@ def without_thumbnail(block: bytes) -> bytes:
 
 
 def shortened(block: bytes, longest: int) -> tuple[bytes, list[int]]:
-    """Lay an EXIF block out anew so that it is no longer than `longest`.
+    """Make a new EXIF block no longer than `longest`, if need be without the longest values.
 
     Returns
     -------
     block : bytes
         The block.
     dropped : list of int
-        Tags of the longest values, which had to go for it.
+        Tags that were dropped, those of the longest values first.
 
     """
     tree, place = exif.read_tree(block), maker_note_at(block)
@@ -144,10 +144,10 @@ def shortened(block: bytes, longest: int) -> tuple[bytes, list[int]]:
 
 
 def with_software(block: bytes, software: str) -> bytes:
-    """Return an EXIF block whose Software tag is another; a new block if there is none.
+    """Return an EXIF block with another Software tag; a new block if there is none.
 
-    The first directory is written anew behind the block. A block that is not understood, or that
-    would then be too long for a JPEG, is returned as it is.
+    A new first directory is appended to the block. A block that is damaged, or that would become
+    too long for a JPEG, is returned unchanged.
     """
     raw = software.encode() + b"\0"
     if not block:
@@ -176,13 +176,13 @@ def with_software(block: bytes, software: str) -> bytes:
 def pointers(block: bytes) -> exif.Values | None:
     """Return the tags that lead from a block's first directory to the others, for another file.
 
-    The block has to be the beginning of that file. None if there are no others, or if not all of
-    what is in them can be read, so that they are better written anew.
+    The block must be the beginning of that file. None if there are no other directories, or if some
+    of their entries are unreadable: then new directories are better.
     """
     first = exif.read_first(block)
     if first is None or block[2:4] not in {b"*\0", b"\0*"}:
         return None
-    found: exif.Values = {}
+    links: exif.Values = {}
     below = [(first, exif.EXIF_POINTER), (first, exif.GPS_POINTER)]
     for parent, tag in below:
         directory = exif.read_below(block, parent, tag)
@@ -190,14 +190,14 @@ def pointers(block: bytes) -> exif.Values | None:
             if not directory.whole:
                 return None
             if parent is first:
-                found[tag] = exif.pointer(first.order, directory.start)
+                links[tag] = exif.pointer(first.order, directory.start)
             if tag == exif.EXIF_POINTER:
                 below.append((directory, exif.INTEROP_POINTER))
-    return found or None
+    return links or None
 
 
 def _set(out: bytearray, directory: exif.Directory, tag: int, number: int) -> None:
-    """Overwrite a tag that is one number, of whatever type, if it has room for the new one."""
+    """Overwrite a tag that is one number, of any type, if the type can hold the new one."""
     kind, count, _ = directory.values.get(tag, (0, 0, b""))
     if count != 1 or kind not in exif.NUMBERS:
         return
@@ -209,7 +209,7 @@ def _set(out: bytearray, directory: exif.Directory, tag: int, number: int) -> No
 
 
 def _is_used(block: bytes, start: int, end: int) -> bool:
-    """Tell whether a directory, or a value in one, lies in a range."""
+    """Return whether a directory, or one of its values, overlaps a range of the block."""
     first = exif.read_first(block)
     directories = [first] if first is not None else []
     for parent in directories:

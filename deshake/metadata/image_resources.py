@@ -37,11 +37,11 @@ def with_iptc(resources: bytes, iptc: bytes) -> bytes:
 
 
 def without_padding(iptc: bytes) -> bytes:
-    """Return IPTC records without the zeros that make them whole words in a TIFF."""
+    """Return IPTC records without the zeros that fill their last word in a TIFF."""
     at = 0
     while iptc[at : at + 1] == _RECORD and len(iptc) >= at + 5:
         (size,) = struct.unpack_from(">H", iptc, at + 3)
-        if size & 0x8000:  # so long that its size has another form
+        if size & 0x8000:  # an extended record: its size has another form
             return iptc
         at += 5 + size
     rest = iptc[at:]
@@ -54,7 +54,7 @@ def without_thumbnails(resources: bytes) -> bytes:
 
 
 def _walk(resources: bytes) -> Iterator[tuple[int, bytes, bytes]]:
-    """Walk over the resources: number, content, and all bytes; what is damaged has number 0."""
+    """Walk over the resources: number, content, and all bytes; damaged bytes get number 0."""
     at = 0
     while at < len(resources):
         name_at = at + 6

@@ -1,4 +1,4 @@
-"""EXIF, XMP and ICC as a photo carries them, and the few tags that calibration needs."""
+"""EXIF, XMP and ICC as a photo holds them, and the few tags that calibration needs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # FocalPlaneResolutionUnit;
 
 @dataclass(frozen=True)
 class CameraTags:
-    """What the camera says about itself and the exposure; None where it says nothing sensible.
+    """The camera's tags about itself and the exposure; None for missing and absurd values.
 
     Parameters
     ----------
@@ -33,10 +33,10 @@ class CameraTags:
     squeeze : float
         FocalPlaneYResolution over FocalPlaneXResolution; 1 where one of them is missing.
     digital_zoom : float
-        DigitalZoomRatio: how many times the picture was enlarged by the camera, >= 1.
+        DigitalZoomRatio: the factor by which the camera enlarged the picture, >= 1.
     pixel_size : (int, int) or None
-        Width and height of the picture as it was taken: PixelXDimension and PixelYDimension or,
-        without them, ImageWidth and ImageLength, or a DNG's DefaultCropSize.
+        Width and height of the original picture: PixelXDimension and PixelYDimension or, without
+        them, ImageWidth and ImageLength, or a DNG's DefaultCropSize.
     lens_make, lens_model : str
         As in EXIF, without surrounding blanks.
     f_number : float or None
@@ -81,9 +81,9 @@ class Metadata:
     resources : bytes
         Photoshop's image resources, which may hold the IPTC records too. Empty: none.
     extended_xmp : bytes
-        What a JPEG's XMP packet had no room for. Empty: nothing.
+        The part of a JPEG's XMP that its packet has no room for. Empty: none.
     density : Density, optional
-        What a JPEG's JFIF header or a PNG's chunk pHYs states.
+        The density in a JPEG's JFIF header or a PNG's chunk pHYs.
 
     """
 
@@ -103,7 +103,7 @@ class Metadata:
     def upright(self) -> Metadata:
         """Return the metadata of the photo turned upright: orientation 1, in EXIF and in XMP.
 
-        Nothing else changes, and nothing at all if the orientation is 1 already.
+        Nothing else changes.
         """
         if self.orientation == 1:
             return self

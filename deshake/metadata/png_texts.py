@@ -1,6 +1,6 @@
-"""Metadata in the texts of a PNG, as ImageMagick puts them there: "Raw profile type exif" etc.
+"""Metadata in the texts of a PNG, in ImageMagick's form: "Raw profile type exif" etc.
 
-It is the only way that a PNG can hold IPTC, and what older programs used for EXIF and XMP.
+A PNG can hold IPTC in no other way. Older programs store EXIF and XMP like this, too.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from deshake.metadata.image_resources import iptc_of
 __all__ = ["RAW_PROFILE", "profile_text", "raw_profile"]
 
 RAW_PROFILE: Final = b"Raw profile type "
-"""What the keyword of such a text begins with."""
+"""The beginning of the keyword of such a text."""
 
 _EXIF: Final = b"Exif\0\0"
 _XMP: Final = b"http://ns.adobe.com/xap/1.0/\0"
@@ -21,21 +21,21 @@ _TEXT: Final = re.compile(rb"\s*\w{1,40}\s+(\d{1,10})\s([0-9a-fA-F\s]*)")
 
 
 def raw_profile(keyword: bytes, text: bytes) -> dict[str, bytes]:
-    """Read a profile; return the fields of `Metadata` that it fills, none if it is not known.
+    """Read a profile; return the fields of `Metadata` that it fills, none if it is unknown.
 
     Parameters
     ----------
     keyword : bytes
-        The keyword of the text, with what may stand behind its NUL.
+        The keyword of the text; bytes from its NUL on are ignored.
     text : bytes
         A name, the length in bytes, and the bytes in hexadecimal.
 
     """
     kind = keyword.split(b"\0", 1)[0].removeprefix(RAW_PROFILE).lower()
-    found = _TEXT.match(text)
-    digits = b"" if found is None else b"".join(found[2].split())
+    match = _TEXT.match(text)
+    digits = b"" if match is None else b"".join(match[2].split())
     data = bytes.fromhex(digits[: len(digits) // 2 * 2].decode("ascii"))
-    if found is None or len(data) != int(found[1]):
+    if match is None or len(data) != int(match[1]):
         return {}
     if kind in {b"exif", b"app1"} and data.startswith(_EXIF):
         return {"exif": data.removeprefix(_EXIF)}

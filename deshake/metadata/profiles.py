@@ -1,6 +1,6 @@
-"""ICC profiles for pictures that come without one: sRGB, and linear light.
+"""ICC profiles for pictures without one: sRGB, linear light, a power, and code points.
 
-They are written to the byte here, for libraries put the time of day into theirs.
+This module writes their bytes itself, since libraries put the time of day into a profile.
 
 References
 ----------
@@ -40,7 +40,7 @@ XYZ_FROM_SRGB: Final = np.array(
 )
 """CIE XYZ, with white D65, from linear sRGB [2]_."""
 
-_WHITE: Final = (0.9642, 1.0, 0.8249)  # D50, that of all profiles
+_WHITE: Final = (0.9642, 1.0, 0.8249)  # D50, the white of all profiles
 _ADAPTATION: Final = np.array(  # from D65 to D50, by Bradford's method
     [
         [1.0478112, 0.0228866, -0.0501270],
@@ -104,9 +104,9 @@ def power_profile(gamma: float, *, grey: bool = False) -> bytes:
 
 
 def cicp_profile(primaries: int, transfer: int) -> bytes:
-    """Make the profile of coding-independent code points [3]_; empty where they mean sRGB.
+    """Make the profile of coding-independent code points [3]_; empty if they are sRGB's.
 
-    The curves of television count as sRGB's, as photos that state them are made.
+    The curves of television count as sRGB's: photos that state them have sRGB's curve.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def cicp_profile(primaries: int, transfer: int) -> bytes:
 def _rgb_profile(name: str, to_srgb: NDArray[np.float64], curve: bytes) -> bytes:
     """Make a profile of three colours and one curve."""
     primaries = _ADAPTATION @ XYZ_FROM_SRGB @ to_srgb
-    primaries *= (np.array(_WHITE) / primaries.sum(1))[:, None]  # white is white to the last digit
+    primaries *= (np.array(_WHITE) / primaries.sum(1))[:, None]  # exact white
     tags = {b"%cXYZ" % c: _xyz(primaries[:, i]) for i, c in enumerate(b"rgb")}
     return _profile(name, tags | {b"%cTRC" % c: curve for c in b"rgb"})
 

@@ -1,7 +1,7 @@
-"""How a photo came about, in its own metadata: a block of JSON in its XMP, and the Software tag.
+"""The provenance of a photo, in its own metadata: a block of JSON in its XMP, and the Software tag.
 
-The block is a property of simple text in a namespace of deshake's own. It is found in any format,
-since XMP packets are neither compressed nor split in the files that deshake writes.
+The block is a property of simple text in deshake's own namespace. A search for its bytes works in
+any format, since deshake neither compresses nor splits XMP packets.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ PROPERTY: Final = "Provenance"
 """The XMP property whose text the block is."""
 
 _KEY: Final = f"{NAMESPACE[0]}:{PROPERTY}".encode()
-_MAX_TEXT: Final = 1 << 17  # bytes of the block that are looked at
-_MAX_PLACES: Final = 16  # looked at: the start tag, the end tag, and what else may bear the name
+_MAX_TEXT: Final = 1 << 17  # bytes of the block that are read
+_MAX_PLACES: Final = 16  # places read: the start tag, the end tag, and others with the same name
 
 
 def with_provenance(metadata: Metadata, provenance: Mapping[str, Any]) -> Metadata:
-    """Return metadata that tell how the photo came about.
+    """Return metadata with the provenance of the photo.
 
-    EXIF's Software becomes ``deshake VERSION``; what it was is kept in the block, as ``software``.
-    An earlier block is replaced. Where the XMP packet is not one that can be added to, the Software
-    tag has to do.
+    EXIF's Software becomes ``deshake VERSION``; the block keeps the former text as ``software``.
+    An earlier block is replaced. If the XMP packet has no place for the block, only the Software
+    tag is written.
 
     Parameters
     ----------
@@ -57,10 +57,10 @@ def with_provenance(metadata: Metadata, provenance: Mapping[str, Any]) -> Metada
     first = exif.read_first(metadata.exif)
     former = "" if first is None else first.text(exif.SOFTWARE)
     software = f"deshake {provenance['deshake']}"
-    told = dict(provenance)
+    block = dict(provenance)
     if former and former != software:
-        told["software"] = former
-    text = json.dumps(told, sort_keys=True, allow_nan=False)
+        block["software"] = former
+    text = json.dumps(block, sort_keys=True, allow_nan=False)
     packet = xmp.without(metadata.xmp, NAMESPACE[0], PROPERTY)
     packet = xmp.insert(packet, NAMESPACE, PROPERTY, text) or metadata.xmp
     return replace(metadata, exif=with_software(metadata.exif, software), xmp=packet)
@@ -72,10 +72,10 @@ def carried_provenance(metadata: Metadata) -> dict[str, Any] | None:
 
 
 def read_provenance(path: str | os.PathLike[str]) -> dict[str, Any] | None:
-    """Return the provenance that a photo of deshake's carries; None if there is none.
+    """Return the provenance in a photo that deshake wrote; None if there is none.
 
-    No picture is decoded. Whatever the file is, this neither fails nor takes more memory than the
-    block: a file that cannot be read has no provenance.
+    No picture is decoded. It never fails, and it takes no more memory than the block: a file that
+    cannot be read has no provenance.
     """
     try:
         if not Path(path).is_file():
@@ -97,9 +97,9 @@ def _find(data: mmap.mmap | bytes) -> dict[str, Any] | None:
             break
         text = xmp.property_of(data[at : at + _MAX_TEXT], NAMESPACE[0], PROPERTY)
         try:
-            found = json.loads(text or "")
+            content = json.loads(text or "")
         except (ValueError, RecursionError):
             continue
-        if isinstance(found, dict):
-            return found
+        if isinstance(content, dict):
+            return content
     return None

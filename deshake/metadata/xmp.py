@@ -1,7 +1,7 @@
-"""XMP packets, changed as text: what is not changed stays as it was, byte for byte.
+"""XMP packets, edited as text: all other bytes stay the same.
 
-An XML library would write every packet anew, with other prefixes and without its padding. Only
-UTF-8 is known, which is what XMP is in JPEG, PNG, TIFF and WebP.
+An XML library would write a new packet, with other prefixes and without the padding. This module
+reads UTF-8 alone, the encoding of XMP in JPEG, PNG, TIFF and WebP.
 
 References
 ----------
@@ -48,7 +48,7 @@ _EMPTY_RDF: Final = re.compile(rb"<rdf:RDF(\s[^<>]{0,2000}?)?/>")
 
 
 def insert(packet: bytes, namespace: tuple[str, str], name: str, text: str) -> bytes | None:
-    """Return a packet with one more property; None if it has no place for it.
+    """Return a packet with one more property; None if the packet has no place for it.
 
     Parameters
     ----------
@@ -76,15 +76,15 @@ def insert(packet: bytes, namespace: tuple[str, str], name: str, text: str) -> b
     place = packet.rfind(b"</rdf:RDF")
     if place >= 0:
         return packet[:place] + description + b"\n" + packet[place:]
-    found = _EMPTY_RDF.search(packet)
-    if found is not None:
-        whole = b"<rdf:RDF%s>%s</rdf:RDF>" % (found[1] or b"", description)
-        return packet[: found.start()] + whole + packet[found.end() :]
+    empty = _EMPTY_RDF.search(packet)
+    if empty is not None:
+        whole = b"<rdf:RDF%s>%s</rdf:RDF>" % (empty[1] or b"", description)
+        return packet[: empty.start()] + whole + packet[empty.end() :]
     return None
 
 
 def without(packet: bytes, prefix: str, name: str) -> bytes:
-    """Return a packet without a property of simple text, wherever it stands."""
+    """Return a packet without a property of simple text, an element or an attribute."""
     key = f"{prefix}:{name}".encode()
     if key not in packet:
         return packet
@@ -101,34 +101,34 @@ def property_of(text: bytes, prefix: str, name: str) -> str | None:
     Parameters
     ----------
     text : bytes
-        A packet, or anything that has one in it.
+        A packet, or any bytes that contain one.
     prefix, name : str
         The property.
 
     """
     key = f"{prefix}:{name}".encode()
-    found = re.search(rb"%s(?:>([^<]*)</|=\"([^\"<]*)\"|='([^'<]*)')" % key, text)
-    if found is None:
+    match = re.search(rb"%s(?:>([^<]*)</|=\"([^\"<]*)\"|='([^'<]*)')" % key, text)
+    if match is None:
         return None
-    value = next(part for part in found.groups() if part is not None).decode("utf-8", "replace")
+    value = next(part for part in match.groups() if part is not None).decode("utf-8", "replace")
     for entity, sign in (("quot", '"'), ("apos", "'"), ("#34", '"'), ("#39", "'")):
         value = value.replace(f"&{entity};", sign)
     return value.replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&")
 
 
 def upright(packet: bytes) -> bytes:
-    """Return a packet that says orientation 1, if it tells any."""
+    """Return a packet with orientation 1, if it states an orientation."""
     return _ORIENTATION.sub(rb"\g<1>1", packet)
 
 
 def with_size(packet: bytes, height: int, width: int) -> bytes:
-    """Return a packet whose sizes of the picture, where it tells any, are these."""
+    """Return a packet with this size of the picture, wherever it states one."""
     packet = _WIDTH.sub(rb"\g<1>%d" % width, packet)
     return _HEIGHT.sub(rb"\g<1>%d" % height, packet)
 
 
 def without_thumbnails(packet: bytes) -> bytes:
-    """Return a packet without its thumbnails, which show the photo as it was."""
+    """Return a packet without its thumbnails, which show the photo before the work."""
     for name in (b"xmp:Thumbnails", b"xap:Thumbnails"):
         start = packet.find(b"<" + name + b">")
         end = packet.find(b"</" + name + b">", start)
@@ -138,9 +138,9 @@ def without_thumbnails(packet: bytes) -> bytes:
 
 
 def merged(packet: bytes, more: bytes) -> bytes | None:
-    """Return a packet together with what a JPEG had to put into its extended XMP.
+    """Join a packet and the extended XMP of a JPEG.
 
-    None if the two do not make one packet of XML.
+    None if the two do not make one well-formed packet.
     """
     opening = re.search(rb"<rdf:RDF(?:\s[^<>]{0,2000})?>", more)
     closing, place = more.rfind(b"</rdf:RDF"), packet.rfind(b"</rdf:RDF")
@@ -152,14 +152,14 @@ def merged(packet: bytes, more: bytes) -> bytes | None:
 
 
 def extended(packet: bytes, *keep: tuple[tuple[str, str], str]) -> tuple[bytes, bytes] | None:
-    """Split a packet that is too long for a JPEG; None if it has no place to be split.
+    """Split a packet that is too long for a JPEG; None if it cannot be split.
 
     Parameters
     ----------
     packet : bytes
         The packet.
     *keep : (namespace, name)
-        Properties of simple text that stay in the short one.
+        Properties of simple text that stay in the short packet.
 
     Returns
     -------
@@ -184,13 +184,13 @@ def extended(packet: bytes, *keep: tuple[tuple[str, str], str]) -> tuple[bytes, 
 
 
 def guid(packet: bytes, more: bytes) -> bytes:
-    """Return the GUID of a packet's extended XMP: the one that it names, else the MD5."""
+    """Return the GUID of a packet's extended XMP: the packet names it; else it is the MD5."""
     named = property_of(packet, _NOTE[0], _EXTENDED) or ""
     return (named if re.fullmatch("[0-9A-Fa-f]{32}", named) else _md5(more)).encode()
 
 
 def without_padding(packet: bytes) -> bytes:
-    """Return a packet without the blanks before its end, which leave room to edit it in place."""
+    """Return a packet without its padding, the blanks before its end that leave room for edits."""
     end = packet.rfind(_END)
     return packet if end < 0 else packet[:end].rstrip() + b"\n" + packet[end:]
 
@@ -200,7 +200,7 @@ def _md5(data: bytes) -> str:
 
 
 def _is_xml(packet: bytes) -> bool:
-    """Tell whether a packet is well-formed, without unknown prefixes; nothing is expanded."""
+    """Return whether a packet is well-formed, without unknown prefixes; entities are refused."""
     if b"<!" in packet:
         return False
     try:

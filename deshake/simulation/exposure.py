@@ -9,7 +9,7 @@ __all__ = ["expose"]
 
 Image = NDArray[np.float32]
 
-_BAND = 256  # rows that get their noise at once
+_BAND = 256  # rows that get their noise together
 
 
 def expose(
@@ -36,7 +36,7 @@ def expose(
         The same seed gives the same noise.
 
     """
-    rng = np.random.default_rng([seed, 1])  # a stream apart from the path's
+    rng = np.random.default_rng([seed, 1])  # another stream than the path's
     for top in range(0, len(pixels), _BAND):
         band = pixels[top : top + _BAND]
         band *= np.float32(gain)

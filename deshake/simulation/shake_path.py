@@ -114,13 +114,13 @@ class CameraPath:
         clock = np.concatenate([[0.0], np.cumsum(self.durations)]) / self.durations.sum()
         ends = np.linspace(0, along[-1], max(int(np.ceil(along[-1] / _PIECE_PX)), 1) + 1)
         elapsed = np.interp(ends, along, clock)
-        elapsed[0], elapsed[-1] = 0, 1  # with the time that the camera stood still there
+        elapsed[0], elapsed[-1] = 0, 1  # with the time of rest at both ends
         middles = (ends[1:] + ends[:-1]) / 2
         theta = np.stack([np.interp(middles, along, axis) for axis in self.theta.T], 1)
         return theta, np.diff(elapsed)
 
     def _along(self, camera: Camera) -> NDArray[np.float64]:
-        """Distance of each orientation along the path, (T,), in pixels where they move most."""
+        """Return the path length up to each orientation, (T,), in pixels of the fastest corner."""
         moved = displacements(homographies(camera, self.theta), camera.corners)
         lengths = np.linalg.norm(np.diff(moved, axis=1), axis=2).max(0)
         along = np.concatenate([[0.0], np.cumsum(lengths)])

@@ -1,7 +1,7 @@
-"""A sharp photo is shaken by a known camera path: for demos, tests and benchmarks.
+"""Shakes a sharp photo by a known camera path: for demos, tests and benchmarks.
 
-The path itself blurs the photo, with an exact warp for every half pixel of it. The kernel that
-belongs to the result is the path binned on the photo's grid.
+The path itself blurs the photo, with an exact warp for each half pixel of its length. The kernel of
+the result is the path, binned on the photo's grid.
 """
 
 from __future__ import annotations
@@ -84,20 +84,21 @@ def shake(
     seed: int = 0,
     progress: Callable[[float, str], None] | None = None,
 ) -> Shaken:
-    """Blur a photo by a camera path, bend it if the camera has a lens that bends, and expose it.
+    """Blur a photo by a camera path, apply the camera's distortion, and expose the photo.
 
     Parameters
     ----------
     pixels : (h, w[, C]) array of float32
         The sharp photo, linear light.
     camera : Camera
-        Its camera. The sharp photo is taken to be a pinhole's; with a distortion, the shaken one is
-        as that lens would have it, of a focal length so much longer that it shows nothing else.
+        Its camera. The sharp photo counts as a pinhole's. With a distortion, the shaken photo has
+        the distortion of that lens; its focal length is longer, so that it shows no pixel from
+        beyond the sharp photo.
     path : CameraPath
-        How the camera turned; its centroid is taken to the origin first.
+        How the camera turned; its centroid is moved to the origin first.
     crop : bool
-        Cut off the borders whose blur reaches beyond the photo, evenly on all sides; otherwise
-        the photo is continued by its edge pixels and keeps its size.
+        Whether to cut off the borders whose blur reaches beyond the photo, by the same width on all
+        sides; else the edge pixels continue the photo, and it keeps its size.
     gain, photons, noise_sigma, seed
         As for `expose`.
     progress : callable, optional
@@ -155,7 +156,7 @@ def _bent_camera(camera: Camera, lens: Camera) -> Camera:
 
 @dataclass(frozen=True, eq=False)
 class ShakenPhoto:
-    """A shaken photo as a `Photo`, with the truth about it.
+    """A shaken photo as a `Photo`, with its sharp photo and its true kernel.
 
     Parameters
     ----------
@@ -245,7 +246,7 @@ def simulate_file(
         The focal length in pixels or 35 mm equivalents, or a camera file; by default the photo's
         metadata state it, else a 50 mm equivalent is assumed. A camera file may have distortion.
     lens, lens_model
-        Whether the photo is bent by its lens's profile, or by that of another one.
+        Whether to apply the distortion of the photo's lens, or the name of a lens to use instead.
     transfer : {"linear", "srgb", "gamma22"}, optional
         As for `read_photo`.
     overwrite : bool
@@ -278,14 +279,14 @@ def simulate_file(
         lens_model=lens_model,
         file=None if camera is None else read_camera(camera),
     )
-    found, notes = camera_for(photo, choice)
+    camera_file, notes = camera_for(photo, choice)
     for note in notes:
         _log.warning("%s: %s", photo.source, note)
     try:
         result = shake_photo(
             photo,
-            found.camera,
-            read_path(path) if path else random_path(found.camera, blur_px, seed=seed),
+            camera_file.camera,
+            read_path(path) if path else random_path(camera_file.camera, blur_px, seed=seed),
             crop=crop,
             gain=gain,
             photons=photons,
@@ -303,7 +304,7 @@ def simulate_file(
         "command": "simulate",
         "options": drawn | exposed | {"seed": seed, "crop": crop, "transfer": transfer},
         "input_sha256": photo.sha256,
-        "camera": found.source,
+        "camera": camera_file.source,
     }
     content = KernelFile(result.kernel, provenance=provenance)
     with joint_outputs(photo.source) as add:

@@ -22,7 +22,7 @@ NOBODY = 65534
 
 @contextmanager
 def unprivileged() -> Iterator[None]:
-    """Act as a user to whom permissions apply, where the tests run as root."""
+    """Act as a user without root's rights, if root runs the tests."""
     root = os.geteuid() == 0
     if root:
         os.seteuid(NOBODY)
@@ -35,7 +35,7 @@ def unprivileged() -> Iterator[None]:
 
 @pytest.fixture
 def closed_folder() -> Iterator[Path]:
-    """Make a folder that all may read and nobody may write to."""
+    """Make a folder that everybody may read and nobody may write to."""
     folder = Path(tempfile.mkdtemp())
     folder.chmod(0o555)
     yield folder
@@ -134,7 +134,7 @@ def test_a_file_that_appears_meanwhile_is_kept(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [out]
 
 
-def test_overwriting_a_link_leaves_its_target_alone(tmp_path: Path) -> None:
+def test_overwriting_a_link_keeps_its_target(tmp_path: Path) -> None:
     target, out = tmp_path / "target", tmp_path / "out.png"
     target.write_bytes(b"old")
     out.symlink_to(target)
@@ -237,7 +237,7 @@ def test_no_binary_data_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
         os.close(terminal)
 
 
-def test_reading_says_what_is_wrong_in_the_callers_terms(tmp_path: Path) -> None:
+def test_reading_reports_errors_of_the_callers_class(tmp_path: Path) -> None:
     with pytest.raises(PhotoError, match="no such file"):
         read_bytes(tmp_path / "no", 10, PhotoError)
     with pytest.raises(KernelFileError, match="is a folder"):

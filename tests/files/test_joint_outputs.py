@@ -39,7 +39,7 @@ def test_the_files_of_another_process_stay(tmp_path, overwrite):
     assert files(tmp_path) == {"sheet": b"the other's", "result": b"the other's"}
 
 
-def test_what_has_its_name_goes_if_another_file_cannot_have_its_own(tmp_path):
+def test_a_named_file_is_removed_if_another_file_cannot_have_its_name(tmp_path):
     with pytest.raises(OutputError, match="exists already"), joint_outputs() as add:  # noqa: PT012
         add(tmp_path / "sheet", b"mine")
         add(tmp_path / "result", b"mine")

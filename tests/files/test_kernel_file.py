@@ -57,7 +57,7 @@ def savez(path: Path, **changes: Any) -> Path:
     return path
 
 
-def test_a_kernel_comes_back_bit_for_bit(tmp_path: Path) -> None:
+def test_a_kernel_survives_writing_and_reading(tmp_path: Path) -> None:
     path, again = tmp_path / "kernel.npz", tmp_path / "again.npz"
     write_kernel(path, content())
     read = read_kernel(path)
@@ -71,7 +71,7 @@ def test_a_kernel_comes_back_bit_for_bit(tmp_path: Path) -> None:
     assert again.read_bytes() == path.read_bytes()
 
 
-def test_a_camera_comes_back_bit_for_bit(tmp_path: Path) -> None:
+def test_a_camera_survives_writing_and_reading(tmp_path: Path) -> None:
     path = tmp_path / "camera.npz"
     write_camera(path, CameraFile(CAMERA, "EXIF FocalLengthIn35mmFilm = 35 mm"))
     read = read_camera(path)
@@ -189,7 +189,7 @@ def test_text_that_is_no_text(tmp_path: Path) -> None:
         read_camera(path)
 
 
-def test_what_is_no_npz_at_all(tmp_path: Path) -> None:
+def test_files_that_are_no_npz_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "kernel.npz"
     good = savez(tmp_path / "good.npz").read_bytes()
     for data, match in (

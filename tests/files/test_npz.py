@@ -79,7 +79,7 @@ def test_orders_and_integer_types_are_accepted() -> None:
         ("t", np.array("x" * 101), "more than 100 entries"),
     ],
 )
-def test_what_does_not_fit_is_named(key: str, value: np.ndarray | None, match: str) -> None:
+def test_arrays_that_do_not_fit_are_named(key: str, value: np.ndarray | None, match: str) -> None:
     given = arrays()
     if value is None:
         del given[key]

@@ -29,7 +29,7 @@ def test_parts_are_hidden_and_of_ones_own(tmp_path):
     assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_what_a_killed_process_leaves_is_stale_and_not_before(tmp_path):
+def test_a_part_file_is_stale_only_after_its_process_ends(tmp_path):
     words = [sys.executable, "-c", HOLD, str(tmp_path / "out")]
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         assert process.stdout.readline() == b"writing\n"
@@ -57,7 +57,7 @@ def test_only_part_files_are_removed(tmp_path):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="open files stay there")
-def test_one_under_way_here_stays(tmp_path):
+def test_a_part_file_of_this_process_stays(tmp_path):
     with atomic_write(tmp_path / "out") as stream:
         stream.write(b"all")
         assert remove_stale_parts(tmp_path) == 0

@@ -43,7 +43,7 @@ def savez(path: Path, **changes: Any) -> Path:
     return path
 
 
-def test_a_registration_comes_back_bit_for_bit(tmp_path: Path) -> None:
+def test_a_registration_survives_writing_and_reading(tmp_path: Path) -> None:
     path, again = tmp_path / "r.npz", tmp_path / "again.npz"
     write_registration(path, content())
     read = read_registration(path)
@@ -100,7 +100,7 @@ def test_anything_wrong_is_one_line_that_names_the_file_and_the_fault(
     assert caught.value.hint is not None
 
 
-def test_what_is_no_npz_at_all(tmp_path: Path) -> None:
+def test_files_that_are_no_npz_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "r.npz"
     good = savez(tmp_path / "good.npz").read_bytes()
     for data in (b"", pickle.dumps({"theta": 1}), b"text", good[:-1]):

@@ -47,7 +47,7 @@ def test_text_is_text():
         text_of(np.array([0x110000], np.uint32).view("U1"), "source")
 
 
-def test_what_a_parser_refuses_names_the_file(tmp_path):
+def test_an_error_of_a_parser_names_the_file(tmp_path):
     path = tmp_path / "a.npz"
     path.write_bytes(b"12345")
 

@@ -48,7 +48,7 @@ def test_ten_and_twelve_bits_survive(bits):
         assert np.abs(np.asarray(image) - (codes >> (bits - 8)).astype(int)).max() <= 1
 
 
-def test_eight_bits_are_written_well():
+def test_eight_bits_are_written_with_high_quality():
     for number, subsampling in enumerate(("4:4:4", "4:2:2", "4:2:0")):
         data = by_pillow(Image.fromarray(smooth()), quality=95, subsampling=subsampling)
         picture = decode_avif(data)
@@ -76,7 +76,7 @@ def test_grey_and_opacity(mode):
     assert (again.alpha is None) == (picture.alpha is None)
 
 
-def test_metadata_to_the_byte(make_exif, make_icc, xmp):
+def test_metadata_are_copied_byte_for_byte(make_exif, make_icc, xmp):
     metadata = Metadata(make_exif(), xmp, make_icc(b"curv" + bytes(8)))
     picture = Decoded(smooth(), None, Encoding("AVIF"), metadata)
     assert decode_avif(encode_avif(picture)).metadata == metadata
@@ -85,13 +85,13 @@ def test_metadata_to_the_byte(make_exif, make_icc, xmp):
         assert image.getexif().get_ifd(0x8769)[0x927C] == b"maker\0note\1\2\3"
 
 
-def test_the_turn_is_the_files_not_its_exifs(make_exif):
+def test_the_file_decides_the_orientation_not_its_exif(make_exif):
     data = by_pillow(Image.fromarray(smooth()), exif=make_exif(orientation=6), quality=90)
     assert b"irot" in data
     picture = decode_avif(data)
     assert picture.codes.shape == (64, 48, 3)
     assert picture.metadata.orientation == 1
-    # EXIF alone does not turn an AVIF: the turn was applied before, or never was one
+    # EXIF alone does not turn an AVIF: its pixels count as upright
     metadata = Metadata(make_exif(orientation=6))
     picture = decode_avif(encode_avif(Decoded(smooth(), None, Encoding("AVIF"), metadata)))
     assert picture.codes.shape in {(48, 64, 3), (64, 48, 3)}
@@ -99,7 +99,7 @@ def test_the_turn_is_the_files_not_its_exifs(make_exif):
 
 
 @pytest.mark.parametrize(("primaries", "transfer"), [(12, 13), (9, 13), (1, 8)])
-def test_colours_by_number_become_a_profile(primaries, transfer):
+def test_code_numbers_of_colours_become_a_profile(primaries, transfer):
     data = by_pillow(Image.fromarray(smooth()), icc_profile=b"")
     at = data.index(b"nclx") + 4
     numbered = data[:at] + struct.pack(">HH", primaries, transfer) + data[at + 4 :]
@@ -113,20 +113,20 @@ def test_colours_by_number_become_a_profile(primaries, transfer):
 
 
 @pytest.mark.parametrize("keep", [0.05, 0.3, 0.7, 0.98])
-def test_what_is_cut_short(keep):
+def test_files_cut_short_are_refused(keep):
     data = by_pillow(Image.fromarray(smooth()), quality=95)
     with pytest.raises(PhotoError, match="damaged"):
         decode_avif(data[: int(keep * len(data))])
 
 
-def test_moving_pictures():
+def test_moving_pictures_are_refused():
     frames = [Image.fromarray(smooth()), Image.fromarray(255 - smooth())]
     data = by_pillow(frames[0], save_all=True, append_images=frames[1:])
     with pytest.raises(PhotoError, match="animated"):
         decode_avif(data)
 
 
-def test_metadata_that_lie_behind_the_picture(make_exif):
+def test_metadata_behind_the_picture_are_read(make_exif):
     codes = np.random.default_rng(0).integers(0, 256, (96, 96, 3)).astype(np.uint8)
     data = by_pillow(Image.fromarray(codes), quality=95, exif=make_exif())
     [item] = metadata_items(data)
@@ -141,7 +141,7 @@ def test_metadata_that_lie_behind_the_picture(make_exif):
     assert picture.metadata.tags().focal_mm == pytest.approx(5.8)
 
 
-def test_grey_with_opacity_is_left_to_pillow():
+def test_pillow_decodes_grey_with_opacity():
     codes = np.random.default_rng(0).integers(0, 256, (40, 50, 4)).astype(np.uint8)
     codes[..., :3] = codes[..., :1]
     data = by_pillow(Image.fromarray(codes), quality=100, subsampling="4:0:0")

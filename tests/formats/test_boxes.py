@@ -23,8 +23,8 @@ def block(tag, value):
 def test_boxes_of_both_sizes_and_a_last_one_without():
     data = box(b"ftyp", b"abcd") + box(b"mdat", b"12345", wide=True)
     data += struct.pack(">I4s", 0, b"free") + b"the rest"
-    found = {name: data[start:end] for name, start, end in read_boxes(data)}
-    assert found == {b"ftyp": b"abcd", b"mdat": b"12345", b"free": b"the rest"}
+    contents = {name: data[start:end] for name, start, end in read_boxes(data)}
+    assert contents == {b"ftyp": b"abcd", b"mdat": b"12345", b"free": b"the rest"}
 
 
 @pytest.mark.parametrize("size", [1, 4, 7, 100, 1 << 31])

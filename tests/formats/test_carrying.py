@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 IPTC = b"\x1c\x02\x05\0\x05Title"
 FORMATS = ("JPEG", "PNG", "TIFF", "WEBP")
-TOLD = {"deshake": "1.2.3"}
+PROVENANCE = {"deshake": "1.2.3"}
 
 
 def packet(text: str = "x", *, padding: int = 0) -> bytes:
@@ -26,22 +26,24 @@ def packet(text: str = "x", *, padding: int = 0) -> bytes:
 
 
 @pytest.mark.parametrize("form", FORMATS)
-def test_what_fits_goes_over_byte_for_byte(make_exif: Callable[..., bytes], form: str) -> None:
+def test_metadata_that_fit_are_copied_byte_for_byte(
+    make_exif: Callable[..., bytes], form: str
+) -> None:
     metadata = Metadata(make_exif(), packet(padding=99), b"icc")
-    found = carried(metadata, form, 7, 8)
-    assert found.metadata == metadata
-    assert found.losses == ()
+    fitted = carried(metadata, form, 7, 8)
+    assert fitted.metadata == metadata
+    assert fitted.losses == ()
 
 
 @pytest.mark.parametrize("form", FORMATS)
-def test_iptc_goes_where_there_is_a_place(form: str) -> None:
-    found = carried(Metadata(iptc=IPTC, resources=with_iptc(b"", IPTC)), form, 7, 8)
+def test_iptc_is_kept_in_formats_that_hold_it(form: str) -> None:
+    fitted = carried(Metadata(iptc=IPTC, resources=with_iptc(b"", IPTC)), form, 7, 8)
     if form == "WEBP":
-        assert found.metadata == Metadata()
-        assert found.losses == ("WebP has no place for IPTC, which is left out",)
+        assert fitted.metadata == Metadata()
+        assert fitted.losses == ("WebP has no place for IPTC, which is left out",)
     else:
-        assert found.metadata.iptc == IPTC
-        assert not found.losses
+        assert fitted.metadata.iptc == IPTC
+        assert not fitted.losses
 
 
 def test_sizes_and_thumbnails_are_renewed() -> None:
@@ -50,43 +52,43 @@ def test_sizes_and_thumbnails_are_renewed() -> None:
         b'<q tiff:ImageWidth="9"/><exif:PixelYDimension>9</exif:PixelYDimension>'
         b"<xmp:Thumbnails><rdf:Alt>/9j/</rdf:Alt></xmp:Thumbnails><dc:format>x",
     )
-    found = carried(Metadata(xmp=text), "PNG", 70, 80).metadata.xmp
-    assert b'ImageWidth="80"' in found
-    assert b"<exif:PixelYDimension>70<" in found
-    assert b"humbnails" not in found
-    assert b"<dc:format>x" in found
+    fitted = carried(Metadata(xmp=text), "PNG", 70, 80).metadata.xmp
+    assert b'ImageWidth="80"' in fitted
+    assert b"<exif:PixelYDimension>70<" in fitted
+    assert b"humbnails" not in fitted
+    assert b"<dc:format>x" in fitted
 
 
 def test_exif_too_long_for_a_jpeg_is_shortened_and_reported(
     make_exif: Callable[..., bytes],
 ) -> None:
     metadata = Metadata(make_exif(below={0x9286: b"c" * 70_000}))
-    found = carried(metadata, "JPEG", 7, 8)
-    assert len(found.metadata.exif) <= exif.LONGEST
-    assert found.metadata.tags().focal_mm == pytest.approx(5.8)
-    assert "tags 0x9286 are left out" in found.losses[-1]
+    fitted = carried(metadata, "JPEG", 7, 8)
+    assert len(fitted.metadata.exif) <= exif.LONGEST
+    assert fitted.metadata.tags().focal_mm == pytest.approx(5.8)
+    assert "tags 0x9286 are left out" in fitted.losses[-1]
     assert carried(metadata, "TIFF", 7, 8).metadata.exif == metadata.exif
 
 
 def test_a_long_packet_loses_its_padding_first() -> None:
     long = packet("x" * 60_000, padding=9000)
-    found = carried(Metadata(xmp=long), "JPEG", 7, 8)
-    assert found.metadata.xmp == xmp.without_padding(long)
-    assert not found.losses
+    fitted = carried(Metadata(xmp=long), "JPEG", 7, 8)
+    assert fitted.metadata.xmp == xmp.without_padding(long)
+    assert not fitted.losses
 
 
-def test_a_longer_packet_is_split_and_comes_together_again() -> None:
+def test_a_longer_packet_is_split_and_joined_again() -> None:
     long = packet("x" * 100_000)
-    metadata = with_provenance(Metadata(xmp=long), TOLD)
-    found = carried(metadata, "JPEG", 7, 8)
-    short, more = found.metadata.xmp, found.metadata.extended_xmp
-    assert not found.losses
+    metadata = with_provenance(Metadata(xmp=long), PROVENANCE)
+    fitted = carried(metadata, "JPEG", 7, 8)
+    short, more = fitted.metadata.xmp, fitted.metadata.extended_xmp
+    assert not fitted.losses
     assert len(short) <= LONGEST_XMP
     assert b"x" * 100_000 in more
     assert xmp.guid(short, b"").decode() == xmp.property_of(short, "xmpNote", "HasExtendedXMP")
     assert xmp.property_of(short, NAMESPACE[0], PROPERTY) == '{"deshake": "1.2.3"}'
     assert xmp.property_of(more, NAMESPACE[0], PROPERTY) is None
-    again = carried(found.metadata, "PNG", 7, 8)
+    again = carried(fitted.metadata, "PNG", 7, 8)
     assert not again.losses
     assert again.metadata.extended_xmp == b""
     assert xmp.property_of(again.metadata.xmp, "dc", "format") == "x" * 100_000
@@ -94,35 +96,35 @@ def test_a_longer_packet_is_split_and_comes_together_again() -> None:
     assert b"HasExtendedXMP" not in again.metadata.xmp
 
 
-def test_a_packet_that_was_split_before_takes_no_provenance_it_has_no_room_for() -> None:
+def test_a_packet_without_room_takes_no_provenance() -> None:
     full = xmp.without_padding(packet("x" * 65_000))
     metadata = with_provenance(
         Metadata(xmp=full, extended_xmp=b"more"), {"deshake": "1", "a": "b" * 999}
     )
-    found = carried(metadata, "JPEG", 7, 8)
-    assert found.metadata.xmp == full
-    assert found.metadata.extended_xmp == b"more"
-    assert found.losses == ("its XMP has no room for the provenance",)
+    fitted = carried(metadata, "JPEG", 7, 8)
+    assert fitted.metadata.xmp == full
+    assert fitted.metadata.extended_xmp == b"more"
+    assert fitted.losses == ("its XMP has no room for the provenance",)
 
 
 @pytest.mark.parametrize(
     "more", [b"rubbish", b"<rdf:RDF><a:b/></rdf:RDF>", b"<rdf:RDF></rdf:RDF>" * 2]
 )
 def test_damaged_extended_xmp_is_reported(more: bytes) -> None:
-    found = carried(Metadata(xmp=packet(), extended_xmp=more), "TIFF", 7, 8)
-    assert found.metadata.xmp == packet()
-    assert found.losses == ("its extended XMP is damaged, and left out",)
+    fitted = carried(Metadata(xmp=packet(), extended_xmp=more), "TIFF", 7, 8)
+    assert fitted.metadata.xmp == packet()
+    assert fitted.losses == ("its extended XMP is damaged, and left out",)
 
 
-def test_what_no_jpeg_can_hold_is_left_out() -> None:
-    found = carried(Metadata(xmp=b"x" * 70_000, icc=bytes(17_000_000)), "JPEG", 7, 8)
-    assert found.metadata == Metadata()
-    assert len(found.losses) == 2
+def test_blocks_too_long_for_a_jpeg_are_left_out() -> None:
+    fitted = carried(Metadata(xmp=b"x" * 70_000, icc=bytes(17_000_000)), "JPEG", 7, 8)
+    assert fitted.metadata == Metadata()
+    assert len(fitted.losses) == 2
 
 
 @pytest.mark.parametrize("density", [None, Density(118, 118, "cm")])
-def test_a_block_that_is_added_to_a_jpeg_has_all_required_tags(density: Density | None) -> None:
-    bare = with_provenance(Metadata(density=density), TOLD)
+def test_a_new_block_in_a_jpeg_has_all_required_tags(density: Density | None) -> None:
+    bare = with_provenance(Metadata(density=density), PROVENANCE)
     block = carried(bare, "JPEG", 30, 40).metadata.exif
     first = exif.read_first(block)
     below = exif.read_below(block, first, exif.EXIF_POINTER)

@@ -31,7 +31,7 @@ def test_the_ending_decides_unless_it_is_the_sources():
 
 
 @pytest.mark.parametrize("form", ["RAW", "HEIF"])
-def test_what_is_only_read_takes_another_format(form):
+def test_formats_that_are_only_read_become_others(form):
     for name in ("out.dng", "out.NEF", "out.heic"):
         with pytest.raises(OutputError, match="read, but not written"):
             output_format(name, Path("a.dng"), Encoding(form))
@@ -48,18 +48,18 @@ def test_depth_is_kept_where_the_format_has_it():
     assert not converted(Encoding("JPEG"), "WEBP").lossless
 
 
-def test_colours_are_turned_before_they_are_bent_and_clipped():
+def test_the_matrix_comes_before_the_curve_and_clipping():
     matrix = ((2.0, -1.0, 0.0), (0.0, 1.0, 0.0), (0.5, 0.0, 0.5))
     pixels = np.random.default_rng(0).random((600, 7, 3)).astype(np.float32) * 1.5
     encoding = Encoding("TIFF", depth=16, matrix=matrix)
     want = np.clip(pixels @ np.array(matrix, np.float32).T, 0, 1)
     codes = encoded(pixels, encoding)
     assert np.abs(codes / 65535 - SRGB.from_linear(want)).max() < 1e-5
-    grey = encoded(pixels[..., 0], encoding)  # has no colours to turn
+    grey = encoded(pixels[..., 0], encoding)  # the matrix does not apply
     assert np.array_equal(grey, encoded(pixels[..., 0], replace(encoding, matrix=None)))
 
 
-def test_what_a_heic_loses_is_said():
+def test_the_losses_of_a_heic_are_reported():
     assert lost(Encoding("PNG", depth=16), "JPEG") == []
     assert lost(Encoding("HEIF"), "TIFF") == []
     assert "quality 95" in lost(Encoding("HEIF"), "JPEG")[0]
@@ -74,7 +74,7 @@ def test_texts_of_the_format_are_lost_in_another():
     assert "left out of a TIFF" in lost(Encoding("PNG", carried=b"\0\0\0\0tEXt"), "TIFF")[0]
 
 
-def test_what_lies_beyond_white_is_said_to_be_cut_off():
+def test_clipping_of_values_above_white_is_reported():
     deep = Encoding("TIFF", depth=32)
     assert lost(deep, "TIFF") == []
     assert "beyond white" in lost(deep, "PNG")[0]

@@ -26,7 +26,7 @@ def test_large_cameras_fit_and_bombs_do_not() -> None:
 
 
 @pytest.mark.parametrize("error", [OSError("a\nb"), struct.error("x"), KeyError(3), MemoryError()])
-def test_whatever_a_decoder_raises_becomes_one_line(error: Exception) -> None:
+def test_any_error_of_a_decoder_becomes_one_line(error: Exception) -> None:
     with pytest.raises(PhotoError) as caught, decoding("PNG"):
         raise error
     assert "PNG" in caught.value.message

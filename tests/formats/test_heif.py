@@ -18,21 +18,21 @@ def picture(depth=8, height=48, width=64):
 
 
 @pytest.mark.parametrize("depth", [8, 10])
-def test_the_picture_is_found_again(depth):
+def test_the_picture_is_decoded(depth):
     codes = picture(depth)
     decoded = decode_heif(heic(codes, depth=depth))
     assert decoded.encoding.format == "HEIF"
     assert decoded.encoding.depth == (8 if depth == 8 else 16)
     assert decoded.encoding.bits == (0 if depth == 8 else 10)
-    found = decoded.codes / np.iinfo(decoded.codes.dtype).max * ((1 << depth) - 1)
-    assert np.abs(found - codes).max() < 2.1  # YCbCr's rounding
-    assert np.abs(found - codes).mean() < 0.5
+    values = decoded.codes / np.iinfo(decoded.codes.dtype).max * ((1 << depth) - 1)
+    assert np.abs(values - codes).max() < 2.1  # YCbCr's rounding
+    assert np.abs(values - codes).mean() < 0.5
     assert decoded.codes.max() == np.iinfo(decoded.codes.dtype).max
     assert decoded.notes == ()
 
 
 @pytest.mark.parametrize("turns", range(4))
-def test_the_file_says_how_to_turn_it_and_exif_does_not(make_exif, turns):
+def test_the_file_decides_the_orientation_not_its_exif(make_exif, turns):
     codes = picture()
     decoded = decode_heif(heic(codes, exif=make_exif(orientation=6), turns=turns))
     assert np.abs(decoded.codes.astype(int) - np.rot90(codes, turns)).max() <= 2
@@ -46,7 +46,7 @@ def test_metadata(make_exif, make_icc, xmp):
     assert metadata.tags().focal_mm == pytest.approx(5.8)
 
 
-def test_colours_by_number():
+def test_code_numbers_of_colours_become_a_profile():
     assert decode_heif(heic(picture())).metadata.icc == b""
     p3 = decode_heif(heic(picture(), colours=(12, 13))).metadata.icc
     assert "Primaries 12".encode("utf-16-be") in p3
@@ -54,7 +54,7 @@ def test_colours_by_number():
         decode_heif(heic(picture(10), depth=10, colours=(9, 16)))
 
 
-def test_a_gain_map_is_dropped_with_a_word():
+def test_a_dropped_gain_map_is_noted():
     data = heic(picture(), auxiliary=b"urn:com:apple:photo:2020:aux:hdrgainmap")
     assert decode_heif(data).notes == ("its gain map (HDR) is dropped",)
 
@@ -72,7 +72,7 @@ def test_the_result_is_another_format(tmp_path, depth):
 
 
 @pytest.mark.parametrize("keep", [0.02, 0.06, 0.3, 0.9, 0.999])
-def test_what_is_cut_short(keep):
+def test_files_cut_short_are_refused(keep):
     data = heic(picture())
     with pytest.raises(PhotoError, match="damaged"):
         decode_heif(data[: int(keep * len(data))])

@@ -42,7 +42,7 @@ def test_simple_curves(make_icc: Callable[..., bytes], *, grey: bool) -> None:
     assert read(curv(*np.rint(65535 * srgb))) is SRGB
 
 
-def test_a_table_with_a_flat_foot_is_known_as_the_power_it_samples(
+def test_a_table_with_a_flat_foot_is_recognised_as_its_power(
     make_icc: Callable[..., bytes],
 ) -> None:
     table = np.rint(65535 * np.linspace(0, 1, 4096) ** 2.2)
@@ -50,7 +50,7 @@ def test_a_table_with_a_flat_foot_is_known_as_the_power_it_samples(
     assert profile_transfer(make_icc(curv(*table))) == Power(2.2)
 
 
-def test_any_other_rising_table_is_used_as_it_is(make_icc: Callable[..., bytes]) -> None:
+def test_any_other_rising_table_is_used_unchanged(make_icc: Callable[..., bytes]) -> None:
     x = np.linspace(0, 1, 256)
     table = np.rint(65535 * (0.3 * x + 0.7 * x**3))
     curve = profile_transfer(make_icc(curv(*table)))
@@ -66,7 +66,7 @@ def test_an_odd_parametric_curve_becomes_a_table(make_icc: Callable[..., bytes])
     assert half == pytest.approx(((0.5 + a - 1) / a) ** (1 / 0.45), abs=1e-4)
 
 
-def test_what_is_no_simple_curve_is_none(make_icc: Callable[..., bytes]) -> None:
+def test_curves_that_are_not_simple_give_none(make_icc: Callable[..., bytes]) -> None:
     assert profile_transfer(b"") is None
     assert profile_transfer(b"\0" * 200) is None
     assert profile_transfer(make_icc(curv(2.2 * 256), blue=curv(1.8 * 256))) is None
@@ -109,7 +109,7 @@ def lut_profile(gamma: float) -> bytes:
 
 
 @pytest.mark.parametrize("gamma", [1.0, 1.8, 2.4])
-def test_a_table_of_colours_is_known_by_its_greys(gamma: float) -> None:
+def test_the_greys_of_a_colour_table_give_its_curve(gamma: float) -> None:
     curve = profile_transfer(lut_profile(gamma))
     assert isinstance(curve, Power)
     assert curve.gamma == pytest.approx(gamma, abs=0.05)
@@ -119,7 +119,7 @@ def test_greys_like_srgbs_are_srgbs() -> None:
     assert profile_transfer(lut_profile(2.22)) in {SRGB, Power(2.22), Power(2.21), Power(2.23)}
 
 
-def test_curves_that_differ_by_channel_are_known_by_their_greys() -> None:
+def test_the_greys_give_one_curve_for_channels_that_differ() -> None:
     whole = power_profile(2.2)
     curve = para(0, 2.2)
     assert whole.count(curve) == 1  # shared by the channels
@@ -127,6 +127,6 @@ def test_curves_that_differ_by_channel_are_known_by_their_greys() -> None:
     at = own.index(b"bTRC") + 4
     own = own[:at] + struct.pack(">I", len(whole)) + own[at + 4 :]
     own = struct.pack(">I", len(own)) + own[4:]
-    found = profile_transfer(own)
-    assert isinstance(found, Power)
-    assert 2.15 < found.gamma < 2.3
+    curve_of_greys = profile_transfer(own)
+    assert isinstance(curve_of_greys, Power)
+    assert 2.15 < curve_of_greys.gamma < 2.3

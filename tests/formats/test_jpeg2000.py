@@ -40,7 +40,7 @@ def test_all_codes_survive(make_codes, kind):
             assert np.array_equal(np.asarray(image), codes)
 
 
-def test_other_writers_files_and_bare_streams(make_codes):
+def test_files_of_other_writers_and_bare_streams_are_read(make_codes):
     codes = make_codes(40, 50, 3)
     for options in ({}, {"no_jp2": True}):
         picture = decode_jpeg2000(by_pillow(codes, **options))
@@ -54,7 +54,7 @@ def test_other_writers_files_and_bare_streams(make_codes):
     assert decode_jpeg2000(bytes(twelve_bits)).encoding.depth == 16
 
 
-def test_metadata_to_the_byte(make_codes, make_exif, make_icc, xmp):
+def test_metadata_are_copied_byte_for_byte(make_codes, make_exif, make_icc, xmp):
     metadata = Metadata(make_exif(), xmp, make_icc(b"curv" + bytes(8)))
     extra = struct.pack(">I4s", 12, b"xml ") + b"<a/>"
     encoding = Encoding("JPEG2000", carried=extra)
@@ -79,7 +79,7 @@ def test_only_grey_and_rgb(make_codes):
 
 
 @pytest.mark.parametrize("keep", [0.01, 0.1, 0.5, 0.9, 0.999])
-def test_what_is_cut_short(make_codes, keep):
+def test_files_cut_short_are_refused(make_codes, keep):
     data = by_pillow(make_codes(40, 50, 3))
     with pytest.raises(PhotoError, match="damaged"):
         decode_jpeg2000(data[: int(keep * len(data))])
@@ -92,7 +92,7 @@ def test_bombs_are_refused_before_they_are_decoded(make_codes):
         decode_jpeg2000(bytes(data))
 
 
-def test_what_is_too_small_for_it(make_codes):
+def test_pictures_too_small_for_it_are_refused(make_codes):
     picture = Decoded(make_codes(20, 50, 3), None, Encoding("JPEG2000"), Metadata())
     with pytest.raises(PhotoError, match="at least 32 pixels"):
         encode_jpeg2000(picture)

@@ -60,14 +60,14 @@ def test_a_file_without_an_end_has_no_frame():
 
 
 @given(st.binary(max_size=300))
-def test_whatever_the_bytes_are_nothing_breaks(junk):
+def test_damaged_bytes_raise_no_error(junk):
     assert isinstance(frame_of(b"\xff\xd8" + junk), bytes)
     whole = bytearray(jpeg(PHOTO[:16, :16]))
     whole[30 : 30 + len(junk)] = junk
     assert isinstance(frame_of(bytes(whole)), bytes)
 
 
-def test_a_frame_is_that_of_its_own_pixels_only():
+def test_a_frame_belongs_to_its_own_pixels_only():
     pixels = np.zeros((2, 2), np.float32)
     frame = Frame(b"data", pixels)
     assert frame.of(pixels) == b"data"
@@ -82,12 +82,12 @@ def test_photos_that_are_unchanged_keep_their_codes(tmp_path, orientation):
     Image.fromarray(PHOTO).save(path, quality=90, exif=exif)
     photo = read_photo(path)
     same = np.asarray(opened(encode_photo(photo)))
-    seen = np.asarray(Image.open(path).transpose(Image.Transpose.ROTATE_270))
+    upright = np.asarray(Image.open(path).transpose(Image.Transpose.ROTATE_270))
     if orientation == 1:
         assert np.array_equal(same, np.asarray(Image.open(path)))
-    else:  # turned pixels have to be encoded again
+    else:  # turned pixels must be encoded again
         assert photo.frame is None
-        assert same.shape == seen.shape
+        assert same.shape == upright.shape
     half = opened(encode_photo(photo.with_pixels(photo.pixels / 2)))
     assert np.asarray(half).mean() < 0.9 * same.mean()
     assert opened(encode_photo(photo, "PNG")).format == "PNG"

@@ -10,7 +10,7 @@ import pytest
 from deshake.formats.native_output import silenced
 
 
-def test_nothing_is_seen_inside_and_everything_outside(capfd: pytest.CaptureFixture[str]) -> None:
+def test_output_is_hidden_inside_and_visible_outside(capfd: pytest.CaptureFixture[str]) -> None:
     os.write(2, b"before ")
     with silenced(), silenced():
         os.write(2, b"inside ")
@@ -18,7 +18,7 @@ def test_nothing_is_seen_inside_and_everything_outside(capfd: pytest.CaptureFixt
     assert capfd.readouterr().err == "before after"
 
 
-def test_what_was_printed_is_told() -> None:
+def test_the_printed_lines_are_returned() -> None:
     with silenced() as outer:
         os.write(2, b"one\n")
         with silenced() as inner:
@@ -52,7 +52,7 @@ def test_threads_do_not_leave_each_other_silent(capfd: pytest.CaptureFixture[str
     assert capfd.readouterr().err == "after"
 
 
-def test_a_program_without_stderr_goes_on() -> None:
+def test_a_program_without_stderr_continues() -> None:
     program = (
         "import os; os.close(2)\n"
         "from deshake.formats.native_output import silenced\n"

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @pytest.mark.parametrize("channels", [1, 3, 4])
 @pytest.mark.parametrize("depth", [8, 16])
-def test_channels_come_in_the_order_of_rgb(
+def test_channels_have_the_order_of_rgb(
     make_codes: Callable[..., np.ndarray], channels: int, depth: int
 ) -> None:
     codes = make_codes(4, 5, channels, depth)
@@ -24,7 +24,7 @@ def test_channels_come_in_the_order_of_rgb(
     assert np.array_equal(imdecode(data), codes)
 
 
-def test_rubbish_is_refused_without_a_word_of_opencvs(capfd: pytest.CaptureFixture[str]) -> None:
+def test_rubbish_is_refused_and_opencv_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
     whole = cv2.imencode(".tif", np.zeros((9, 9), np.uint16))[1].tobytes()
     for data in (b"rubbish", b"", whole[:20]):
         with pytest.raises(PhotoError):
@@ -32,7 +32,7 @@ def test_rubbish_is_refused_without_a_word_of_opencvs(capfd: pytest.CaptureFixtu
     assert capfd.readouterr() == ("", "")
 
 
-def test_blocks_of_metadata_go_in(make_codes: Callable[..., np.ndarray]) -> None:
+def test_blocks_of_metadata_are_written(make_codes: Callable[..., np.ndarray]) -> None:
     codes = make_codes(40, 50, 3)
     blocks = {cv2.IMAGE_METADATA_EXIF: b"II*\0\x08\0\0\0\0\0\0\0\0\0", cv2.IMAGE_METADATA_XMP: b""}
     data = imencode(".png", codes, (), blocks)
@@ -41,7 +41,7 @@ def test_blocks_of_metadata_go_in(make_codes: Callable[..., np.ndarray]) -> None
     assert b"XML:com.adobe.xmp" not in data
 
 
-def test_what_cannot_be_encoded(capfd: pytest.CaptureFixture[str]) -> None:
+def test_pictures_that_cannot_be_encoded_are_refused(capfd: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(PhotoError, match="cannot be encoded"):
         imencode(".jp2", np.zeros((5, 5, 3), np.uint8), ())
     assert capfd.readouterr() == ("", "")

@@ -24,7 +24,7 @@ def test_default_names(name: str, expected: str) -> None:
     assert output_name(name) == expected
 
 
-def test_default_output_lies_beside_the_input_or_in_the_folder_asked_for(tmp_path: Path) -> None:
+def test_the_default_output_is_beside_the_input_or_in_the_given_folder(tmp_path: Path) -> None:
     source = tmp_path / "a.jpg"
     source.write_bytes(b"x")
     folder = tmp_path / "out"

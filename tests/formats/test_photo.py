@@ -96,7 +96,7 @@ def test_orientation_is_applied_once(
         assert result.size == upright.shape[1::-1]
         assert np.abs(np.asarray(result).astype(int) - upright).mean() < 1
         assert result.getexif().get_ifd(0x8769)[0x927C] == b"maker\0note\1\2\3"
-        if suffix not in {".tif", ".avif"}:  # Pillow writes the block of an AVIF anew
+        if suffix not in {".tif", ".avif"}:  # Pillow writes a new block into an AVIF
             written = result.info["exif"].removeprefix(b"Exif\0\0")
             assert len(written) == len(exif)
             assert sum(a != b for a, b in zip(written, exif, strict=True)) <= 1
@@ -196,7 +196,7 @@ def test_sixteen_bits_become_eight_where_they_must(
         assert (result.format, result.mode) == ("JPEG", "RGB")
 
 
-def test_a_jpeg_does_not_swallow_transparency(save: Callable[..., Path], tmp_path: Path) -> None:
+def test_transparency_in_a_jpeg_is_refused(save: Callable[..., Path], tmp_path: Path) -> None:
     photo = read_photo(save("a.png", np.full((4, 4, 4), 9, np.uint8)))
     with pytest.raises(PhotoError, match="transparency") as caught:
         write_photo(tmp_path / "out.jpg", photo)
@@ -233,7 +233,7 @@ def test_an_output_is_never_the_source(save: Callable[..., Path], tmp_path: Path
         (b"RIFF\0\0\0\0WEBP", "WebP is damaged"),
     ],
 )
-def test_what_is_no_photo_is_named(tmp_path: Path, data: bytes, match: str) -> None:
+def test_files_that_are_no_photo_are_named(tmp_path: Path, data: bytes, match: str) -> None:
     path = tmp_path / "photo.jpg"
     path.write_bytes(data)
     with pytest.raises(PhotoError, match=match) as caught:
@@ -242,7 +242,7 @@ def test_what_is_no_photo_is_named(tmp_path: Path, data: bytes, match: str) -> N
     assert "\n" not in caught.value.message
 
 
-def test_what_is_no_file_is_named(tmp_path: Path) -> None:
+def test_names_without_a_regular_file_are_named(tmp_path: Path) -> None:
     with pytest.raises(PhotoError, match="no such file"):
         read_photo(tmp_path / "no.jpg")
     with pytest.raises(PhotoError, match="is a folder"):
@@ -301,7 +301,7 @@ def test_a_damaged_file_is_read_or_refused_in_one_line(
             assert "\n" not in str(error)  # noqa: PT017
 
 
-def test_a_floating_point_tiff_is_linear_and_says_so_elsewhere(tmp_path: Path) -> None:
+def test_a_floating_point_tiff_is_linear_in_other_formats_too(tmp_path: Path) -> None:
     light = np.random.default_rng(0).random((40, 50, 3)).astype(np.float32) * 2
     tifffile.imwrite(tmp_path / "a.tif", light, photometric="rgb", metadata=None)
     photo = read_photo(tmp_path / "a.tif")
@@ -315,7 +315,7 @@ def test_a_floating_point_tiff_is_linear_and_says_so_elsewhere(tmp_path: Path) -
     assert np.abs(other.pixels - np.clip(light, 0, 1)).max() < 1e-5
 
 
-def test_a_curve_that_a_png_states_goes_along_as_a_profile(tmp_path: Path) -> None:
+def test_the_curve_of_a_png_becomes_a_profile_in_other_formats(tmp_path: Path) -> None:
     gamma = struct.pack(">I4sI", 4, b"gAMA", 100000)
     gamma += struct.pack(">I", zlib.crc32(gamma[4:]))
     stream = io.BytesIO()

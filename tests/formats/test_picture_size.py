@@ -25,13 +25,13 @@ def test_depths(tmp_path, dtype, channels):
         assert picture_size(tmp_path / name) == (600, channels)
 
 
-def test_where_the_header_tells_nothing_the_file_does(tmp_path):
+def test_without_a_known_header_the_file_size_gives_an_estimate(tmp_path):
     path = tmp_path / "a.jpg"
     path.write_bytes(b"x" * 1000)
     assert picture_size(path) == (8000, 3)
 
 
-def test_what_is_not_there_has_no_size(tmp_path):
+def test_missing_files_have_no_size(tmp_path):
     (tmp_path / "empty").touch()
     assert picture_size(tmp_path / "empty") is None
     assert picture_size(tmp_path / "missing") is None

@@ -66,11 +66,11 @@ def test_every_kind_is_read_and_written_bit_for_bit(
 
 @pytest.mark.parametrize("depth", [8, 16])
 @pytest.mark.parametrize("channels", [1, 3, 4])
-def test_others_read_what_is_written(
+def test_other_readers_read_the_result(
     make_codes: Callable[..., np.ndarray], channels: int, depth: int
 ) -> None:
     codes = make_codes(130, 41, channels, depth)
-    smooth = np.cumsum(codes // 64, 0, codes.dtype)  # takes other filters than noise
+    smooth = np.cumsum(codes // 64, 0, codes.dtype)  # uses other filters than noise does
     for picture in (codes, smooth):
         colours, alpha = split(picture)
         encoding = Encoding("PNG", 16 if depth == 16 else 8, grey=channels == 1)
@@ -90,7 +90,7 @@ def test_filters_make_smooth_pictures_small() -> None:
     assert len(encode_png(Decoded(codes, None, encoding, Metadata()))) < 0.05 * codes.nbytes
 
 
-def test_metadata_and_chunks_are_carried(
+def test_metadata_and_chunks_are_copied(
     make_codes: Callable[..., np.ndarray],
     make_exif: Callable[..., bytes],
     make_icc: Callable[..., bytes],
@@ -119,7 +119,7 @@ def test_metadata_and_chunks_are_carried(
         assert b"tIME" not in data
 
 
-def test_profiles_in_texts_count_where_there_are_no_chunks(
+def test_profiles_in_texts_count_if_there_are_no_chunks(
     make_codes: Callable[..., np.ndarray], make_exif: Callable[..., bytes]
 ) -> None:
     exif, iptc = make_exif(orientation=6), b"\x1c\x02\x05\0\x05Title"
@@ -245,7 +245,7 @@ def test_bombs_are_refused(make_codes: Callable[..., np.ndarray]) -> None:
         decode_png(plain_png(make_codes(4, 4), grown))
 
 
-def test_code_points_come_before_profile_and_gamma(make_icc: Callable[..., bytes]) -> None:
+def test_code_points_overrule_profile_and_gamma(make_icc: Callable[..., bytes]) -> None:
     stream = io.BytesIO()
     linear = make_icc(b"curv" + bytes(8))
     Image.fromarray(np.full((4, 4, 3), 99, np.uint8)).save(stream, "PNG", icc_profile=linear)

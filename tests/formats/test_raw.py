@@ -30,11 +30,11 @@ EXIF = {
     0x927C: ("B", list(b"maker\0note")),
     0xA405: ("H", [52]),
 }
-WITHIN = slice(8, -8)  # where demosaicing knows all around
+WITHIN = slice(8, -8)  # pixels with neighbours on all sides for demosaicing
 
 
 def smooth(height: int = 90, width: int = 120) -> NDArray[np.float64]:
-    """Make a picture without detail that a mosaic would miss, in linear sRGB."""
+    """Make a picture so smooth that a mosaic loses no detail, in linear sRGB."""
     y, x = np.mgrid[:height, :width] / 40
     colours = [0.3 + 0.2 * np.sin(a * x + b * y) for a, b in ((3, 1), (0, 2), (2, -1))]
     return np.stack(colours, -1)
@@ -46,14 +46,14 @@ def read(path: Path, data: bytes) -> Photo:
 
 
 def light(photo: Photo) -> NDArray[np.floating]:
-    """Return what the photo's result holds, as linear light in its file's colours."""
+    """Return the photo's result as linear light in the colours of its file."""
     with io.BytesIO(encode_photo(photo)) as stream:
         codes = tifffile.imread(stream)
     assert codes.dtype == np.uint16
     return photo.encoding.transfer.to_linear(codes / 65535)
 
 
-def test_the_picture_before_the_sensor_is_found_again(
+def test_the_picture_on_the_sensor_is_decoded(
     tmp_path: Path, make_dng: Callable[..., bytes]
 ) -> None:
     picture = smooth()
@@ -63,7 +63,7 @@ def test_the_picture_before_the_sensor_is_found_again(
     assert np.abs(error).max() < 0.004
     assert np.abs(error).mean() < 0.0006
     assert not photo.clipped.any()
-    with rawpy.imread(str(tmp_path / "a.dng")) as raw:  # LibRaw's own way to sRGB
+    with rawpy.imread(str(tmp_path / "a.dng")) as raw:  # LibRaw's own conversion to sRGB
         theirs = raw.postprocess(
             gamma=(1, 1), output_bps=16, no_auto_bright=True, use_camera_wb=True,
             adjust_maximum_thr=0,
@@ -76,9 +76,9 @@ def test_black_is_black_and_white_is_white(tmp_path: Path, make_dng: Callable[..
     picture[:, 20:] = 0.999
     for black, white in ((0, 4095), (1024, 16000)):
         photo = read(tmp_path / "a.dng", make_dng(picture, black=black, white=white))
-        found = light(photo)
-        assert found[:, :15].max() < 1e-4
-        assert np.abs(found[:, 25:] - 0.999).max() < 2e-3
+        values = light(photo)
+        assert values[:, :15].max() < 1e-4
+        assert np.abs(values[:, 25:] - 0.999).max() < 2e-3
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
@@ -112,7 +112,7 @@ def test_margins_and_crop_are_cut_off(tmp_path: Path, make_dng: Callable[..., by
     assert absurd.shape == whole.shape
 
 
-def test_clipping_is_told_by_channel(make_dng: Callable[..., bytes]) -> None:
+def test_clipping_is_detected_in_each_channel(make_dng: Callable[..., bytes]) -> None:
     picture = np.full((60, 60, 3), 0.2)
     picture[20:40, 20:40] = (0.2, 3.0, 0.2)  # a green lamp
     decoded = decode_raw(make_dng(picture, neutral=(0.5, 1.0, 0.6)))
@@ -122,7 +122,7 @@ def test_clipping_is_told_by_channel(make_dng: Callable[..., bytes]) -> None:
     assert inside[..., 1].all()
     far[18:42, 18:42] = False
     assert not far.any()
-    # a lamp that only the red photosites find too bright, before the white balance
+    # a lamp that saturates only the red photosites, before the white balance
     red = np.full((60, 60, 3), 0.2)
     red[20:40, 20:40] = (2.0, 0.05, 0.05)
     decoded = decode_raw(make_dng(red, neutral=(1.0, 0.5, 0.4)))
@@ -132,7 +132,7 @@ def test_clipping_is_told_by_channel(make_dng: Callable[..., bytes]) -> None:
     assert shares[1] == shares[2] == 0
 
 
-def test_exif_tells_the_camera(tmp_path: Path, make_dng: Callable[..., bytes]) -> None:
+def test_exif_names_the_camera(tmp_path: Path, make_dng: Callable[..., bytes]) -> None:
     extra = {315: ("c", b"An author"), 700: ("B", list(b"<x:xmpmeta/>"))}
     photo = read(tmp_path / "a.dng", make_dng(smooth(), exif=EXIF, extra=extra))
     tags = photo.metadata.tags()
@@ -142,7 +142,7 @@ def test_exif_tells_the_camera(tmp_path: Path, make_dng: Callable[..., bytes]) -
     write_photo(tmp_path / "out.tif", photo)
     with Image.open(tmp_path / "out.tif") as result:
         assert result.tag_v2[315] == "An author"
-        assert not {50706, 33422, 50717, 50829} & set(result.tag_v2)  # it is no DNG any more
+        assert not {50706, 33422, 50717, 50829} & set(result.tag_v2)  # the result is no DNG
         assert result.getexif().get_ifd(0x8769)[0x927C] == b"maker\0note"
 
 
@@ -152,7 +152,7 @@ def test_two_photos_of_a_scene_share_one_white_balance(
     picture = smooth()
     first, second = tmp_path / "a.dng", tmp_path / "b.dng"
     first.write_bytes(make_dng(picture, neutral=(0.5, 1.0, 0.6)))
-    # the same light on the sensor, in a camera that was set to other light
+    # the same light on the sensor, in a camera with another white balance
     balance = {50728: ("r", (0.4, 1, 0.7))}
     set_otherwise = make_dng(picture, neutral=(0.5, 1.0, 0.6), extra=balance)
     second.write_bytes(set_otherwise)
@@ -161,7 +161,7 @@ def test_two_photos_of_a_scene_share_one_white_balance(
     assert np.abs(one.pixels - other.pixels)[WITHIN, WITHIN].max() < 2e-3
     own = balanced(read_photo(second), one)
     assert np.array_equal(own.pixels, other.pixels)
-    assert balanced(own, one) is own  # once is enough
+    assert balanced(own, one) is own  # a second call changes nothing
     assert own.encoding.balance == one.encoding.balance
 
 
@@ -186,7 +186,7 @@ def test_the_profile_is_true(tmp_path: Path, make_dng: Callable[..., bytes]) -> 
     want = 255 * SRGB.from_linear(picture.astype(np.float32))
     for result in results:
         assert np.abs(result - want)[WITHIN, WITHIN].mean() < 1
-    # linear light holds the colours that sRGB does not
+    # linear light also holds colours outside sRGB
     assert np.allclose(light(linear), linear.pixels, atol=1e-5)
 
 
@@ -222,7 +222,7 @@ def test_equal_files_give_equal_bytes(tmp_path: Path, make_dng: Callable[..., by
 
 
 @pytest.mark.parametrize("keep", [0.1, 0.5, 0.95, 0.9999])
-def test_a_file_that_is_cut_short_is_refused_without_a_word_of_libraws(
+def test_a_file_cut_short_is_refused_and_libraw_prints_nothing(
     tmp_path: Path, make_dng: Callable[..., bytes], keep: float, capfd: pytest.CaptureFixture[str]
 ) -> None:
     data = make_dng(smooth())
@@ -231,7 +231,9 @@ def test_a_file_that_is_cut_short_is_refused_without_a_word_of_libraws(
     assert capfd.readouterr() == ("", "")
 
 
-def test_pixels_beyond_the_end_of_a_dng(tmp_path: Path, make_dng: Callable[..., bytes]) -> None:
+def test_pixels_beyond_the_end_of_a_dng_are_refused(
+    tmp_path: Path, make_dng: Callable[..., bytes]
+) -> None:
     data = make_dng(smooth(), extra={324: ("I", [60]), 325: ("I", [10**7])})
     with pytest.raises(PhotoError, match="cut short"):
         read(tmp_path / "a.dng", data)
@@ -245,7 +247,7 @@ def test_a_dng_that_was_demosaiced_already(make_dng: Callable[..., bytes]) -> No
     assert decoded.saturated is not None
     assert decoded.saturated[20:40, 20:40, 1].all()
     assert not np.delete(decoded.saturated, slice(20, 40), 0).any()
-    found = decoded.codes / 65535 @ np.array(decoded.encoding.matrix).T
-    scale = found[50:].mean() / picture[50:].mean()  # LibRaw's white is a little less than white
+    colours = decoded.codes / 65535 @ np.array(decoded.encoding.matrix).T
+    scale = colours[50:].mean() / picture[50:].mean()  # LibRaw's white is a little below 65535
     assert 0.95 < scale < 1.01
-    assert np.abs(found / scale - picture)[50:].max() < 0.003
+    assert np.abs(colours / scale - picture)[50:].max() < 0.003

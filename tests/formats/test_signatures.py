@@ -28,13 +28,15 @@ def test_pictures_of_every_format(form, suffix):
     assert photo_format(saved(form), suffix) == form
 
 
-def test_a_raw_file_is_told_by_its_directories_or_its_name(make_dng):
+def test_directories_or_the_name_identify_a_raw_file(make_dng):
     dng = make_dng(np.zeros((20, 20, 3)))
     assert photo_format(dng, ".tif") == "RAW"
     tiff = saved("TIFF")
     assert photo_format(tiff, ".NEF") == "RAW"
     assert photo_format(tiff, ".tiff") == "TIFF"
-    stream = io.BytesIO()  # a preview, and the sensor's data below it, as Nikon and Sony have it
+    stream = (
+        io.BytesIO()
+    )  # a preview, and the sensor's data in a directory below it, as in Nikon's and Sony's files
     with tifffile.TiffWriter(stream) as writer:
         writer.write(np.zeros((8, 8, 3), np.uint8), subifds=1, metadata=None)
         writer.write(np.zeros((16, 16), np.uint16), photometric="cfa", metadata=None)
@@ -44,7 +46,7 @@ def test_a_raw_file_is_told_by_its_directories_or_its_name(make_dng):
         assert photo_format(mark + bytes(40), ".jpg") == "RAW"
 
 
-def test_files_of_boxes_are_told_by_their_brands():
+def test_brands_identify_files_of_boxes():
     assert photo_format(brands(b"heic", b"mif1", b"heic")) == "HEIF"
     assert photo_format(brands(b"mif1", b"heic")) == "HEIF"
     assert photo_format(brands(b"mif1", b"avif", b"miaf")) == "AVIF"
@@ -59,13 +61,13 @@ def test_files_of_boxes_are_told_by_their_brands():
     ("data", "what"),
     [(b"", "empty"), (b"GIF89a", "GIF"), (b"BM1234567890", "known format"), (b"a", "known format")],
 )
-def test_what_is_none_of_them(data, what):
+def test_other_files_are_refused(data, what):
     with pytest.raises(PhotoError, match=what):
         photo_format(data)
 
 
 @pytest.mark.parametrize("length", range(0, 400, 13))
-def test_pieces_of_a_tiff_are_no_trouble(make_dng, length):
+def test_pieces_of_a_tiff_raise_no_other_error(make_dng, length):
     data = make_dng(np.zeros((20, 20, 3)))[:length]
     try:
         assert photo_format(data) in {"RAW", "TIFF"}
@@ -73,8 +75,8 @@ def test_pieces_of_a_tiff_are_no_trouble(make_dng, length):
         assert length < 4
 
 
-def test_a_name_alone_makes_a_raw_file():
-    data = b"nii\x86ghf\x84eqe\x88ilk\x86" * 100  # as a Kodak C330 begins: with pixels
+def test_a_name_alone_can_identify_a_raw_file():
+    data = b"nii\x86ghf\x84eqe\x88ilk\x86" * 100  # the beginning of a Kodak C330's file: pixels
     assert photo_format(data, ".KDC") == "RAW"
     with pytest.raises(PhotoError, match="known format"):
         photo_format(data, ".jpg")

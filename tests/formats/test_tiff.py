@@ -88,7 +88,7 @@ def test_every_layout_is_read_and_written_bit_for_bit(
 
 
 @pytest.mark.parametrize("mode", ["L", "LA", "RGB", "RGBA", "P", "1"])
-def test_lzw_of_eight_bits_is_read_and_comes_out_as_deflate(
+def test_lzw_of_eight_bits_is_read_and_written_as_deflate(
     make_codes: Callable[..., np.ndarray], mode: str
 ) -> None:
     picture = Image.fromarray(make_codes(33, 45, 4)).convert(mode)
@@ -119,7 +119,7 @@ def test_lzw_of_sixteen_bits_is_read(make_codes: Callable[..., np.ndarray], chan
     assert np.array_equal(decode_tiff(data).codes, codes)
 
 
-def test_metadata_are_carried(make_codes: Callable[..., np.ndarray], xmp: bytes) -> None:
+def test_metadata_are_copied(make_codes: Callable[..., np.ndarray], xmp: bytes) -> None:
     icc = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
     exif = Image.Exif()
     exif[0x010E], exif[0x010F], exif[0x013B] = "a picture", "Canon", "somebody"
@@ -241,7 +241,7 @@ def test_thumbnails_are_ignored_and_further_pictures_refused() -> None:
         (np.zeros((4, 4), np.uint16), {"extratags": [(50706, 1, 4, bytes(4), True)]}, "RAW"),
     ],
 )
-def test_what_cannot_be_deblurred_is_refused(
+def test_pixels_that_cannot_be_deblurred_are_refused(
     codes: np.ndarray, options: dict[str, Any], match: str
 ) -> None:
     if codes.shape[-1] == 4 and options.get("photometric") == "separated":
@@ -281,7 +281,7 @@ def test_a_bomb_is_refused_by_its_header(make_codes: Callable[..., np.ndarray]) 
 @pytest.mark.parametrize("kind", [np.float16, np.float32, np.float64])
 @pytest.mark.parametrize("shape", [(30, 40), (30, 40, 3)])
 @pytest.mark.parametrize("options", [{}, {"compression": "zlib"}], ids=str)
-def test_floating_point_keeps_what_lies_beyond_white(
+def test_floating_point_keeps_values_above_white(
     kind: type, shape: tuple[int, ...], options: dict[str, Any]
 ) -> None:
     light = (np.random.default_rng(0).random(shape) * 5 - 1).astype(kind)

@@ -21,7 +21,7 @@ CURVES: list[Transfer] = [*NAMED.values(), Power(1.8), Power(563 / 256), Power(0
 
 @pytest.mark.parametrize("curve", CURVES, ids=lambda curve: curve.name)
 @pytest.mark.parametrize("depth", [8, 16])
-def test_unchanged_codes_come_back_exactly(curve: Transfer, depth: int) -> None:
+def test_encoding_decoded_codes_gives_the_same_codes(curve: Transfer, depth: int) -> None:
     codes = np.arange(1 << depth).astype(np.uint8 if depth == 8 else np.uint16).reshape(16, -1)
     light = decode(codes, curve)
     assert light.dtype == np.float32

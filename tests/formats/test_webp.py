@@ -51,7 +51,7 @@ def test_lossy_stays_lossy_and_close_with_its_alpha_intact(
         assert np.abs(np.asarray(result)[..., :3].astype(int) - decoded.codes).mean() < 3
 
 
-def test_metadata_are_carried_byte_for_byte(
+def test_metadata_are_copied_byte_for_byte(
     make_exif: Callable[..., bytes], make_icc: Callable[..., bytes], xmp: bytes
 ) -> None:
     exif, icc = make_exif(), make_icc(b"curv" + bytes(8))

@@ -27,7 +27,7 @@ def test_the_camera_file_has_the_camera_of_the_boards(boards, files, tmp_path):
     kept = read_camera(tmp_path / "c.npz")
     assert kept.camera.focal_px == pytest.approx(camera.focal_px, rel=0.01)
     assert kept.camera.shape == camera.shape
-    assert np.array_equal(kept.camera.distortion, result.found.camera.distortion)
+    assert np.array_equal(kept.camera.distortion, result.fit.camera.distortion)
     assert kept.source.startswith("chessboard of 7x5 corners, 6 photos, error 0.")
     report = result.report()
     assert report["inputs"] == [str(path) for path in files]

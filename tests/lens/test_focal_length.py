@@ -84,7 +84,7 @@ def test_a_frame_of_another_shape_uses_one_side_of_the_sensor(
 
 
 @pytest.mark.parametrize("value", [0, 60000])
-def test_absurd_tags_are_passed_over(make_exif: Callable[..., bytes], value: int) -> None:
+def test_absurd_tags_are_ignored(make_exif: Callable[..., bytes], value: int) -> None:
     focal = focal_length(Metadata(exif=make_exif(below=IXUS_70 | {0xA405: value})), 1944, 2592)
     assert "FocalPlaneXResolution" in focal.source
 
@@ -97,7 +97,7 @@ def test_absurd_options_are_refused(option: str, value: float) -> None:
 
 
 @pytest.mark.usefixtures("alone")
-def test_without_anything_to_go_by_there_is_a_hint(make_exif: Callable[..., bytes]) -> None:
+def test_without_any_source_there_is_a_hint(make_exif: Callable[..., bytes]) -> None:
     with pytest.raises(CalibrationError, match="no focal length") as caught:
         focal_length(Metadata(), 100, 100)
     assert "--focal-35mm" in str(caught.value.hint)
@@ -138,7 +138,7 @@ def test_contradictions_are_noted(make_exif: Callable[..., bytes]) -> None:
     assert "its metadata contradict themselves" in note
 
 
-def test_a_digital_zoom_lengthens(make_exif: Callable[..., bytes]) -> None:
+def test_a_digital_zoom_makes_the_focal_length_longer(make_exif: Callable[..., bytes]) -> None:
     plain = focal_length(Metadata(exif=make_exif(below=IXUS_70)), 1944, 2592)
     zoomed = focal_length(Metadata(exif=make_exif(below=IXUS_70 | {0xA404: 2.0})), 1944, 2592)
     assert zoomed.pixels == pytest.approx(2 * plain.pixels)

@@ -20,7 +20,7 @@ TAGS = {0xA002: 2592, 0xA003: 1944, 0xA20E: 11520.0, 0xA20F: 11502.96, 0xA210: 2
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize("below", [TAGS, {0xA405: 35}, {0xA404: 2.0}, {}])
 @pytest.mark.parametrize("size", [(1700, 2000), (1884, 2532), (972, 1296), (500, 500)])
-def test_a_crop_is_calibrated_as_what_it_was_cut_from(
+def test_a_crop_has_the_focal_length_of_its_photo(
     make_exif: Callable[..., bytes], order: str, below: dict[int, float], size: tuple[int, int]
 ) -> None:
     metadata = Metadata(exif=make_exif(order, below=below))
@@ -31,7 +31,7 @@ def test_a_crop_is_calibrated_as_what_it_was_cut_from(
     assert "contradict" not in "".join(again.notes)
 
 
-def test_other_tags_and_what_the_maker_wrote_stay(make_exif: Callable[..., bytes]) -> None:
+def test_other_tags_and_the_maker_note_stay(make_exif: Callable[..., bytes]) -> None:
     block = make_exif(below=TAGS)
     changed = reframed(Metadata(exif=block, xmp=b"x"), 100, 200, 300.0)
     assert changed.xmp == b"x"

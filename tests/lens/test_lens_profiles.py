@@ -96,7 +96,7 @@ def test_a_built_in_lens_needs_no_name() -> None:
         ({"focal_mm": None}, "state no focal length"),
     ],
 )
-def test_what_does_not_match_is_refused(changes: dict, match: str) -> None:
+def test_names_that_do_not_match_are_refused(changes: dict, match: str) -> None:
     tags = CameraTags(**{**vars(EOS), **changes})
     with pytest.raises(CalibrationError, match=match) as caught:
         find_profile(tags, FOCAL_PX, FRAME)

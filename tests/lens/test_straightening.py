@@ -53,7 +53,7 @@ def scene():
 
 @pytest.fixture
 def shaken(scene, tmp_path):
-    """A photo shaken by 18 px through a barrel; what was shaken, and the sharp photo."""
+    """A photo with a shake of 18 px and a barrel distortion, and the simulation that made it."""
     camera = Camera.from_focal(250.0, *scene.shape).with_lens(BARREL)
     simulated = shake(scene, camera, random_path(camera, 18, seed=2), noise_sigma=0.002)
     return photo_of(simulated.pixels, tmp_path), simulated
@@ -179,7 +179,7 @@ def test_a_photo_on_its_side_has_a_camera_on_its_side():
     assert turned.distortion.tolist() == BARREL.tolist()
 
 
-def test_what_folds_is_refused(scene, tmp_path):
+def test_a_distortion_that_folds_is_refused(scene, tmp_path):
     photo = photo_of(scene, tmp_path)
     camera = Camera.from_focal(250.0, *scene.shape).with_lens(np.array([-3.0, 0, 0, 0]))
     with pytest.raises(CalibrationError, match="cannot be straightened") as caught:

@@ -11,7 +11,7 @@ def of(taken: tuple[int, int] | None, width: int, height: int, **more: tuple[flo
 
 
 @pytest.mark.parametrize("size", [(6000, 4000), (4000, 6000)])
-def test_as_it_was_taken(size: tuple[int, int]) -> None:
+def test_an_unchanged_picture_is_the_whole_frame(size: tuple[int, int]) -> None:
     frame = of((6000, 4000), *size)
     assert (frame.long, frame.short, frame.scale, frame.sure) == (6000, 4000, 1, 1)
     assert frame.note == ""
@@ -48,7 +48,7 @@ def test_a_small_picture_of_another_shape_was_resized_too() -> None:
     assert "a guess" in frame.note
 
 
-def test_what_is_larger_than_what_was_taken_is_a_guess() -> None:
+def test_the_frame_of_an_enlarged_picture_is_a_guess() -> None:
     frame = of((1000, 800), 2000, 1000)
     assert (frame.long, frame.short, frame.sure) == (2000, 1000, 0.4)
     assert "cropped and enlarged" in frame.note

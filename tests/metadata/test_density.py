@@ -80,7 +80,7 @@ def test_tags_state_what_was_read_from_them():
     assert exif_density(block).across == pytest.approx(299.999, abs=0.001)
 
 
-def test_what_states_nothing_is_none():
+def test_missing_and_impossible_densities_are_none():
     assert jfif_density(b"JFIF\0\1\1\0\0\1\0\1\0\0") is None  # pixels are square
     for content in (b"JFIF\0\1\1\1\0\0\0\1\0\0", b"JFIF\0\1\1\7\0\2\0\1\0\0", b"JFXX\0", b""):
         assert jfif_density(content) is None
@@ -92,7 +92,7 @@ def test_what_states_nothing_is_none():
     assert exif_density(b"") is None
 
 
-def test_what_does_not_fit_is_left_out():
+def test_densities_that_do_not_fit_are_left_out():
     data = io.BytesIO()
     Image.fromarray(CODES).save(data, "JPEG")
     for density in (Density(70_000, 70_000), Density(0.1, 0.1)):

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
-def test_a_tree_survives_being_written_anew(make_exif: Callable[..., bytes], order: str) -> None:
+def test_a_tree_survives_writing_and_reading(make_exif: Callable[..., bytes], order: str) -> None:
     block = make_exif(order, orientation=3)
     tree = exif.read_tree(block)
     again = exif.new_block(tree)
@@ -28,15 +28,13 @@ def test_a_tree_survives_being_written_anew(make_exif: Callable[..., bytes], ord
     assert after.get_ifd(0x8769)[0x927C] == b"maker\0note\1\2\3"
 
 
-def test_tags_about_pixels_are_not_carried() -> None:
+def test_tags_about_pixels_are_not_copied() -> None:
     block = b"II*\0" + struct.pack("<IHHHIIHHIHHI", 8, 2, 256, 4, 1, 99, 274, 3, 1, 1, 0, 0)
     assert set(exif.read_tree(block).main) == {274}
 
 
 @pytest.mark.parametrize("place", [9, 700, 60_000])
-def test_a_maker_note_is_put_where_it_has_to_lie(
-    make_exif: Callable[..., bytes], place: int
-) -> None:
+def test_a_maker_note_keeps_its_place(make_exif: Callable[..., bytes], place: int) -> None:
     tree = exif.read_tree(make_exif(">", orientation=6))
     block = exif.new_block(tree, note_at=place)
     assert maker_note_at(block) == place
@@ -45,7 +43,7 @@ def test_a_maker_note_is_put_where_it_has_to_lie(
 
 
 @pytest.mark.parametrize("place", [None, 3, 65_500, 4_000_000_000])
-def test_a_maker_note_moves_where_there_is_no_such_place(
+def test_a_maker_note_moves_if_its_place_is_impossible(
     make_exif: Callable[..., bytes], place: int | None
 ) -> None:
     tree = exif.read_tree(make_exif())
@@ -59,7 +57,7 @@ def test_no_tags_make_no_block() -> None:
     assert exif.read_tree(b"") == exif.Tree()
 
 
-def test_values_repeated_over_and_over_do_not_grow() -> None:
+def test_entries_cannot_multiply_the_same_bytes() -> None:
     entries = b"".join(struct.pack("<HHII", tag, 7, 40_000, 0) for tag in range(1000, 4000))
     block = b"II*\0" + struct.pack("<IH", 8, 3000) + entries + bytes(4)
     assert len(block) < 40_000

@@ -42,7 +42,7 @@ def test_turning_upright_changes_the_tag_alone(order: str) -> None:
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
-def test_the_thumbnail_goes_and_nothing_moves(order: str) -> None:
+def test_the_thumbnail_is_removed_and_nothing_moves(order: str) -> None:
     block = with_thumbnail(order)
     without = without_thumbnail(block)
     assert b"JPEG" not in without
@@ -57,7 +57,7 @@ def test_the_thumbnail_goes_and_nothing_moves(order: str) -> None:
 
 
 @pytest.mark.parametrize("place", [0, 8, 20, 4_000_000_000])
-def test_a_thumbnail_that_lies_elsewhere_destroys_nothing(place: int) -> None:
+def test_a_thumbnail_among_used_bytes_destroys_nothing(place: int) -> None:
     without = without_thumbnail(with_thumbnail("<", place))
     assert exif.orientation(without) == 6
     assert without[:22] == with_thumbnail("<")[:22]
@@ -69,7 +69,7 @@ def test_sizes_become_those_of_the_picture(make_exif: Callable[..., bytes]) -> N
     tags = exif.read_below(sized, exif.read_first(sized), exif.EXIF_POINTER)
     assert tags.numbers(0xA002) == [20]
     wide = tags.values[0xA003][0] == 4
-    assert tags.numbers(0xA003) == [70_000 if wide else 3000]  # a short has no room for it
+    assert tags.numbers(0xA003) == [70_000 if wide else 3000]  # a SHORT cannot hold it
     assert len(sized) == len(block)
     assert with_size(make_exif(), 7, 8) == make_exif()
 
@@ -87,9 +87,9 @@ def test_a_block_is_shortened_by_its_longest_values(make_exif: Callable[..., byt
 
 def test_pointers_lead_to_directories_that_can_stay(make_exif: Callable[..., bytes]) -> None:
     block = make_exif(">")
-    found = pointers(block)
-    assert set(found) == {exif.EXIF_POINTER, exif.GPS_POINTER}
-    assert found[exif.EXIF_POINTER] == exif.read_first(block).values[exif.EXIF_POINTER]
+    links = pointers(block)
+    assert set(links) == {exif.EXIF_POINTER, exif.GPS_POINTER}
+    assert links[exif.EXIF_POINTER] == exif.read_first(block).values[exif.EXIF_POINTER]
     assert pointers(b"") is None
     assert pointers(with_software(b"", "x")) is None
     place = maker_note_at(block)
@@ -97,7 +97,7 @@ def test_pointers_lead_to_directories_that_can_stay(make_exif: Callable[..., byt
     assert pointers(block[:at] + b"\xff\xff\xff\xff" + block[at + 4 :]) is None
 
 
-def test_an_upright_block_is_left_alone(make_exif: Callable[..., bytes]) -> None:
+def test_an_upright_block_is_unchanged(make_exif: Callable[..., bytes]) -> None:
     block = make_exif(orientation=1)
     assert upright(block) is block
 
@@ -119,7 +119,7 @@ def test_nonsense_orientation_is_none(value: int) -> None:
 
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize("former", [None, "x", "a camera's firmware of some length"])
-def test_software_is_told_and_nothing_else_moves(
+def test_software_is_written_and_nothing_else_moves(
     make_exif: Callable[..., bytes], order: str, former: str | None
 ) -> None:
     block = make_exif(order)
@@ -128,16 +128,16 @@ def test_software_is_told_and_nothing_else_moves(
         raw = former.encode() + b"\0"
         tree.main[exif.SOFTWARE] = (2, len(raw), raw)
         block = exif.new_block(tree)
-    told = with_software(block, "deshake 1.2.3")
-    assert told[8 : len(block)] == block[8:]  # the header alone points elsewhere
+    renamed = with_software(block, "deshake 1.2.3")
+    assert renamed[8 : len(block)] == block[8:]  # only the header changes
     before, after = Image.Exif(), Image.Exif()
     before.load(block)
-    after.load(told)
+    after.load(renamed)
     assert after[305] == "deshake 1.2.3"
     assert {**after, 305: None} == {**before, 305: None}
-    assert piexif.load(b"Exif\0\0" + told)["0th"][305] == b"deshake 1.2.3"
+    assert piexif.load(b"Exif\0\0" + renamed)["0th"][305] == b"deshake 1.2.3"
     assert after.get_ifd(0x8769) == before.get_ifd(0x8769)
-    tags = list(exif.read_first(told).values)
+    tags = list(exif.read_first(renamed).values)
     assert tags == sorted(tags)
 
 
@@ -147,7 +147,7 @@ def test_software_without_exif_makes_a_block() -> None:
     assert dict(read) == {305: "deshake 1.2.3"}
 
 
-def test_a_block_too_long_or_not_understood_is_left_alone(make_exif: Callable[..., bytes]) -> None:
+def test_a_block_too_long_or_damaged_is_unchanged(make_exif: Callable[..., bytes]) -> None:
     long = make_exif().ljust(exif.LONGEST, b"\0")
     assert with_software(long, "deshake") is long
     assert with_software(b"rubbish", "deshake") == b"rubbish"
@@ -170,8 +170,8 @@ def test_damaged_blocks_do_no_harm(make_exif: Callable[..., bytes]) -> None:
 
 def test_a_jpeg_with_the_block_is_one(make_exif: Callable[..., bytes]) -> None:
     stream = io.BytesIO()
-    told = with_software(make_exif(), "deshake 1.2.3")
-    Image.new("L", (8, 8)).save(stream, "JPEG", exif=b"Exif\0\0" + told)
+    renamed = with_software(make_exif(), "deshake 1.2.3")
+    Image.new("L", (8, 8)).save(stream, "JPEG", exif=b"Exif\0\0" + renamed)
     assert bytes(piexif.load(stream.getvalue())["Exif"][0x927C]) == b"maker\0note\1\2\3"
 
 

@@ -34,13 +34,13 @@ RESOURCES = (
 )
 
 
-def test_iptc_is_found_among_the_resources() -> None:
+def test_iptc_is_read_from_the_resources() -> None:
     assert iptc_of(RESOURCES) == IPTC
     assert iptc_of(resource(1, b"x")) == b""
     assert iptc_of(b"") == b""
 
 
-def test_thumbnails_go_and_the_rest_stays_byte_for_byte() -> None:
+def test_thumbnails_are_removed_and_all_else_is_kept() -> None:
     assert without_thumbnails(RESOURCES) == (
         resource(0x03ED, b"resolution", b"odd")
         + resource(0x0404, IPTC)
@@ -48,7 +48,7 @@ def test_thumbnails_go_and_the_rest_stays_byte_for_byte() -> None:
     )
 
 
-def test_iptc_that_is_there_already_changes_nothing() -> None:
+def test_the_same_iptc_changes_nothing() -> None:
     assert with_iptc(RESOURCES, IPTC) is RESOURCES
     other = with_iptc(RESOURCES, b"\x1c\x02\x05\0\x01X")
     assert iptc_of(other) == b"\x1c\x02\x05\0\x01X"
@@ -56,7 +56,7 @@ def test_iptc_that_is_there_already_changes_nothing() -> None:
     assert other.endswith(resource(0x0425, b"digest"))
 
 
-def test_another_reader_finds_it() -> None:
+def test_another_reader_reads_the_iptc() -> None:
     stream = io.BytesIO()
     segment = b"Photoshop 3.0\0" + with_iptc(b"", IPTC)
     extra = b"\xff\xed" + struct.pack(">H", len(segment) + 2) + segment
@@ -66,7 +66,7 @@ def test_another_reader_finds_it() -> None:
 
 
 @pytest.mark.parametrize("size", range(len(RESOURCES)))
-def test_what_is_cut_short_stays_as_it_is(size: int) -> None:
+def test_resources_cut_short_are_unchanged(size: int) -> None:
     cut = RESOURCES[:size]
     assert set(without_thumbnails(cut)) <= set(cut)
     assert iptc_of(with_iptc(cut, IPTC)) == IPTC
@@ -76,7 +76,7 @@ def test_rubbish_stays() -> None:
     assert without_thumbnails(b"rubbish") == b"rubbish"
 
 
-def test_padding_goes_and_nothing_else() -> None:
+def test_only_the_padding_is_removed() -> None:
     for count in range(4):
         assert without_padding(IPTC + bytes(count)) == IPTC
     long = b"\x1c\x02\x05\x80\x04\0\0\0\1x\0"  # a size of more than two bytes

@@ -36,7 +36,7 @@ def test_units_of_the_focal_plane(
     assert tags.focal_plane_px_per_mm == pytest.approx(per_mm)
 
 
-def test_a_unit_that_means_nothing(make_exif: Callable[..., bytes]) -> None:
+def test_an_unknown_unit_gives_no_density(make_exif: Callable[..., bytes]) -> None:
     tags = Metadata(exif=make_exif(below={0xA20E: 254.0, 0xA210: 1})).tags()
     assert tags.focal_plane_px_per_mm is None
 
@@ -73,7 +73,7 @@ def test_odd_values_read_as_none(kind: int, raw: bytes, expected: float | None) 
     assert tags.focal_mm == (expected if expected is None else pytest.approx(expected))
 
 
-def test_no_metadata_say_nothing() -> None:
+def test_without_metadata_all_tags_are_empty() -> None:
     assert Metadata().tags() == CameraTags()
     assert Metadata(exif=b"rubbish").tags() == CameraTags()
     assert Metadata().orientation == 1

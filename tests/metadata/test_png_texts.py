@@ -39,10 +39,10 @@ def test_profiles_of_every_name(kind: bytes, data: bytes, expected: dict[str, by
 @pytest.mark.parametrize(
     "broken", [b"", b"\niptc\n", b"\niptc\n 7\n0011", b"\niptc\n x\n00", text(b"")]
 )
-def test_what_is_damaged_is_nothing(broken: bytes) -> None:
+def test_damaged_texts_give_nothing(broken: bytes) -> None:
     assert raw_profile(RAW_PROFILE + b"iptc", broken) == {}
 
 
-def test_a_profile_comes_back() -> None:
+def test_a_profile_survives_writing_and_reading() -> None:
     data = with_iptc(b"", IPTC * 40)
     assert raw_profile(RAW_PROFILE + b"iptc\0", profile_text(data))["resources"] == data

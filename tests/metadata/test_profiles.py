@@ -63,7 +63,7 @@ def test_white_is_white():
     assert np.allclose(XYZ_FROM_SRGB.sum(1), (0.9505, 1, 1.089), atol=2e-3)
 
 
-def test_a_profile_is_the_same_every_day():
+def test_a_profile_does_not_depend_on_the_day():
     assert linear_profile(CAMERA) == linear_profile(CAMERA)
     header = SRGB_PROFILE[:128]
     assert len(SRGB_PROFILE) == int.from_bytes(header[:4], "big")

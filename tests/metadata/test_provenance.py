@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-TOLD = {"deshake": "1.2.3", "options": {"a": None, "b": [1, 0.1]}, "text": "<&>\"' \u00e9\n"}
+PROVENANCE = {"deshake": "1.2.3", "options": {"a": None, "b": [1, 0.1]}, "text": "<&>\"' \u00e9\n"}
 ENCODERS = {"JPEG": encode_jpeg, "PNG": encode_png, "TIFF": encode_tiff, "WEBP": encode_webp}
 
 
@@ -31,34 +31,36 @@ def picture(form: Any, metadata: Metadata) -> Decoded:
 
 @pytest.mark.parametrize("form", ENCODERS)
 @pytest.mark.parametrize("bare", [True, False])
-def test_every_format_tells(
+def test_every_format_holds_the_provenance(
     make_exif: Callable[..., bytes], tmp_path: Path, form: str, *, bare: bool
 ) -> None:
-    metadata = with_provenance(Metadata() if bare else Metadata(make_exif(">"), b"", b""), TOLD)
+    metadata = with_provenance(
+        Metadata() if bare else Metadata(make_exif(">"), b"", b""), PROVENANCE
+    )
     path = tmp_path / "photo"
     path.write_bytes(ENCODERS[form](picture(form, metadata)))
-    assert read_provenance(path) == TOLD
+    assert read_provenance(path) == PROVENANCE
     with Image.open(io.BytesIO(path.read_bytes())) as read:
         assert read.getexif()[305] == "deshake 1.2.3"
         xmp = read.info["xmp"]
     assert NAMESPACE[1].encode() in xmp
 
 
-def test_what_the_camera_said_of_its_software_is_kept(tmp_path: Path) -> None:
+def test_the_software_tag_of_the_camera_is_kept(tmp_path: Path) -> None:
     camera = Metadata(exif=with_software(b"", "Firmware 1.0"))
-    (tmp_path / "packet").write_bytes(with_provenance(camera, TOLD).xmp)
-    assert read_provenance(tmp_path / "packet") == TOLD | {"software": "Firmware 1.0"}
+    (tmp_path / "packet").write_bytes(with_provenance(camera, PROVENANCE).xmp)
+    assert read_provenance(tmp_path / "packet") == PROVENANCE | {"software": "Firmware 1.0"}
 
 
 def test_an_earlier_block_is_replaced() -> None:
-    once = with_provenance(Metadata(), TOLD)
-    assert with_provenance(once, TOLD) == Metadata(
-        with_provenance(Metadata(exif=once.exif), TOLD).exif, once.xmp
+    once = with_provenance(Metadata(), PROVENANCE)
+    assert with_provenance(once, PROVENANCE) == Metadata(
+        with_provenance(Metadata(exif=once.exif), PROVENANCE).exif, once.xmp
     )
 
 
-def test_a_packet_that_is_none_is_left_alone() -> None:
-    assert with_provenance(Metadata(xmp=b"rubbish"), TOLD).xmp == b"rubbish"
+def test_bytes_that_are_no_packet_are_unchanged() -> None:
+    assert with_provenance(Metadata(xmp=b"rubbish"), PROVENANCE).xmp == b"rubbish"
 
 
 @pytest.mark.parametrize(
@@ -77,13 +79,13 @@ def test_a_packet_that_is_none_is_left_alone() -> None:
     ],
     ids=range(10),
 )
-def test_whatever_the_file_it_neither_fails_nor_tells(tmp_path: Path, data: bytes) -> None:
+def test_files_without_provenance_give_none_and_no_error(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "photo"
     path.write_bytes(data)
     assert read_provenance(path) is None
 
 
-def test_what_is_no_file_tells_nothing(tmp_path: Path) -> None:
+def test_names_without_a_regular_file_have_no_provenance(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     for name in ("missing", ".", "pipe"):
         assert read_provenance(tmp_path / name) is None

@@ -24,7 +24,7 @@ def value(packet: bytes) -> str | None:
 
 
 @pytest.mark.parametrize("text", [TEXT, "", "{}"])
-def test_a_property_put_in_is_read_by_a_parser_of_xml(text: str) -> None:
+def test_a_parser_of_xml_reads_an_inserted_property(text: str) -> None:
     for packet in (PACKET, b""):
         more = xmp.insert(packet, OURS, "P", text)
         assert (value(more) or "") == text
@@ -51,7 +51,7 @@ def test_an_empty_rdf_is_opened() -> None:
 @pytest.mark.parametrize(
     "packet", [b"rubbish", b"<x:xmpmeta/>", PACKET.decode().encode("utf-16"), b"\0"]
 )
-def test_what_is_no_packet_takes_nothing(packet: bytes) -> None:
+def test_bytes_that_are_no_packet_take_no_property(packet: bytes) -> None:
     assert xmp.insert(packet, OURS, "P", "x") is None
 
 
@@ -64,7 +64,7 @@ def test_what_is_no_packet_takes_nothing(packet: bytes) -> None:
         b'<rdf:Description own:Q="y"><own:P xml:lang="en">x</own:P ></rdf:Description>',
     ],
 )
-def test_a_property_goes_in_whatever_form(packet: bytes) -> None:
+def test_a_property_of_any_form_is_removed(packet: bytes) -> None:
     rest = xmp.without(packet, "own", "P")
     assert b"own:P" not in rest
     assert b'own:Q="y"' in rest

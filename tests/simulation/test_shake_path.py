@@ -18,7 +18,7 @@ def test_random_paths_have_the_extent_asked_for(blur_px, seed):
     assert path.kernel(CAMERA).extent_px() == pytest.approx(blur_px, abs=3)
 
 
-def test_random_paths_go_by_their_seed():
+def test_the_seed_decides_a_random_path():
     one, same, other = (random_path(CAMERA, 10, seed=s).theta for s in (1, 1, 2))
     np.testing.assert_array_equal(one, same)
     assert np.abs(one - other).max() > 1e-3
