@@ -115,7 +115,7 @@ class Tiles:
         return blocks
 
     def bind(self, kernel: RotationKernel, *, afresh: bool = False) -> None:
-        """Set the kernel of the blur; fill the room the first time, and again if `afresh` is set."""
+        """Set the kernel of the blur; fill the room the first time, or if `afresh` is set."""
         used = kernel.weights > 0
         h = homographies(self.camera, kernel.theta[used])
         moved = displacements(h, self.centres)
