@@ -123,7 +123,7 @@ def _log_to(send: _Sender, levels: LogLevels) -> None:
 
 
 def bind_opencv(threads: int) -> None:
-    """Keep OpenCV in this process to so many threads, whatever it was told when it was loaded."""
+    """Limit OpenCV in this process to a number of threads, whatever the setting at its import."""
     import cv2  # noqa: PLC0415 - that it is loaded here is this process's business
 
     cv2.setNumThreads(threads)
