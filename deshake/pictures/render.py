@@ -144,7 +144,7 @@ def render_filters(kernel: RotationKernel, rows: int, cols: int, *, size: int = 
     -------
     (H, W, 3) array of uint8
         RGB: light on black, all cells at one scale and each as bright as its brightest spot
-        allows; below the frame a bar that tells the scale.
+        allows; below the frame a bar that shows the scale.
 
     Raises
     ------
