@@ -120,7 +120,7 @@ class _Worker:
         self.job: Job | None = None
 
     def begin(self, number: int, job: Job) -> None:
-        """Begin with a job; that the process has gone meanwhile is heard of later."""
+        """Start a job. If the process has ended, `heard` reports it later."""
         self.number, self.job = number, job
         with contextlib.suppress(OSError):
             self.line.send(job)

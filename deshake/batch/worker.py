@@ -59,7 +59,7 @@ def serve(line: Connection, work: Work, threads: int, levels: LogLevels) -> None
 
     Back go `Shown`, `Said` and, for each job, a `Result`. An interrupt from the keyboard is for
     the process above alone, which ends this one by SIGTERM: then outputs under way are removed.
-    When that process has gone, so does this one.
+    When that process ends, this one ends, too.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _leave)

@@ -224,7 +224,7 @@ def lens_options(command: F) -> F:
 
 
 def blur_options(command: F) -> F:
-    """Add --max-angle and --blur-size, of which one may be given."""
+    """Add --max-angle and --blur-size; the two exclude each other."""
     angle = click.option(
         "--max-angle",
         type=Number("DEGREES", most=45),

@@ -279,7 +279,7 @@ def point_light(
     Parameters
     ----------
     offsets : (K, 2) array
-        Where the light is seen, in pixels of the photo from the picture's middle.
+        Places of the light, in pixels of the photo from the picture's middle.
     weights : (K,) array
         For how long.
     reach : float
