@@ -182,7 +182,7 @@ class _Pool:
         worker.begin(number, job)
 
     def heard(self) -> Iterator[tuple[int, Shown | Result]]:
-        """Wait for word from the processes, log what is to be logged, and yield the rest."""
+        """Wait for messages of the processes; log the log messages, and yield the others."""
         for line in connection.wait(list(self._busy)):
             worker = self._busy[line]  # type: ignore[index]
             try:

@@ -26,6 +26,7 @@ _RIDGE_STEPS = 15  # iterations of the mean shift
 _ALONG = 1  # dimension of a path
 _LIGHT = 1e-6  # share of the kernel's weight; lighter rotations are discarded
 _NEIGHBOURS = np.stack(np.meshgrid(*[(-1, 0, 1)] * 3, indexing="ij"), -1).reshape(-1, 3)
+"""Differences of indices, in grid steps, to the neighbours of a rotation and to itself."""
 
 
 def thinned(kernel: RotationKernel, width: float = 1.0) -> RotationKernel:

@@ -30,9 +30,7 @@ __all__ = ["photo_origin", "photo_provenance", "registration_origin", "with_phot
 
 _log = logging.getLogger(__name__)
 
-_LONGEST_KERNEL: Final = (
-    16_384  # characters; a photo does not carry a longer one
-)
+_LONGEST_KERNEL: Final = 16_384  # characters; a photo does not carry a longer one
 
 
 def photo_provenance(
