@@ -1,1 +1,1 @@
-"""Many photos: found, planned, and worked on at once in processes or on a cluster."""
+"""Many photos: search, plan, and work in parallel processes or on a cluster."""

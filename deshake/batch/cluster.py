@@ -199,10 +199,10 @@ def _check_folders(client: Any, jobs: Sequence[Job]) -> None:  # noqa: ANN401 - 
         token = folder / f".deshake-{secrets.token_hex(8)}.token"
         token.write_text(token.name, "ascii")
         try:
-            found = client.run(_not_shared, job.source, size, token)
+            answers = client.run(_not_shared, job.source, size, token)
         finally:
             token.unlink(missing_ok=True)
-        for worker, missing in found.items():
+        for worker, missing in answers.items():
             if missing:
                 raise ClusterError(
                     f"{worker}: the worker does not see {missing} as it is here",
@@ -215,7 +215,7 @@ def _not_shared(source: Path, size: int | None, token: Path) -> str | None:
     if (source.stat().st_size if source.exists() else None) != size:
         return str(source)
     try:
-        told = token.read_text("ascii")
+        content = token.read_text("ascii")
     except OSError:
         return str(token.parent)
-    return None if told == token.name and os.access(token.parent, os.W_OK) else str(token.parent)
+    return None if content == token.name and os.access(token.parent, os.W_OK) else str(token.parent)

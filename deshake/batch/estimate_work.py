@@ -65,7 +65,7 @@ class EstimateKernel:
         ).report()
 
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:
-        """Predict the memory that it takes."""
+        """Predict the memory of the work, in bytes."""
         return estimate_memory(size, threads, photos=2 if "noisy" in job.needs else 1)
 
     def check(self, job: Job) -> None:
@@ -97,7 +97,7 @@ class Register:
     Parameters
     ----------
     options : EstimateOptions
-        Of which the camera, `transfer` and `search_angle` count.
+        Options; only the camera, `transfer` and `search_angle` count.
 
     """
 
@@ -121,7 +121,7 @@ class Register:
         ).report()
 
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:  # noqa: ARG002
-        """Predict the memory that it takes."""
+        """Predict the memory of the work, in bytes."""
         return estimate_memory(size, threads, photos=2)
 
     def check(self, job: Job) -> None:
@@ -142,12 +142,12 @@ class Register:
 
 @dataclass(frozen=True)
 class Calibrate:
-    """``calibrate``: find the camera of a photo.
+    """``calibrate``: determine the camera of a photo.
 
     Parameters
     ----------
     camera : CameraChoice
-        The focal length and the lens that are named; by default EXIF decides.
+        The user's choice of focal length and lens; by default EXIF decides.
 
     """
 
@@ -161,7 +161,7 @@ class Calibrate:
         progress: Progress | None,  # noqa: ARG002
     ) -> dict[str, Any]:
         """Calibrate the photo of a job."""
-        found = calibrate_file(
+        calibration = calibrate_file(
             job.source,
             job.output,
             focal_px=self.camera.focal_px,
@@ -170,14 +170,14 @@ class Calibrate:
             lens_model=self.camera.lens_model,
             overwrite=job.overwrite,
         )
-        for line in found.considered:
+        for line in calibration.considered:
             _log.info("%s: %s", job.source, line)
-        for note in found.notes:
+        for note in calibration.notes:
             _log.warning("%s: %s", job.source, note)
-        return found.report()
+        return calibration.report()
 
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:  # noqa: ARG002
-        """Predict the memory that it takes."""
+        """Predict the memory of the work, in bytes."""
         return photo_memory(size)
 
     def check(self, job: Job) -> None:
@@ -185,17 +185,17 @@ class Calibrate:
         check_inputs(job)
 
     def origin(self, job: Job) -> dict[str, Any]:  # noqa: ARG002
-        """Return nothing: camera files tell no more than what they hold."""
+        """Return nothing: camera files have no provenance."""
         return {}
 
 
 def check_inputs(job: Job) -> None:
-    """Check that the inputs of a job are there and may be read.
+    """Check that the inputs of a job exist and are readable.
 
     Raises
     ------
     PhotoError, KernelFileError
-        If one is not there, or may not be read.
+        If an input does not exist, or is not readable.
 
     """
     check_input(job.source, PhotoError)
@@ -204,14 +204,14 @@ def check_inputs(job: Job) -> None:
 
 
 def kernel_origin(options: EstimateOptions, *, pair: bool = False) -> dict[str, Any]:
-    """Return what a kernel will have of its options; its camera, if one was named."""
+    """Return the options in a kernel's provenance, and its camera if the user names one."""
     known: dict[str, Any] = {"options": options.provenance(pair=pair)}
     source = options.camera.source
     return known if source is None else known | {"camera": source}
 
 
 def _check_pictures(job: Job) -> None:
-    """Check that the names of the pictures beside the result mean formats that are written."""
+    """Check that the names of the pictures beside the result end in supported formats."""
     for path in job.others.values():
         if str(path) != STREAM:
             check_ending(path, job.source)

@@ -23,14 +23,14 @@ _SUFFIXES = frozenset([*SUFFIXES, *READ_ONLY])
 
 @dataclass(frozen=True)
 class Found:
-    """A photo that was named, or found in a folder.
+    """A photo that the user names, or a photo in a folder.
 
     Parameters
     ----------
     path : Path
         The photo.
     below : Path
-        Its folder, as seen from the folder that was named.
+        Its folder, relative to the named folder.
 
     """
 
@@ -70,16 +70,16 @@ def find_photos(
         if not path.is_dir():
             photos.append(Found(path))
             continue
-        seen = set(passed_over)
-        found = list(_in_folder(path, Path(), seen, recursive=recursive))
-        if not found:
+        visited = set(passed_over)
+        inside = list(_in_folder(path, Path(), visited, recursive=recursive))
+        if not inside:
             elsewhere = "" if recursive else "; folders in it are searched with -r only"
             raise PhotoError(
                 "there are no photos in this folder",
                 hint=f"photos end in .jpg, .tif, .dng and the like{elsewhere}",
                 file=path,
             )
-        photos += found
+        photos += inside
     return photos
 
 
@@ -94,7 +94,7 @@ def natural_order(name: str) -> tuple[list[tuple[int, int, str]], str]:
 
 
 def identity(path: Path) -> tuple[int, int] | None:
-    """Return what tells a file from all others, whatever its names; None: no such file."""
+    """Return the identity of a file, whatever its names; None: no such file."""
     try:
         status = path.stat()
     except OSError:
@@ -103,10 +103,10 @@ def identity(path: Path) -> tuple[int, int] | None:
 
 
 def _in_folder(
-    folder: Path, below: Path, seen: set[tuple[int, int]], *, recursive: bool
+    folder: Path, below: Path, visited: set[tuple[int, int]], *, recursive: bool
 ) -> Iterator[Found]:
-    """Go through a folder and, if asked, those in it that have not been seen."""
-    seen.add(identity(folder) or (0, 0))
+    """Yield the photos of a folder and, if `recursive`, of its folders not yet visited."""
+    visited.add(identity(folder) or (0, 0))
     try:
         with os.scandir(folder) as entries:
             shown = [entry for entry in entries if not entry.name.startswith(".")]
@@ -119,8 +119,8 @@ def _in_folder(
         return
     for entry in shown:
         path = folder / entry.name
-        if entry.is_dir() and identity(path) not in seen:
-            yield from _in_folder(path, below / entry.name, seen, recursive=True)
+        if entry.is_dir() and identity(path) not in visited:
+            yield from _in_folder(path, below / entry.name, visited, recursive=True)
 
 
 def _is_photo(entry: os.DirEntry[str]) -> bool:

@@ -102,16 +102,16 @@ def restoration_memory(
         Whether a lens is undone.
 
     """
-    seen = worked_size(size, finish)
+    worked = worked_size(size, finish)
     paired = options.needs_noisy
-    each = (_PAIR if paired else _RESTORATION)[seen.channels]
+    each = (_PAIR if paired else _RESTORATION)[worked.channels]
     if bends:
         each += (_KEPT if finish.keep_geometry else _LENS) * (2 if paired else 1)
     mask = _MASK if masked else 0
-    extent = default_blur(seen) if blur is None else blur
+    extent = default_blur(worked) if blur is None else blur
     more = _BLUR * extent**2 + _THREAD * (threads - 1)
     reading = photo_memory(size) + mask * size.pixels
-    return int(max(reading, _PROCESS + (each + mask) * seen.pixels + more))
+    return int(max(reading, _PROCESS + (each + mask) * worked.pixels + more))
 
 
 def worked_size(size: PictureSize, finish: Finish) -> PictureSize:

@@ -41,23 +41,23 @@ class Budget:
 
     @classmethod
     def of(cls, limit: int | None) -> Budget:
-        """Return the budget that was asked for, or `SHARE` of what is available."""
+        """Return the given budget, or `SHARE` of the available memory."""
         if limit is None:
             return cls(int(SHARE * available_memory()))
         return cls(limit, given=True)
 
     def admits(self, need: int, taken: Iterable[int]) -> bool:
-        """Tell whether there is room for one more photo; for a first one there always is."""
+        """Return whether there is room for one more photo; a first photo always has room."""
         others = sum(taken)
         return others == 0 or others + need <= self.limit
 
     def check(self, need: int, job: Job) -> None:
-        """Refuse a photo that needs more than was given.
+        """Refuse a photo that needs more memory than a given limit.
 
         Raises
         ------
         PhotoError
-            If it does.
+            If it needs more.
 
         """
         if self.given and need > self.limit:
@@ -70,13 +70,13 @@ class Budget:
 
 
 def available_memory() -> int:
-    """Return the bytes of memory that new work can take without pushing out what is in use.
+    """Return the bytes of memory that new work can take without displacing memory in use.
 
-    That is what the system has, or what is left to this process's control groups if it is less.
+    This is the smallest of the system's available memory and the rest of each control group.
     """
     import psutil  # noqa: PLC0415 - for runs of many photos alone
 
-    found = [int(psutil.virtual_memory().available)]
+    available = [int(psutil.virtual_memory().available)]
     try:
         lines = _OWN_CGROUP.read_text("utf-8").splitlines()
     except OSError:
@@ -84,22 +84,22 @@ def available_memory() -> int:
     for line in lines:
         _, controllers, path = line.split(":", 2)
         if not controllers:
-            found += _left(_CGROUPS, path, "memory.max", "memory.current")
+            available += _left(_CGROUPS, path, "memory.max", "memory.current")
         elif "memory" in controllers.split(","):
             files = "memory.limit_in_bytes", "memory.usage_in_bytes"
-            found += _left(_CGROUPS / "memory", path, *files)
-    return max(min(found), 0)
+            available += _left(_CGROUPS / "memory", path, *files)
+    return max(min(available), 0)
 
 
 def gigabytes(count: int) -> str:
-    """Say a number of bytes."""
+    """Format a number of bytes."""
     return f"{count / 1e9:.2g} GB" if count >= 1e9 else f"{count / 1e6:.0f} MB"
 
 
 def _left(root: Path, path: str, limit_file: str, usage_file: str) -> list[int]:
-    """Return what is left to a control group and each of those above it that have a limit.
+    """Return the bytes left to a control group and to each of its parents with a limit.
 
-    Pages of files that nobody uses count as left: the system drops them when it needs room.
+    Inactive file pages count as left, because the system frees them when it needs room.
     """
     left = []
     group = root / path.lstrip("/")

@@ -37,7 +37,7 @@ __all__ = ["run_in_processes"]
 _log = logging.getLogger(__name__)
 
 _GRACE = 3.0
-"""Seconds that a process has to remove what it has not finished, when it is told to end."""
+"""Seconds for a process to remove its unfinished outputs, after the request to end."""
 
 
 def run_in_processes(
@@ -49,25 +49,25 @@ def run_in_processes(
     budget: Budget,
     progress: Callable[[int, float, str], None],
 ) -> Generator[tuple[int, Result], None, None]:
-    """Do the work on many photos, and yield what came of each, with its number, as it is done.
+    """Do the work on many photos; yield the number and the result of each photo when it ends.
 
-    Photos are begun in their order, each when a process is free and the memory that it is expected
-    to need fits beside what the others do. Closing the iterator ends all processes.
+    Photos start in their order. A photo starts as soon as a process is free and its expected
+    memory fits beside that of the others. Closing the iterator ends all processes.
 
     Parameters
     ----------
     jobs : sequence of Job
         The photos.
     work : Work
-        What to do with them.
+        The work to do with them.
     processes : int
-        Photos at once, at most.
+        Largest number of photos at once.
     threads : int
         Threads in each process.
     budget : Budget
         Memory of all processes together.
     progress : callable
-        Told the number of a job, the fraction of it that is done, and what comes next.
+        Receives the number of a job, the share of it that is done, 0..1, and a text.
 
     """
     waiting = deque(enumerate(jobs))
@@ -96,7 +96,7 @@ def run_in_processes(
                 pool.start(number, job)
                 taken[number] = need
             if not taken:
-                continue  # all that waited were refused
+                continue  # every waiting photo was refused
             for number, message in pool.heard():
                 if isinstance(message, Shown):
                     progress(number, message.share, message.text)
@@ -120,7 +120,7 @@ class _Worker:
         self.job: Job | None = None
 
     def begin(self, number: int, job: Job) -> None:
-        """Begin with a job; that the process has gone meanwhile is heard of later."""
+        """Start a job. If the process has ended, `heard` reports it later."""
         self.number, self.job = number, job
         with contextlib.suppress(OSError):
             self.line.send(job)
@@ -182,7 +182,7 @@ class _Pool:
         worker.begin(number, job)
 
     def heard(self) -> Iterator[tuple[int, Shown | Result]]:
-        """Wait for word from the processes, log what is to be logged, and yield the rest."""
+        """Wait for messages of the processes; log the log messages, and yield the others."""
         for line in connection.wait(list(self._busy)):
             worker = self._busy[line]  # type: ignore[index]
             try:

@@ -259,7 +259,7 @@ class Report:
         )
 
     def _address(self, path: Path) -> str:
-        """Return the address of a file as seen from the page."""
+        """Return the address of a file relative to the page."""
         try:
             relative = os.path.relpath(path, self._place.page.parent)
         except ValueError:  # on another drive

@@ -46,7 +46,7 @@ class Fix:
     Parameters
     ----------
     options : EstimateOptions
-        What the estimate goes by.
+        Options of the estimate.
     restoration : RestorationOptions
         How the photo is deblurred.
     finish : Finish
@@ -65,7 +65,7 @@ class Fix:
         self, job: Job, *, threads: int | None, progress: Progress | None
     ) -> dict[str, Any]:
         """Fix the photo of a job."""
-        seen = _Observed(self.room)
+        observed = _Observed(self.room)
         result = fix_file(
             job.source,
             job.place,
@@ -74,7 +74,7 @@ class Fix:
             noisy=job.needs.get("noisy"),
             restoration=self.restoration,
             finish=_with_mask(self.finish, job),
-            observer=seen,
+            observer=observed,
             overwrite=job.overwrite,
             overwrite_others=job.overwrite_others,
             keep_result=job.keeps_result,
@@ -83,14 +83,14 @@ class Fix:
         )
         content = result.content
         verdict = verdict_figures(content.kernel, content.confidence, result.notes)
-        return result.report() | verdict | self.finish.report() | seen.figures()
+        return result.report() | verdict | self.finish.report() | observed.figures()
 
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:
         """Predict the memory that it takes."""
-        seen = worked_size(size, self.finish)
+        worked = worked_size(size, self.finish)
         blur = self.options.blur_size
         if blur is not None and size.pixels:
-            blur *= math.sqrt(seen.pixels / size.pixels)
+            blur *= math.sqrt(worked.pixels / size.pixels)
         needed = restoration_memory(
             size,
             self.restoration,
@@ -100,7 +100,7 @@ class Fix:
             masked=job.needs.get("mask") is not None,
             bends=self.options.camera.undoes_lens,
         )
-        return max(estimate_memory(seen, threads), needed)
+        return max(estimate_memory(worked, threads), needed)
 
     def check(self, job: Job) -> None:
         """Check the inputs, and the name of the result."""
@@ -154,7 +154,7 @@ class Deblur:
         self, job: Job, *, threads: int | None, progress: Progress | None
     ) -> dict[str, Any]:
         """Deblur the photo of a job."""
-        seen = _Observed(self.room)
+        observed = _Observed(self.room)
         content = deblur_file(
             job.source,
             job.needs["kernel"],
@@ -165,7 +165,7 @@ class Deblur:
             transfer=self.transfer,
             restoration=self.restoration,
             finish=_with_mask(self.finish, job),
-            observer=seen,
+            observer=observed,
             overwrite=job.overwrite,
             overwrite_others=job.overwrite_others,
             keep_result=job.keeps_result,
@@ -179,7 +179,7 @@ class Deblur:
         verdict = verdict_figures(
             content.kernel, content.confidence, content.provenance.get("notes")
         )
-        return figures | verdict | self.finish.report() | seen.figures()
+        return figures | verdict | self.finish.report() | observed.figures()
 
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:
         """Predict the memory that it takes."""
@@ -216,13 +216,13 @@ class Deblur:
             self.restoration, transfer=self.transfer, finish=self.finish, **_digests(job)
         )
         kernel = job.needs["kernel"]
-        told = {} if str(kernel) == STREAM else read_kernel(kernel).provenance
+        provenance = {} if str(kernel) == STREAM else read_kernel(kernel).provenance
         registration = job.needs.get("registration")
         if self.restoration.needs_noisy and str(registration) != STREAM:
             given = None if registration is None else known_registration(registration)
-            known["registration"] = registration_origin(given, told)
+            known["registration"] = registration_origin(given, provenance)
         names = ("options", "input_sha256", "noisy_sha256", "camera")
-        return known | {"kernel": {name: told[name] for name in names if name in told}}
+        return known | {"kernel": {name: provenance[name] for name in names if name in provenance}}
 
 
 class _Observed:

@@ -1,4 +1,4 @@
-"""Whether results of earlier runs are what this one would make: their provenance tells."""
+"""Compare the provenance of existing results with what this run would write."""
 
 from __future__ import annotations
 
@@ -29,57 +29,60 @@ _INPUTS = {
 
 
 def doubt(job: Job, work: Work) -> str | None:
-    """Say why the result of a job that exists is not what the work would make; None: it may be.
+    """Return why an existing result is not what the work would make; None: it may be the same.
 
-    What does not tell how it was made is not doubted.
+    A result without provenance raises no doubt.
     """
-    told = None if job.output is None else _told(job.output)
-    if told is None:
+    written = None if job.output is None else _provenance(job.output)
+    if written is None:
         return None
-    found = differences(told, work.origin(job))
-    if not found:
+    differing = differences(written, work.origin(job))
+    if not differing:
         return None
-    return f"{job.output} exists already, but was made {' and '.join(found)}"
+    return f"{job.output} exists already, but was made {' and '.join(differing)}"
 
 
 def made_by(job: Job, work: Work) -> bool:
-    """Say whether the provenance of an existing result is what the work would write."""
-    told = None if job.output is None else _told(job.output)
-    return told is not None and not differences(told, work.origin(job))
+    """Return whether the provenance of an existing result is what the work would write."""
+    written = None if job.output is None else _provenance(job.output)
+    return written is not None and not differences(written, work.origin(job))
 
 
-def differences(told: Mapping[str, Any], expected: Mapping[str, Any]) -> list[str]:
-    """Say how a provenance differs from what is expected, as far as that goes.
+def differences(written: Mapping[str, Any], expected: Mapping[str, Any]) -> list[str]:
+    """List the differences of a provenance from the expected one.
 
     Parameters
     ----------
-    told, expected : mapping
-        Provenance, as JSON data. Of the expected one there may be only a part.
+    written, expected : mapping
+        Provenance, as JSON data. The expected one may be only a part.
 
     """
-    told, expected = json.loads(json.dumps([told, expected]))
-    found: list[str] = []
+    written, expected = json.loads(json.dumps([written, expected]))
+    differing: list[str] = []
     changed: list[str] = []
-    _compare(told, expected, found, changed)
+    _compare(written, expected, differing, changed)
     if changed:
-        found.append(f"with other options ({', '.join(changed)})")
-    return found
+        differing.append(f"with other options ({', '.join(changed)})")
+    return differing
 
 
 def _compare(
-    told: Mapping[str, Any], expected: Mapping[str, Any], found: list[str], changed: list[str]
+    written: Mapping[str, Any],
+    expected: Mapping[str, Any],
+    differing: list[str],
+    changed: list[str],
 ) -> None:
-    """Collect what differs: inputs by their names, options with both values."""
+    """Collect the differences: inputs by their names, options with both values."""
     for name, now in expected.items():
-        before = told.get(name)
+        before = written.get(name)
         if name in _INPUTS:
-            if before != now and _INPUTS[name] not in found:
-                found.append(_INPUTS[name])
+            if before != now and _INPUTS[name] not in differing:
+                differing.append(_INPUTS[name])
         elif isinstance(now, dict):
             before = before if isinstance(before, dict) else {}
-            # Of options all are known; those that are by default may be left out.
+            # The expected options are complete, but may omit defaults.
             missing = dict.fromkeys(before) if name == "options" else {}
-            _compare(before, missing | now, found, changed)
+            _compare(before, missing | now, differing, changed)
         elif before != now:
             changed.append(f"{name} {_said(before)}, now {_said(now)}")
 
@@ -88,7 +91,7 @@ def _said(value: Any) -> str:  # noqa: ANN401 - JSON data
     return "by default" if value is None else str(value)
 
 
-def _told(path: Path) -> Mapping[str, Any] | None:
+def _provenance(path: Path) -> Mapping[str, Any] | None:
     """Return the provenance of a result, if it has one."""
     if path.suffix != ".npz":
         return read_provenance(path)

@@ -59,21 +59,21 @@ def run_jobs(
     resources: Resources,
     progress: Progress,
 ) -> Generator[Result, None, None]:
-    """Do the work on photos, and yield what came of each as it is done.
+    """Do the work on photos; yield the result of each photo when it ends.
 
-    A single photo is worked on in this process, several in processes of their own, or on a cluster:
-    what brings one down leaves the others.
+    A single photo runs in this process. Several photos run in separate processes or on a cluster:
+    a crash on one photo does not affect the others.
 
     Parameters
     ----------
     jobs : sequence of Job
         The photos.
     work : Work
-        What to do with them.
+        The work to do with them.
     resources : Resources
-        What the run may take.
+        The resources that the run may use.
     progress : callable
-        Told the fraction done of all of it, and what is being done.
+        Receives the share of the whole work done, 0..1, and a text.
 
     """
     if len(jobs) == 1 and resources.memory is None and resources.scheduler is None:
@@ -106,7 +106,7 @@ def _elsewhere(
 
 
 class _Overall:
-    """Adds up how far the photos are. Those that take no work do not count."""
+    """The progress of all photos together. Photos without any work do not count."""
 
     def __init__(self, jobs: Sequence[Job], progress: Progress) -> None:
         self._shares = {
@@ -119,7 +119,7 @@ class _Overall:
         self._progress = progress
 
     def part(self, number: int, share: float, text: str = "") -> None:  # noqa: ARG002
-        """Tell how far one photo is."""
+        """Report the progress of one photo."""
         if number not in self._shares:
             return
         self._sum += share - self._shares[number]

@@ -1,4 +1,4 @@
-"""One photo of many: its work done, and whatever comes of it told as data."""
+"""One photo of many: do its work, and return the outcome as data."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Result:
     seconds : float
         Time that it took.
     figures : dict
-        What the work found, as JSON data.
+        The figures of the work, as JSON data.
     warnings : tuple of str
         What was warned of on the way.
     error, hint : str or None
@@ -74,18 +74,18 @@ class Result:
 def run_job(
     job: Job, work: Work, *, threads: int | None = None, progress: Progress | None = None
 ) -> Result:
-    """Do the work on one photo; whatever goes wrong with it is told in the result.
+    """Do the work on one photo; the result reports any failure.
 
     Parameters
     ----------
     job : Job
         The photo.
     work : Work
-        What to do with it.
+        The work to do with it.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
-        Told the fraction done and what is being done.
+        Receives the share of the work done, 0..1, and a text.
 
     """
     start = time.perf_counter()
@@ -95,23 +95,23 @@ def run_job(
         there = job.keeps_result
         try:
             if there and (job.skipped or not made_by(job, work)):
-                _tell_skipped(job, work)
+                _log_skipped(job, work)
                 return Result(job, "skipped", time.perf_counter() - start, {}, tuple(warnings))
             figures = work(job, threads=threads, progress=progress)
         except Exception as error:  # noqa: BLE001  one bad photo never stops the rest
             if isinstance(error, OutputError) and job.keeps_result and not there:
-                # Another run has made it meanwhile.
+                # Another run made the result in the meantime.
                 return Result(job, "skipped", time.perf_counter() - start, {}, tuple(warnings))
             return failure(job, error, time.perf_counter() - start, warnings)
-    # What was noted was warned of as well, unless nothing but errors is wanted.
-    told = dict.fromkeys([*warnings, *figures.pop("notes", [])])
+    # Each note is a warning as well, unless the user wants only errors.
+    notes = dict.fromkeys([*warnings, *figures.pop("notes", [])])
     pictures = figures.pop("pictures", None)
     seconds = time.perf_counter() - start
-    return Result(job, "done", seconds, figures, tuple(told), pictures=pictures)
+    return Result(job, "done", seconds, figures, tuple(notes), pictures=pictures)
 
 
 def problem(job: Job, work: Work) -> DeshakeError | None:
-    """Return why a job would fail before any work is done; None: it would not."""
+    """Return why a job would fail before any work; None: it would not fail."""
     if job.problem is not None or job.skipped:
         return job.problem
     try:
@@ -130,36 +130,36 @@ def failure(
         message = f"{job.source}: {message}"
     expected = isinstance(error, DeshakeError) and error.__cause__ is None
     trace = None if expected else "".join(traceback.format_exception(error))
-    told = tuple(warnings or ())
-    return Result(job, "failed", seconds, {}, told, message, hint, trace)
+    notes = tuple(warnings or ())
+    return Result(job, "failed", seconds, {}, notes, message, hint, trace)
 
 
-def _tell_skipped(job: Job, work: Work) -> None:
-    """Say that the result is there already, and warn if it is not what the work would make."""
-    found = doubt(job, work)
-    if found is None and job.missing:
-        found = f"{job.output} exists already, but does not tell whether its missing "
-        found += f"{' and '.join(job.missing)} would belong to it"
-    if found is None:
+def _log_skipped(job: Job, work: Work) -> None:
+    """Log that the result exists already; warn if the work would make another one."""
+    reason = doubt(job, work)
+    if reason is None and job.missing:
+        reason = f"{job.output} exists already, but does not tell whether its missing "
+        reason += f"{' and '.join(job.missing)} would belong to it"
+    if reason is None:
         _OURS.info("%s: skipped, %s exists already", job.source, job.output)
     else:
-        _OURS.warning("%s: skipped, %s (--overwrite makes it anew)", job.source, found)
+        _OURS.warning("%s: skipped, %s (--overwrite makes it anew)", job.source, reason)
 
 
 @contextmanager
 def _warnings(job: Job) -> Iterator[list[str]]:
-    """Collect what is warned of in this thread, without the photo's name."""
-    found: list[str] = []
+    """Collect the warnings of this thread, without the photo's name."""
+    warnings: list[str] = []
     thread = threading.get_ident()
 
     class Collector(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
             if record.thread == thread:
-                found.append(record.getMessage().removeprefix(f"{job.source}: "))
+                warnings.append(record.getMessage().removeprefix(f"{job.source}: "))
 
     collector = Collector(logging.WARNING)
     _OURS.addHandler(collector)
     try:
-        yield found
+        yield warnings
     finally:
         _OURS.removeHandler(collector)

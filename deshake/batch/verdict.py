@@ -36,8 +36,8 @@ def verdict_figures(kernel: RotationKernel, confidence: float, notes: object) ->
     """
     if kernel.theta[kernel.weights > 0].any():
         return {"verdict": "improved" if confidence >= TRUSTED else "doubtful"}
-    told = [str(note) for note in notes] if isinstance(notes, list) else []
-    reasons = [note.partition(_LEFT)[0] for note in told if _LEFT in note]
+    texts = [str(note) for note in notes] if isinstance(notes, list) else []
+    reasons = [note.partition(_LEFT)[0] for note in texts if _LEFT in note]
     # "the photo looks sharp: it is left as it is" has its reason before the colon.
     reason = reasons[0].rpartition(":")[0] if reasons else ""
     return {"verdict": "left", "reason": reason or _STILL}

@@ -47,7 +47,7 @@ class Work(Protocol):
         ...
 
     def origin(self, job: Job) -> dict[str, Any]:
-        """Return what its result will tell of where it comes from, as far as that is known before.
+        """Return the origin in its result's provenance, as far as it is known before the work.
 
         Raises
         ------

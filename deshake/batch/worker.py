@@ -59,7 +59,7 @@ def serve(line: Connection, work: Work, threads: int, levels: LogLevels) -> None
 
     Back go `Shown`, `Said` and, for each job, a `Result`. An interrupt from the keyboard is for
     the process above alone, which ends this one by SIGTERM: then outputs under way are removed.
-    When that process has gone, so does this one.
+    When that process ends, this one ends, too.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _leave)
@@ -123,7 +123,7 @@ def _log_to(send: _Sender, levels: LogLevels) -> None:
 
 
 def bind_opencv(threads: int) -> None:
-    """Keep OpenCV in this process to so many threads, whatever it was told when it was loaded."""
+    """Limit OpenCV in this process to a number of threads, whatever the setting at its import."""
     import cv2  # noqa: PLC0415 - that it is loaded here is this process's business
 
     cv2.setNumThreads(threads)

@@ -1,8 +1,8 @@
-"""How alike two kernels are: by the local filters that they make at places of the frame.
+"""The agreement of two kernels, measured on their local filters at places of the frame.
 
-The filters are smoothed by a share of their width, so that neighbouring rotations count as alike,
-and compared by their normalised correlation at the shift where it is largest: no kernel knows where
-the camera pointed on average.
+Each filter is smoothed by a share of its width, so that neighbouring rotations count as alike. The
+measure is the largest normalised correlation over all shifts of one filter against the other. The
+shift does not count, because no kernel knows the mean direction of the camera.
 """
 
 from __future__ import annotations
@@ -22,15 +22,18 @@ if TYPE_CHECKING:
 
 __all__ = ["agreement", "spread_px"]
 
-_PLACES = (0, 2, 4, 6, 8)  # of `Camera.corners`: the corners and the middle
-_SMOOTHING = 0.3  # of the kernel's spread
-_LEAST_SMOOTHING = 0.7  # px
-_MOST_UNLIKE = 0.2  # of one spread to the other, below which kernels have nothing in common
-_SIGMA = 1.5  # px that the smoothing comes to in the drawn filters
+_PLACES = (0, 2, 4, 6, 8)  # indices into `Camera.corners`: the corners and the middle
+_SMOOTHING = 0.3  # share of the narrower kernel's spread
+_LEAST_SMOOTHING = 0.7  # px of the photo
+_MOST_UNLIKE = 0.2  # ratio of the two spreads; below it the agreement is zero
+_SIGMA = 1.5  # px of the drawn filter: standard deviation of the smoothing there
 
 
 def spread_px(kernel: RotationKernel) -> float:
-    """Root mean square of the displacements about their mean, over the frame, in pixels."""
+    """Return the root mean square of the displacements about their mean, in pixels.
+
+    The mean is taken over the places of the frame.
+    """
     moved = kernel.displacements(kernel.camera.corners[list(_PLACES)])
     moved = moved - np.einsum("k,pki->pi", kernel.weights, moved)[:, None]
     return float(np.sqrt(np.einsum("k,pki->p", kernel.weights, moved**2).mean()))
@@ -39,14 +42,14 @@ def spread_px(kernel: RotationKernel) -> float:
 def agreement(
     one: RotationKernel, other: RotationKernel, *, smoothing: float = _SMOOTHING
 ) -> float:
-    """Return how alike two kernels of one photo are, 0..1.
+    """Measure the agreement of two kernels of one photo, 0..1.
 
     Parameters
     ----------
     one, other : RotationKernel
-        Kernels for one camera.
+        Two kernels for the same camera.
     smoothing : float
-        Smoothing of the filters, in spreads of the narrower kernel.
+        Standard deviation of the smoothing, as a share of the narrower kernel's spread.
 
     """
     narrow, wide = sorted((spread_px(one), spread_px(other)))
@@ -55,7 +58,7 @@ def agreement(
     sigma = max(smoothing * narrow, _LEAST_SMOOTHING)
     shrink = max(sigma / _SIGMA, 1.0)
     places = one.camera.corners[list(_PLACES)]
-    found = []
+    correlations = []
     moved = [
         displacements(homographies(kernel.camera, kernel.theta), places) for kernel in (one, other)
     ]
@@ -72,14 +75,14 @@ def agreement(
         ]
         spectra = [scipy.fft.rfft2(drawn) for drawn in filters]
         shifted = scipy.fft.irfft2(spectra[0] * np.conj(spectra[1]), (side, side))
-        found.append(float(shifted.max()))
-    return float(np.mean(found))
+        correlations.append(float(shifted.max()))
+    return float(np.mean(correlations))
 
 
 def _drawn(
     offsets: NDArray[np.float64], weights: NDArray[np.float64], side: int, sigma: float
 ) -> NDArray[np.float32]:
-    """Draw a filter in the middle of a square, smoothed, of unit norm."""
+    """Draw a filter in the middle of a square, smooth it, and scale it to unit norm."""
     picture = np.zeros((side, side), np.float32)
     place = offsets + side / 2
     low = np.floor(place).astype(np.int64)

@@ -1,4 +1,4 @@
-"""How wide a blur may be: what an angle allows, and what a photo has room for."""
+"""The largest width of a blur: the bound from an angle, and the bound from the photo's size."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ if TYPE_CHECKING:
 
 __all__ = ["blur_bound", "check_size"]
 
-_SMALLEST_PHOTO = 48  # px, shorter side
+_SMALLEST_PHOTO = 48  # px of the shorter side
 
 
 def blur_bound(camera: Camera, max_angle: float) -> float:
-    """Bound of the blur, in pixels of the photo, of turns by at most `max_angle` radians.
+    """Return the bound of the blur, in pixels, for rotations of at most `max_angle` radians.
 
-    The angle is the largest from one end of the shake to the other, about any axis.
+    The angle is measured from one end of the shake to the other, about any one axis.
     """
     return float((max_angle / grid_steps(camera)).max())
 
 
 def check_size(height: int, width: int, bound: float) -> None:
-    """Raise EstimationError where a photo is too small, or a bound (px) does not fit it."""
+    """Raise EstimationError if a photo is too small, or if a bound (px) does not fit it."""
     if min(height, width) < _SMALLEST_PHOTO:
         msg = f"{width}x{height} pixels are too few to estimate a blur kernel from"
         hint = f"the shorter side must have at least {_SMALLEST_PHOTO} pixels"

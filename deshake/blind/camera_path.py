@@ -1,9 +1,9 @@
 """A kernel as the path of a camera: a thin line, without breaks.
 
-A camera moves along a curve. An estimate is that curve smeared by noise, and by edges that are
-taken for sharper than they are; one found where a pixel is several of the photo's is a row of
-spikes that are as far apart, and leaves dotted rims behind at full size. `thinned` moves the
-rotations on to the ridge of their density, and `filled_path` fills the gaps along it.
+A camera moves along a curve. Two errors change that curve in an estimate. Noise widens it, and so
+do edges that the estimate takes for sharper than they are: `thinned` moves the rotations to the
+ridge of their density. An estimate at a coarse scale is a row of spikes with gaps between them, and
+the gaps leave dotted rims in the restored photo: `filled_path` fills the gaps.
 """
 
 from __future__ import annotations
@@ -20,26 +20,28 @@ __all__ = ["filled_path", "thinned"]
 
 Points = NDArray[np.float64]
 
-_FINE_ENOUGH = 1.5  # pixels of the photo between neighbours
-_MOST = 1500  # rotations: restoring takes longer with more
-_RIDGE_STEPS = 15
-_ALONG = 1  # dimensions of a path
-_LIGHT = 1e-6  # of the weight: what is below is dropped
+_FINE_ENOUGH = 1.5  # px of the photo between neighbours; a finer kernel has no gaps
+_MOST = 1500  # rotations; more of them make the restoration slower
+_RIDGE_STEPS = 15  # iterations of the mean shift
+_ALONG = 1  # dimension of a path
+_LIGHT = 1e-6  # share of the kernel's weight; lighter rotations are discarded
 _NEIGHBOURS = np.stack(np.meshgrid(*[(-1, 0, 1)] * 3, indexing="ij"), -1).reshape(-1, 3)
+"""Differences of indices, in grid steps, to the neighbours of a rotation and to itself."""
 
 
 def thinned(kernel: RotationKernel, width: float = 1.0) -> RotationKernel:
-    """Return a kernel whose rotations lie on the ridge of their density, each with its weight.
+    """Move the rotations of a kernel to the ridge of their density; each keeps its weight.
 
-    Subspace constrained mean shift (Ozertem & Erdogmus, JMLR 2011): a rotation goes to the mean of
-    its neighbours, but across the path only, so that no stretch of it gets shorter or lighter.
+    The method is subspace constrained mean shift (Ozertem & Erdogmus, JMLR 2011). A rotation moves
+    to the mean of its neighbours, but only across the path. So no part of the path gets shorter or
+    lighter.
 
     Parameters
     ----------
     kernel : RotationKernel
-        On its grid.
+        A kernel on its grid.
     width : float
-        Of the neighbourhood, in grid steps.
+        Standard deviation of the neighbourhood, in grid steps.
 
     """
     used = kernel.weights > 0
@@ -60,7 +62,7 @@ def thinned(kernel: RotationKernel, width: float = 1.0) -> RotationKernel:
 
 
 def _on_grid(points: Points, weights: Points, kernel: RotationKernel) -> RotationKernel:
-    """Put rotations (n, 3), in grid steps from the centroid, on the grid by trilinear weights."""
+    """Distribute rotations (n, 3), in grid steps from the centroid, on the grid trilinearly."""
     low = np.floor(points)
     share = points - low
     corners = np.stack(np.meshgrid(*[(0, 1)] * 3, indexing="ij"), -1).reshape(-1, 3)
@@ -76,14 +78,14 @@ def _on_grid(points: Points, weights: Points, kernel: RotationKernel) -> Rotatio
 
 
 def filled_path(kernel: RotationKernel) -> RotationKernel:
-    """Return a kernel whose rotations lie about a pixel of its camera's photo apart.
+    """Fill the gaps of a kernel, so that neighbours lie about a pixel of the photo apart.
 
-    The mean of all rotations stays where it is. Kernels that are fine enough stay as they are.
+    The mean of all rotations does not change. A kernel without gaps is returned unchanged.
 
     Parameters
     ----------
     kernel : RotationKernel
-        On the grid that it was estimated on, for the camera of the photo.
+        A kernel for the camera of the photo, on the grid of its estimate.
 
     """
     ratio = float((kernel.steps / grid_steps(kernel.camera)).max())
@@ -120,6 +122,6 @@ def filled_path(kernel: RotationKernel) -> RotationKernel:
 
 
 def _moved(kernel: RotationKernel, to: RotationKernel) -> RotationKernel:
-    """Move a kernel so that its centroid is another's."""
+    """Move a kernel to the centroid of another kernel."""
     theta = kernel.theta + (to.centroid - kernel.centroid)
     return RotationKernel(theta, kernel.weights, kernel.steps, kernel.camera)

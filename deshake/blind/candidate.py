@@ -1,9 +1,10 @@
-"""One candidate kernel, from a first scale to finer ones: latent edges and kernel in turn.
+"""One candidate kernel, estimated from a first scale to finer ones.
 
-At each scale the latent picture (`sharp_edges`) and the kernel (`kernel_step`) are estimated in
-turn, as by Cho & Lee (2009) and Xu & Jia (2010), on the rotational model. A shake is found from a
-scale where it is a few pixels wide: coarser, it is no more than a point, and finer, it is too wide
-to be found at once. So the first scale matters more than anything else, and `race` tries several.
+At each scale the estimate alternates between the latent picture (`sharp_edges`) and the kernel
+(`kernel_step`), as Cho & Lee (2009) and Xu & Jia (2010) do, but on the rotational model. The first
+scale matters most. The estimate succeeds if the shake is a few pixels wide there. At a coarser
+scale the shake is only a point; at a finer scale it is too wide for the first estimate. So `race`
+tries several first scales.
 """
 
 from __future__ import annotations
@@ -33,38 +34,40 @@ __all__ = ["FINE", "Candidate", "Refinement", "Setting", "edge_floor", "refined"
 
 Axes = tuple[bool, bool, bool]
 
-_START_HALF = (2, 2, 1)  # grid steps
-_GROWTH_LIMIT = 6  # the kernel grows up to one over this of the shorter side
-_LIGHT = 1e-4  # of the weight: what is below is zero
-_FAINT = 0.05  # of the weight, that does not make a kernel wider
-_MAIN = 0.8  # share of a wide kernel that its main piece holds, if the rest is to be dropped
+_START_HALF = (2, 2, 1)  # grid steps about X, Y and Z: half size of the first cube
+_GROWTH_LIMIT = 6  # shorter side of the frame over the largest index of a grown kernel
+_LIGHT = 1e-4  # share of the kernel's weight; rotations that hold less are discarded
+_FAINT = 0.05  # share of the kernel's weight that its width does not count
+_MAIN = 0.8  # share of a wide kernel's weight; a main piece with less does not replace it
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What an estimate counts as an edge, and what of a kernel it keeps.
+    """Settings of one candidate: the price of edges, and the part of a kernel to keep.
 
-    Tuned on the benchmark's set to tune on: photos of 0.1 to 16 MP, shakes of 3 to 120 px.
+    The values are tuned on the benchmark's tuning set: photos of 0.1 to 16 MP, shakes of 3 to
+    120 px.
 
     Parameters
     ----------
     first, last : float
-        Price of an edge pixel at first, and after `falling` iterations; geometric in between. Too
-        low a price and the kernel collapses to a point, too high and it widens.
+        Price of an edge pixel in the first iteration, and after `falling` iterations. In between
+        the price falls geometrically. If it is too low, the kernel collapses to a point; if it is
+        too high, the kernel widens.
     falling : int
-        Iterations.
+        Number of iterations in which the price falls.
     iterations, shocks : int
-        Of each scale, and those of them, the first ones, that see shock-filtered edges.
+        Number of iterations at each scale. The first `shocks` of them use shock-filtered edges.
     cut, carried : float
-        The smallest weights that together hold less than this share are noise: after a fit, and
-        when a finer scale begins.
+        Shares of the kernel's weight. The smallest weights that together hold less than this share
+        are noise: `cut` after a fit, `carried` at the beginning of a finer scale.
     most, most_grown : int
-        Rotations that a finer scale begins with, before it is given room, and rotations that a
-        kernel may grow to.
+        Largest number of rotations: at the beginning of a finer scale, before the kernel gets
+        room, and after growth.
     small : float
-        Pixels up to which a kernel is free to grow at every scale.
+        Width in pixels of the scale. A narrower kernel may grow at every scale.
     wide : float
-        Pixels that a kernel may be wide: wider, it would break up.
+        Width in pixels of the scale. A wider kernel would break into pieces.
     noise : float
         Least price of an edge, in variances of the noise.
 
@@ -88,23 +91,23 @@ FINE = Setting()
 
 
 class Refinement(NamedTuple):
-    """How a kernel that is about right is refined at one scale.
+    """Settings for the refinement of an approximate kernel at one scale.
 
     Parameters
     ----------
     price : float
-        Of an edge pixel.
+        Price of an edge pixel.
     iterations : int
-        Of latent picture and kernel.
+        Number of iterations. Each estimates the latent picture and then the kernel.
     carried, cut : float
-        The smallest weights that together hold less than this share are dropped: at the beginning,
-        and after a fit.
+        Shares of the kernel's weight. The smallest weights that together hold less than this share
+        are discarded: `carried` at the beginning, `cut` after a fit.
     most : int
-        Rotations to begin with, before they are given room.
+        Largest number of rotations at the beginning, before the kernel gets room.
     room : bool
-        Whether they are given room.
+        Whether the kernel gets room around its rotations.
     budget : Budget
-        Pixels to look at.
+        Number of pixels that the estimate uses.
 
     """
 
@@ -118,16 +121,16 @@ class Refinement(NamedTuple):
 
 
 class Candidate:
-    """A kernel under way from coarse to fine.
+    """A kernel that is estimated from coarse to fine.
 
     Parameters
     ----------
     pyramid : Pyramid
         The photo.
     start : int
-        Number of the first scale.
+        Index of the first scale.
     setting : Setting
-        What counts as an edge.
+        Settings of the estimate.
     axes : three bools
         The axes that the camera may turn about.
     bound : float, optional
@@ -172,7 +175,7 @@ class Candidate:
         return self._kernel
 
     def advance(self) -> bool:
-        """Work on the next finer scale; False if there is none that the kernel fits."""
+        """Estimate at the next finer scale; return False if the kernel fits no finer scale."""
         if self.level == 0 or not self._fits_next():
             return False
         self.level -= 1
@@ -199,7 +202,7 @@ class Candidate:
             return False
         if heaviest(piece, _FAINT).extent_px() * RATIO > self.setting.wide:
             return False
-        self._kernel = piece  # a hand's path hangs together
+        self._kernel = piece  # the path of a hand is connected
         return True
 
     def _price(self) -> float:
@@ -220,7 +223,7 @@ class Candidate:
         self._kernel = replace(own, weights=weights)
 
     def _carried(self, camera: Camera) -> RotationKernel:
-        """Carry the kernel to the next scale: resample, cut, recentre, give it room."""
+        """Transfer the kernel to the next scale: resample it, trim it, centre it, add room."""
         kept = heaviest(self._own, _LIGHT).for_camera(camera)
         finer = heaviest(kept.resampled(grid_steps(camera), self.axes), self.setting.carried)
         finer = strongest(finer, self.setting.most)
@@ -228,7 +231,7 @@ class Candidate:
         return self._inside(finer.dilated(self.axes))
 
     def _grow(self) -> None:
-        """Give the kernel room around its non-zero weights, where it may still grow."""
+        """Add room around the non-zero weights, if the kernel may still grow."""
         own = self._own
         around = heaviest(own, _LIGHT).dilated(self.axes)
         indices = np.concatenate([own.indices, around.indices])
@@ -246,7 +249,7 @@ class Candidate:
             self._cut_tiles()
 
     def _inside(self, kernel: RotationKernel) -> RotationKernel:
-        """Drop rotations beyond the bound of the blur."""
+        """Discard the rotations beyond the bound of the blur."""
         if self.bound is None:
             return kernel
         shrink = kernel.camera.width / self.pyramid.camera.width
@@ -260,7 +263,7 @@ class Candidate:
 
 
 def edge_floor(pyramid: Pyramid, level: int, variances: float = FINE.noise) -> float:
-    """Least price of an edge that is no noise, at a scale."""
+    """Return the least price of an edge at a scale: a cheaper edge may be noise."""
     return float(variances * pyramid.noise(level) ** 2)
 
 
@@ -273,30 +276,31 @@ def refined(
     axes: Axes = ALL_AXES,
     part: Part = "fitted",
 ) -> RotationKernel:
-    """Estimate latent picture and kernel in turn a few times, from a kernel that is about right.
+    """Refine an approximate kernel: estimate latent picture and kernel in turn a few times.
 
-    More edges than a kernel is found by, and no sharpened ones, come nearer to the truth; from a
-    wrong kernel they lead on to a point. So whoever refines lets the judge compare.
+    A refinement uses more edges than a candidate does, and no sharpened edges. This brings an
+    approximate kernel nearer to the truth, but it shrinks a wrong kernel to a point. So the caller
+    compares the refined kernel with the others by the judge.
 
     Parameters
     ----------
     pyramid : Pyramid
         The photo.
     kernel : RotationKernel
-        For the camera of the photo.
+        The approximate kernel, for the camera of the photo.
     level : int
-        The scale to work at.
+        The scale of the refinement.
     how : Refinement
-        Price and budget.
+        Settings of the refinement.
     axes : three bools
         The axes that the camera may turn about.
     part : {"fitted", "apart", "all"}
-        The tiles to look at.
+        The tiles that the refinement uses.
 
     Returns
     -------
     RotationKernel
-        For the camera of the photo, centred.
+        The refined kernel, for the camera of the photo, centred.
 
     """
     camera = pyramid.at(level).camera
@@ -316,13 +320,13 @@ def refined(
 
 
 def _keys(kernel: RotationKernel) -> NDArray[np.int64]:
-    """One number for each rotation of a grid."""
+    """Return one number for each rotation of a grid."""
     keys: NDArray[np.int64] = kernel.indices @ np.array([1, 1 << 20, 1 << 40])
     return keys
 
 
 def _start(camera: Camera, axes: Axes) -> RotationKernel:
-    """A little cube: half of the weight at rest, half beside it, to break the symmetry."""
+    """Return a small cube: half of the weight at rest, half beside it, to break the symmetry."""
     halves = [n if axis else 0 for n, axis in zip(_START_HALF, axes, strict=True)]
     grids = np.meshgrid(*(np.arange(-n, n + 1) for n in halves), indexing="ij")
     indices = np.stack(grids, -1).reshape(-1, 3)

@@ -1,7 +1,7 @@
-"""The blind estimate: a kernel for a photo, how far to trust it, and what the user should know.
+"""The blind estimate: a kernel for one photo, its confidence, and notes for the user.
 
-The cheapest thing that can answer comes first: a photo that is sharp to the pixel needs no
-estimate, and one whose finest starts leave a small round spot needs no race.
+The cheapest test comes first. A photo that is sharp to the pixel needs no estimate. A photo needs
+no full race if the finest starts end in a small round spot.
 """
 
 from __future__ import annotations
@@ -42,16 +42,16 @@ Region = tuple[int, int, int, int]
 Estimator = Literal["edges", "variational"]
 
 STILL = "still"
-"""Name of the estimate that leaves a photo as it is."""
+"""Name of the estimate that leaves the photo unchanged."""
 
 SHARP = "the photo looks sharp: it is left as it is"
 SOFT = "the photo is a little soft rather than shaken: it is left as it is"
 
-_FAIRLY_SHARP = 0.69  # of `sharpness`: a real shaken photo has 0.68
+_FAIRLY_SHARP = 0.69  # value of `sharpness`; a real shaken photo has 0.68
 _LEAST_USABLE = 0.05  # share of the pixels
-_DOUBTFUL = 0.75  # confidence below which the user is warned
-_HOPELESS = 0.1  # confidence below which the photo is better left as it is
-_RACE_SHARE = 0.95  # of the time
+_DOUBTFUL = 0.75  # confidence; below it a note warns the user
+_HOPELESS = 0.1  # confidence; below it the photo stays unchanged
+_RACE_SHARE = 0.95  # share of the computing time
 
 
 def estimate_kernel(
@@ -67,7 +67,7 @@ def estimate_kernel(
     threads: int | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> BlindEstimate:
-    """Estimate the blur kernel of one photo, and how far to trust it.
+    """Estimate the blur kernel of one photo and its confidence.
 
     Parameters
     ----------
@@ -76,33 +76,34 @@ def estimate_kernel(
     camera : Camera
         Its camera.
     estimator : {"edges", "variational"}
-        Sharp edges of tiles at the shake's own scale, or the paper's variational inference (Sec. 5)
-        on the whole frame.
+        "edges" uses sharp edges of tiles at the scale that suits the shake. "variational" is the
+        paper's variational inference (Sec. 5) on the whole frame.
     clipped : (h, w) array of bool, optional
-        Pixels that are not to be believed.
+        Clipped pixels. The estimate ignores them.
     blur_px : float, optional
         Bound of the blur in pixels of the photo.
     region : (x, y, width, height), optional
-        The part of the photo to go by; by default all of it.
+        The part of the photo that the estimate uses; by default all of it.
     uniform : bool
-        Use the uniform model: theta_Z = 0 and a very long focal length.
+        Whether to use the uniform model: theta_Z = 0 and a very long focal length.
     quick : bool
-        Take the first good kernel, for a preview.
+        Whether to return the first good kernel, for a preview.
     threads : int, optional
         Threads to use; by default all processors. The result does not depend on it.
     progress : callable, optional
-        Called with the share done, 0..1, and a text.
+        Called with the share of the work done, 0..1, and a text.
 
     Returns
     -------
     BlindEstimate
-        Where no kernel betters the photo, and where the photo is sharp or merely soft, the kernel
-        is that of a camera that stands still: the notes say so, and the confidence is 0.1 at most.
+        The kernel, its confidence, and notes. If no kernel improves the photo, or if the photo is
+        sharp or only soft, the kernel is that of a still camera. Then a note says so, and the
+        confidence is at most 0.1.
 
     Raises
     ------
     EstimationError
-        If the photo is too small, too flat or too much clipped.
+        If the photo is too small, too flat, or nearly all clipped.
 
     """
     if estimator == "variational":
@@ -131,8 +132,8 @@ def estimate_kernel(
     )
     if looks_sharp(pyramid):
         report(1.0, "the photo looks sharp")
-        return _left(pyramid, whole, _HOPELESS, SHARP)
-    ended = race(
+        return _unchanged(pyramid, whole, _HOPELESS, SHARP)
+    result = race(
         pyramid,
         axes=(True, True, not uniform),
         bound=blur_px,
@@ -141,20 +142,20 @@ def estimate_kernel(
         threads=threads or available_threads(),
         progress=lambda share, text: report(_RACE_SHARE * share, text),
     )
-    found = _concluded(pyramid, whole, ended, blur_px)
+    estimate = _concluded(pyramid, whole, result, blur_px)
     report(1.0, "kernel estimated")
-    return found
+    return estimate
 
 
 def _concluded(
-    pyramid: Pyramid, whole: Camera, ended: Finish, blur_px: float | None
+    pyramid: Pyramid, whole: Camera, result: Finish, blur_px: float | None
 ) -> BlindEstimate:
-    """Decide what the end of a race means for the photo."""
-    kernel = ended.winner.kernel
-    trust = confidence(ended)
-    if ended.at_rest or is_spot(kernel):
+    """Turn the result of a race into an estimate for the photo."""
+    kernel = result.winner.kernel
+    trust = confidence(result)
+    if result.at_rest or is_spot(kernel):
         point = len(kernel.weights) == 1 or not kernel.extent_px() > 1
-        return _left(pyramid, whole, min(trust, _HOPELESS), SHARP if point else SOFT)
+        return _unchanged(pyramid, whole, min(trust, _HOPELESS), SHARP if point else SOFT)
     notes = faults(_on_its_grid(kernel), blur_px=blur_px)
     scattered = trust < _DOUBTFUL and SCATTERED in notes
     if trust < _HOPELESS or scattered:
@@ -162,7 +163,7 @@ def _concluded(
             f"no kernel betters the photo, the best one is doubtful (confidence {trust:.2f}): "
             "the photo is left as it is"
         )
-        return _left(pyramid, whole, min(trust, _HOPELESS), note)
+        return _unchanged(pyramid, whole, min(trust, _HOPELESS), note)
     if FILLED in notes and trust < 1:
         trust = min(trust, 0.9)
     if trust < _DOUBTFUL:
@@ -171,16 +172,16 @@ def _concluded(
         )
     latent = latent_gradients(pyramid, kernel)
     final = filled_path(kernel).for_camera(whole)
-    return BlindEstimate(final, trust, notes, [], latent, ended.winner.name)
+    return BlindEstimate(final, trust, notes, [], latent, result.winner.name)
 
 
 def _on_its_grid(kernel: RotationKernel) -> RotationKernel:
-    """Return a kernel with its rotations about the origin, as `faults` wants it."""
+    """Move the rotations of a kernel about the origin, as `faults` expects."""
     return replace(kernel, theta=kernel.theta - kernel.centroid)
 
 
-def _left(pyramid: Pyramid, whole: Camera, trust: float, note: str) -> BlindEstimate:
-    """Leave the photo as it is: the kernel of a camera that stands still."""
+def _unchanged(pyramid: Pyramid, whole: Camera, trust: float, note: str) -> BlindEstimate:
+    """Return the kernel of a still camera, which leaves the photo unchanged."""
     still = RotationKernel.delta(pyramid.camera)
     latent = latent_gradients(pyramid, still)
     kernel = RotationKernel.delta(whole, steps=grid_steps(whole))

@@ -1,18 +1,18 @@
-"""A judge between kernels: the better explains the photo by a simpler sharp picture.
+"""The judge compares kernels: a better kernel explains the photo by a simpler sharp picture.
 
 The energy of the L0 picture,
 
     E = mean min((A S - g)^2, lam) + lam #{grad S != 0} / N
 
-weighs how well a kernel explains the photo against how many edges it needs for that: a kernel too
-wide or too small needs more of them. The misfit of a pixel counts up to a bound, since lights and
-tone curves are beyond what any kernel explains. The margin of a kernel is its gain in ``-ln E``
-over a camera that stands still.
+has two terms: the misfit of the kernel, and the number of edges that the kernel needs. A kernel
+that is too wide or too small needs more edges. The misfit of a pixel is bounded, because no kernel
+explains lights and tone curves. The margin of a kernel is its gain in ``-ln E`` over a still
+camera.
 
-Dark photos of fine texture leave the energy silent: no kernel lowers it, though the restored
-picture is plainly sharper. There the normalised sparsity of the restored picture speaks,
-``nsp = |grad f|_1 / |grad f|_2`` (Krishnan, Tay & Fergus, CVPR 2011), which falls with sharpness
-and rises with ringing.
+In dark photos of fine texture no kernel lowers the energy, although the restored picture is
+sharper. For those photos the judge offers a second measure, the normalised sparsity of the restored
+picture, ``nsp = |grad f|_1 / |grad f|_2`` (Krishnan, Tay & Fergus, CVPR 2011). It falls with
+sharpness and rises with ringing.
 """
 
 from __future__ import annotations
@@ -38,27 +38,27 @@ __all__ = ["Judge"]
 
 Image = NDArray[np.float32]
 
-_LAM = 2e-3
-_BETA_MAX = 64.0
-_BETA_FIRST = 2.0  # of the pictures that only fill in what is around the tiles
-_LIVE = 1 / 64  # gradients whose square is above this share of lam are counted as edges
-_ROOM = 1.2  # times the reach of the widest kernel
-_BUDGET = Budget(0.12e6, 0.3e6)
-_LEAST_NOISE = 0.002  # in the contrast of the pyramid
-_POWER = 0.8  # of the gradients, in the restored picture's prior
-_PRIOR = 0.5  # its weight, in variances of the noise
-_PENALTIES = tuple(float(beta) for beta in np.geomspace(0.01, 0.5, 7))
-_TINY = 1e-6
-_FILL_AT = 4  # penalties in, when what is not known is filled in
+_LAM = 2e-3  # squared contrast of the pyramid: price of an edge pixel
+_BETA_MAX = 64.0  # weight of the split gradients, no unit: the last one
+_BETA_FIRST = 2.0  # the last one for pictures that only fill the room around the tiles
+_LIVE = 1 / 64  # share of lam; a gradient is an edge if its square exceeds it
+_ROOM = 1.2  # room around a tile, in reaches of the widest kernel
+_BUDGET = Budget(0.12e6, 0.3e6)  # pixels
+_LEAST_NOISE = 0.002  # contrast of the pyramid: standard deviation
+_POWER = 0.8  # exponent of the gradients in the prior of the restored picture
+_PRIOR = 0.5  # weight of that prior, in variances of the noise
+_PENALTIES = tuple(float(beta) for beta in np.geomspace(0.01, 0.5, 7))  # no unit
+_TINY = 1e-6  # contrast of the pyramid: a shorter gradient counts as this long
+_FILL_AT = 4  # index into the penalties, at which unknown pixels are filled
 
 
 class Judge:
-    """Tiles that kernels are compared on.
+    """Tiles for the comparison of kernels.
 
     Parameters
     ----------
     tiles : Tiles
-        Tiles of one scale, best none that the kernels were fitted to.
+        Tiles of one scale. They should not be the tiles that the kernels were fitted to.
 
     """
 
@@ -70,28 +70,31 @@ class Judge:
 
     @classmethod
     def of(cls, pyramid: Pyramid, level: int, kernels: Sequence[RotationKernel]) -> Judge:
-        """Make a judge with room for kernels, on tiles that are kept apart."""
+        """Make a judge on the tiles kept apart, with enough room for all kernels."""
         camera = pyramid.at(level).camera
         widest = max((kernel.for_camera(camera) for kernel in kernels), key=_reach)
         tiles = planned_tiles(pyramid, level, widest, part="apart", budget=_BUDGET, room=_ROOM)
         return cls(tiles)
 
     def margin(self, kernel: RotationKernel) -> float:
-        """How much better a kernel, for a photo of any size, is than a camera that stands still."""
+        """Return the gain of a kernel in ``-ln E`` over a still camera.
+
+        The kernel may be for the photo at any size.
+        """
         return self.still - self.energy(kernel)
 
     def energy(self, kernel: RotationKernel) -> float:
-        """``ln E`` of the L0 picture that a kernel leaves."""
+        """Return ``ln E`` of the L0 picture of a kernel."""
         self.tiles.bind(kernel.for_camera(self.tiles.camera), afresh=True)
         return float(np.log(self._energy()))
 
     def sharpening(self, kernel: RotationKernel) -> float:
-        """Gain in ``-ln nsp``, by how much sparser a kernel makes the photo's gradients."""
+        """Return the gain in ``-ln nsp``: how much sparser the restored picture's gradients are."""
         self.tiles.bind(kernel.for_camera(self.tiles.camera), afresh=True)
         return float(np.log(self.unrestored / self._ratio(self._restored())))
 
     def _energy(self) -> float:
-        """E of the L0 picture, the room around the tiles filled in on the way."""
+        """Return E of the L0 picture; fill the room around the tiles first."""
         tiles = self.tiles
         for _ in range(2):
             tiles.fill(l0_picture(tiles, 2 * _LAM, beta_max=_BETA_FIRST)[0])
@@ -103,7 +106,7 @@ class Judge:
         return float(misfit.mean() + _LAM * live[self.counted].mean())
 
     def _restored(self) -> Image:
-        """Restore under a sparse prior of gradients, ``sum |grad f|^0.8``."""
+        """Restore the tiles with a sparse prior of gradients, ``sum |grad f|^0.8``."""
         tiles = self.tiles
         length = length_of(*differences(tiles.g))[self.counted]
         noise = max(2 * noise_level(tiles.g.reshape(-1, tiles.block)), _LEAST_NOISE)
@@ -124,7 +127,7 @@ class Judge:
 
 
 def _shrunk(length: Image, step: float) -> Image:
-    """Share of gradients of a length that generalised shrinkage for ``step |h|^0.8`` leaves."""
+    """Return the share of each gradient that remains after shrinkage for ``step |h|^0.8``."""
     safe = np.maximum(length, np.float32(_TINY))
     share: Image = np.maximum(1 - np.float32(_POWER * step) * safe ** np.float32(_POWER - 2), 0)
     return share

@@ -1,7 +1,7 @@
-"""What is wrong with a kernel by its looks, whatever it does to the photo.
+"""Faults of a kernel that its shape alone shows, without the photo.
 
-A hand leads a camera along a path: its kernel hangs together, is wider than a point, and lies well
-within the bounds of the estimate.
+A hand moves a camera along a path. So a good kernel is connected, is wider than a point, and lies
+well within the bounds of the estimate.
 """
 
 from __future__ import annotations
@@ -32,58 +32,58 @@ TOUCHING = "the kernel touches its bounds: try a larger --blur-size"
 SCATTERED = "the kernel is scattered like noise: compare the result with the photo"
 FILLED = "the blur is filled like a disk: the photo is out of focus rather than shaken"
 
-_POINT = 0.9  # share of the weight within a step of the heaviest rotation that makes a point
-_OUTSIDE = 0.02  # share of the weight beyond the bound that calls for a larger one
-_WIDEST = 0.3  # of the shorter side: estimates without a bound go little further
-_PATH = 0.7  # share of the weight that hangs together, at least
-_DISK = 0.7  # of the cells of its spread that a filled kernel takes: disks .79 to .98, paths .56
-_LEAST_DISK = 0.65  # steps, standard deviation: less is a point
-_MOST_CELLS = 1 << 24  # of the grid that the rotations are laid out on
+_POINT = 0.9  # share of the weight within a step of the heaviest rotation; a point has more
+_OUTSIDE = 0.02  # share of the weight beyond the bound; with more the bound is too small
+_WIDEST = 0.3  # share of the shorter side: the bound if none is given
+_PATH = 0.7  # least share of the weight in the largest connected part
+_DISK = 0.7  # share of the cells of an even disk: disks take 0.79 to 0.98, paths 0.56
+_LEAST_DISK = 0.65  # grid steps, standard deviation; a smaller kernel is a point
+_MOST_CELLS = 1 << 24  # cells of the grid that holds all rotations
 
 
 def faults(kernel: RotationKernel, *, blur_px: float | None = None) -> list[str]:
-    """Tell what is wrong with an estimated kernel, in plain words.
+    """List the faults of an estimated kernel, in plain words.
 
     Parameters
     ----------
     kernel : RotationKernel
         The kernel, on the grid that it was estimated on, centred.
     blur_px : float, optional
-        Bound of the blur that was looked for, in pixels of the kernel's camera; by default most
-        of what is looked for where no bound is given.
+        Bound of the blur in the estimate, in pixels of the kernel's camera; by default 0.3 of the
+        frame's shorter side.
 
     Returns
     -------
     list of str
-        Of `COLLAPSED`, `TOUCHING`, `SCATTERED` and `FILLED`; empty if nothing is wrong.
+        Some of `COLLAPSED`, `TOUCHING`, `SCATTERED` and `FILLED`; empty without a fault.
 
     """
     if is_point(kernel):
         return [COLLAPSED]
-    found = []
+    result = []
     bound = _WIDEST * min(kernel.camera.shape) if blur_px is None else blur_px
-    # one step at least beyond the bound: estimates leave a little room
+    # at least one step beyond the bound: an estimate leaves a little room there
     half = bound / 2 * grid_steps(kernel.camera) + kernel.steps
     if kernel.weights[np.any(np.abs(kernel.theta) > half, 1)].sum() > _OUTSIDE:
-        found.append(TOUCHING)
+        result.append(TOUCHING)
     if _connected_share(kernel) < _PATH:
-        found.append(SCATTERED)
+        result.append(SCATTERED)
     if is_filled(kernel):
-        found.append(FILLED)
-    return found
+        result.append(FILLED)
+    return result
 
 
 def is_point(kernel: RotationKernel) -> bool:
-    """Tell whether nearly all weight lies within a step of the heaviest rotation."""
+    """Return whether nearly all weight lies within a step of the heaviest rotation."""
     from_heaviest = np.abs(kernel.theta - kernel.theta[np.argmax(kernel.weights)])
     near = np.all(from_heaviest < 1.5 * kernel.steps, 1)
     return bool(kernel.weights[near].sum() > _POINT)
 
 
 def spread_px(kernel: RotationKernel) -> float:
-    """Standard deviation of a kernel along its longest axis, in pixels of its camera.
+    """Return the standard deviation of a kernel along its longest axis, in pixels of its camera.
 
-    An even path as long as l has ``l / sqrt(12)``.
+    For an even path of length l this is ``l / sqrt(12)``.
     """
     moved = kernel.theta / grid_steps(kernel.camera)
     spread = np.cov(moved.T, aweights=kernel.weights, ddof=0)
@@ -91,11 +91,11 @@ def spread_px(kernel: RotationKernel) -> float:
 
 
 def is_filled(kernel: RotationKernel) -> bool:
-    """Tell whether a kernel fills a disk, as that of a lens out of focus does.
+    """Return whether a kernel fills a disk, as the kernel of a lens out of focus does.
 
-    A path of the same spread, however it winds, leaves most of the disk empty. An even disk, or a
-    Gaussian, of standard deviation s takes ``4 pi s^2`` cells, counted as ``1 / sum w^2``; along
-    the longest axis, any other shape takes fewer.
+    The test counts the cells that the kernel takes, as ``1 / sum w^2``. An even disk or a Gaussian
+    of standard deviation s takes ``4 pi s^2`` cells. Any other shape with the same longest axis
+    takes fewer: a path of the same spread leaves most of the disk empty.
     """
     places = kernel.indices[:, :2]
     low = places.min(0)
@@ -109,11 +109,11 @@ def is_filled(kernel: RotationKernel) -> bool:
     if longest < _LEAST_DISK**2:
         return False
     taken = 1 / float((cells**2).sum())
-    return taken > _DISK * 4 * np.pi * (longest + 1 / 12)  # a cell is no point
+    return taken > _DISK * 4 * np.pi * (longest + 1 / 12)  # 1/12: the variance within a cell
 
 
 def _connected_share(kernel: RotationKernel) -> float:
-    """Share of the weight in the largest part that hangs together, gaps of two steps bridged."""
+    """Return the share of weight in the largest connected part; gaps of two steps are bridged."""
     indices = kernel.indices - kernel.indices.min(0) + 1
     shape = tuple(indices.max(0) + 2)
     if np.prod(shape, dtype=np.float64) > _MOST_CELLS:

@@ -1,13 +1,13 @@
 """The kernel by least squares from edges: ``min |grad g - sum_k w_k W_k grad f|^2``, w >= 0.
 
-Written out, ``min w' G w / 2 - b' w`` with the Gram matrix G and the correlation b of the blurred
-gradients with the moved edges. Both are read off correlations of the tiles,
+This is ``min w' G w / 2 - b' w``. G is the Gram matrix, and b is the correlation of the blurred
+gradients with the moved edges. Both are samples of correlations of the tiles,
 
     b_k  = sum_t (grad g  corr  win_t grad f)(d_k(c_t))
     G_kl = sum_t (win_t grad f  corr  grad f)(d_l(c_t) - d_k(c_t))
 
-On a grid ``d_l - d_k`` is taken for the displacement of ``theta_l - theta_k``, so that G needs one
-number for each difference of indices.
+On a grid ``d_l - d_k`` is nearly the displacement by ``theta_l - theta_k``. With this approximation
+G needs one number for each difference of indices.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ __all__ = ["NormalEquations", "RotationGrid", "fitted_weights", "nonnegative"]
 Image = NDArray[np.float32]
 Vector = NDArray[np.float64]
 
-_RIDGE = 0.003  # of the energy of the edges
-_TEXTURE = 0.3  # of the mean square of the edges: variance of the gradients about them
-_MISFIT = 8.0  # variance of all that the model leaves unexplained, in variances of the noise
-_LEAST_NOISE = 0.002  # in the contrast of the pyramid
-_ISLAND = 0.03  # connected pieces of the kernel with less of its mass are noise
-_LEAST_ENERGY = 1e-9  # below that of any edge
-_LEAST_SUM = 1e-6  # of the weights, below which the edges explain nothing
-_ROUNDS = 6
-_STEPS = 50  # of a round
-_SLACK = 1e-5  # gradients below this share of the bound do not count
-_TINY = 1e-12
-_POWER_STEPS = 15
-_SMALL_CHANGE = 1e-6
+_RIDGE = 0.003  # share of the energy of the edges
+_TEXTURE = 0.3  # share of the edges' mean square: variance of the gradients about the edges
+_MISFIT = 8.0  # variance of all that the model does not explain, in variances of the noise
+_LEAST_NOISE = 0.002  # contrast of the pyramid: standard deviation
+_ISLAND = 0.03  # share of the kernel's weight; a connected piece with less is noise
+_LEAST_ENERGY = 1e-9  # squared contrast, summed over pixels; every edge has more
+_LEAST_SUM = 1e-6  # sum of the weights; below it the edges explain nothing
+_ROUNDS = 6  # choices of the free weights
+_STEPS = 50  # gradient steps in a round
+_SLACK = 1e-5  # share of the bound times the largest weight; smaller gradients count as zero
+_TINY = 1e-12  # weight; a stand-in for the largest weight if all are zero
+_POWER_STEPS = 15  # iterations of the power method
+_SMALL_CHANGE = 1e-6  # share of the largest weight; the weights are settled below it
 
 
 class NormalEquations(NamedTuple):
@@ -55,12 +55,12 @@ class NormalEquations(NamedTuple):
 
 
 class RotationGrid:
-    """Rotations on a grid, and where each of them moves the middles of tiles.
+    """Rotations on a grid, and the displacements of the tiles' middles by each rotation.
 
     Parameters
     ----------
     tiles : Tiles
-        The tiles; their room holds the displacement of every rotation.
+        The tiles. Their room holds the displacement of every rotation.
     indices : (K, 3) array of int
         The rotations, in grid steps.
     steps : (3,) array
@@ -72,20 +72,20 @@ class RotationGrid:
         self.tiles = tiles
         self.indices = indices
         lags, self._place = _index_differences(indices)
-        # edges against the photo at -d are the photo against edges at d
+        # the correlation of edges with the photo at -d is that of the photo with edges at d
         self._right = _gatherer(tiles, indices * steps, -1)
         self._gram = _gatherer(tiles, lags * steps, 1)
 
     def equations(self, edges: tuple[Image, Image], noise: float | None = None) -> NormalEquations:
-        """Set up the least squares of the kernel, summed over all tiles.
+        """Set up the least squares for the kernel, summed over all tiles.
 
         Parameters
         ----------
         edges : two (P, N, N) arrays
             Gradients of the sharp picture, across and down.
         noise : float, optional
-            Standard deviation of the photo's noise. With it the edges are taken for a mean, about
-            which the true gradients vary by what the photo leaves open; else they are certain.
+            Standard deviation of the photo's noise. With it the edges are the mean of the true
+            gradients, which have a posterior variance. Without it the edges are exact.
 
         """
         tiles = self.tiles
@@ -104,11 +104,11 @@ class RotationGrid:
         return NormalEquations((gram + gram.T) / 2, right.astype(np.float64), float(gram[0, 0]))
 
     def _open(self, edges: tuple[Image, Image], noise: float) -> Image:
-        """Power spectra (P, N, N // 2 + 1) of what the photo leaves open of the gradients.
+        """Return the posterior variance of the gradients, as power spectra (P, N, N // 2 + 1).
 
-        Their posterior variance, for texture that is white before anything is seen: where the
-        filter passes nothing, as at its zeros, it is that of the texture. Without it the least
-        squares take silence there for knowledge, and kernels drift towards a point.
+        The prior of the texture is white. At the zeros of the filter the photo says nothing, so
+        the posterior variance is that of the prior. Without this term the least squares treat the
+        gradients there as known to be zero, and kernels drift towards a point.
         """
         tiles = self.tiles
         pixels = tiles.middle.sum((1, 2))[:, None, None]
@@ -120,7 +120,7 @@ class RotationGrid:
 
 
 def _gatherer(tiles: Tiles, theta: Vector, sign: int) -> scipy.sparse.csr_array:
-    """Matrix that reads correlations (P, N, N) at the displacements by rotations, and adds up."""
+    """Return the matrix that samples correlations (P, N, N) at displacements and sums them."""
     moved = sign * displacements(homographies(tiles.camera, theta), tiles.centres)
     place, share = bilinear_taps(moved, (tiles.block, tiles.block))
     place += (np.arange(tiles.count) * tiles.block**2)[:, None, None]
@@ -137,10 +137,10 @@ def fitted_weights(
     *,
     cut: float,
 ) -> Vector:
-    """Solve for the weights, and drop what is likely to be noise.
+    """Solve for the weights, and discard those that are likely to be noise.
 
-    A ridge keeps them small, and the smaller the farther they roll: a roll moves little of the
-    picture, and what it explains is easily chance.
+    A ridge keeps the weights small. It grows with the roll of a rotation: a roll moves little of
+    the picture, so chance easily explains as much as a roll does.
 
     Parameters
     ----------
@@ -149,9 +149,9 @@ def fitted_weights(
     indices : (K, 3) array of int
         The rotations, in grid steps.
     weights : (K,) array
-        The weights so far; they are returned where there are no edges to go by.
+        The current weights. They are returned unchanged if there are no edges.
     cut : float
-        The smallest weights that together hold less than this share are dropped.
+        The smallest weights that together hold less than this share are discarded.
 
     Returns
     -------
@@ -163,10 +163,10 @@ def fitted_weights(
         return weights
     roll = indices[:, 2] - weights @ indices[:, 2]
     ridge = _RIDGE * (1 + roll**2)
-    found = nonnegative(fit.gram / fit.energy + np.diag(ridge), fit.right / fit.energy, weights)
-    if not found.sum() > _LEAST_SUM:
+    solution = nonnegative(fit.gram / fit.energy + np.diag(ridge), fit.right / fit.energy, weights)
+    if not solution.sum() > _LEAST_SUM:
         return weights
-    kept = _without_islands(indices, without_light(found, cut))
+    kept = _without_islands(indices, without_light(solution, cut))
     normed: Vector = kept / kept.sum()
     return normed
 
@@ -174,8 +174,8 @@ def fitted_weights(
 def nonnegative(gram: Vector, right: Vector, start: Vector) -> Vector:
     """Minimise ``w' G w / 2 - b' w`` over w >= 0 by accelerated projected gradients.
 
-    Most weights end at zero. Every few steps those that stay there are set aside, until the
-    gradient asks for them again.
+    Most weights end at zero. After each round the solver sets the zero weights aside. It uses such
+    a weight again as soon as its gradient is negative.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def nonnegative(gram: Vector, right: Vector, start: Vector) -> Vector:
     right : (K,) array
         b.
     start : (K,) array
-        Where to begin.
+        The first weights.
 
     """
     v = np.random.default_rng(0).random(len(right))
@@ -212,11 +212,11 @@ def nonnegative(gram: Vector, right: Vector, start: Vector) -> Vector:
 
 
 def _descended(gram: Vector, right: Vector, start: Vector, bound: float) -> tuple[Vector, bool]:
-    """Take some steps; whether the weights have settled."""
+    """Take some steps; return the weights, and whether they are settled."""
     w, ahead, momentum = start.copy(), start.copy(), 1.0
     for _ in range(_STEPS):
         new = np.maximum(ahead - (gram @ ahead - right) / bound, 0)
-        if np.dot(ahead - new, new - w) > 0:  # it overshot: begin again from here
+        if np.dot(ahead - new, new - w) > 0:  # the step is too long: restart the momentum here
             momentum, ahead = 1.0, w.copy()
             continue
         change = np.abs(new - w).max(initial=0)
@@ -231,7 +231,7 @@ def _descended(gram: Vector, right: Vector, start: Vector, bound: float) -> tupl
 def _index_differences(
     indices: NDArray[np.int64],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Distinct differences l - k of indices, and where each pair's (k, l) is among them."""
+    """Return the distinct differences l - k of indices, and the place of each pair (k, l) there."""
     span = np.ptp(indices, axis=0)
     base = 2 * span + 1
     shifted = indices - indices.min(0)
@@ -248,7 +248,7 @@ def _index_differences(
 
 
 def _without_islands(indices: NDArray[np.int64], weights: Vector) -> Vector:
-    """Drop the connected pieces of the kernel that hold little of its mass."""
+    """Discard the connected pieces of the kernel that hold little of its weight."""
     low = indices.min(0)
     box = np.zeros(indices.max(0) - low + 1)
     place = tuple((indices - low).T)

@@ -1,4 +1,4 @@
-"""The sharp picture that goes with a kernel, as gradients over the whole frame (Fig. 4)."""
+"""The sharp picture that belongs to a kernel, as gradients over the whole frame (Fig. 4)."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ if TYPE_CHECKING:
 
 __all__ = ["latent_gradients"]
 
-_LARGEST = 0.35e6  # pixels of the frame
-_WIDEST = 41.0  # px of the kernel
-_PRICE = 2e-3  # of an edge
+_LARGEST = 0.35e6  # pixels of the frame at that scale
+_WIDEST = 41.0  # px of that scale: extent of the kernel
+_PRICE = 2e-3  # squared contrast of the pyramid: price of an edge pixel
 
 
 def latent_gradients(pyramid: Pyramid, kernel: RotationKernel) -> NDArray[np.float32]:
-    """Estimate the sharp picture of a kernel from edges, at a scale where that takes a second.
+    """Estimate the sharp picture of a kernel from edges, at a scale that takes about a second.
 
     Parameters
     ----------
     pyramid : Pyramid
         The photo.
     kernel : RotationKernel
-        For the camera of the photo.
+        A kernel for the camera of the photo.
 
     Returns
     -------
@@ -45,10 +45,10 @@ def latent_gradients(pyramid: Pyramid, kernel: RotationKernel) -> NDArray[np.flo
     ):
         level += 1
     scale = pyramid.at(level)
-    seen = kernel.for_camera(scale.camera)
+    scaled = kernel.for_camera(scale.camera)
     everything = Budget(0.0, float(scale.picture.size))
-    tiles = planned_tiles(pyramid, level, seen, part="all", budget=everything)
-    tiles.bind(seen)
+    tiles = planned_tiles(pyramid, level, scaled, part="all", budget=everything)
+    tiles.bind(scaled)
     for _ in range(2):
         picture, _, _ = l0_picture(tiles, _PRICE)
         tiles.fill(picture)

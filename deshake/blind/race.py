@@ -1,13 +1,14 @@
-"""The race between starts: a kernel from every first scale, the best ones refined, one kept.
+"""The race: candidates from several first scales; the best are refined, and one is kept.
 
-A shake is found from a scale where it is a few pixels wide, and nobody knows which that is. So
-candidates start at every second scale, and each goes on to the finest scale that it can reach. Then
-two witnesses are heard: the judge, on tiles that no candidate saw, and the other candidates, since
-kernels that agree from independent starts are seldom wrong. The best are refined, with roll and
-without, and are compared once more.
+An estimate needs a first scale where the shake is a few pixels wide. This scale is unknown. So
+candidates start at every second scale, and each continues to the finest scale that it can reach.
+Two measures then compare the kernels. One is the margin of the judge, on tiles that no candidate
+used. The other is the agreement with the kernels of other starts, because kernels that agree from
+independent starts are seldom wrong. The best kernels are refined, with roll and without, and are
+compared again.
 
-The two finest starts run first. Where both end in a small round spot, the photo was not shaken, and
-the race is called off.
+The two finest starts run first. If both end in a small round spot, the photo was not shaken, and
+the race stops.
 """
 
 from __future__ import annotations
@@ -34,29 +35,29 @@ if TYPE_CHECKING:
 
 __all__ = ["Entry", "Finish", "race"]
 
-_COARSEST_START = 11
-_OWN_WIDTH = 8.0  # px of a kernel at the scale where it is judged by itself
-_COMMON_WIDTH = 28.0  # px of kernels at the scale where they are judged side by side
-_WIDE = 0.6  # quantile of the kernels' widths that decides on that scale
-_WIDEST_OF_MOST = 0.9  # quantile, for photos of which the energy says nothing
-_SILENT = 0.015  # margin that no kernel reaches there
-_MOST_LOSS = 0.05  # of energy
-_SHARPENING_WORTH = 0.6  # of margin, for a gain of 1 in -ln nsp
-_WIDEST = 48.0  # px at that scale: wider kernels are out
-_REFINED = 3  # starts
-_COMPARED = 6  # kernels, side by side
-_SNAPSHOTS = 2  # of a candidate's last scales
-_AGREEMENT_WORTH = 0.2  # of margin, for an agreement of 1
-_AGREEING = 3  # neighbours that a kernel is compared with
-_REFINEMENT = Refinement(2e-3)
-_OTHER_REFINEMENT = Refinement(1e-2)  # that the winner is tried with
-_PATH_REFINEMENT = Refinement(2e-3, iterations=4, cut=0.01, room=False)  # of a thin path
-_WIDE_PATH = 1.4  # grid steps
-_UNIFORM_REFINEMENT = Refinement(1e-3)
-_COLLAPSED = 10.0  # taken off a small round spot: other starts found more
-_ROLL_WORTH = 0.003  # of margin, that roll must bring
-_LEAST_WIDTH = 2.5  # px at its scale, below which a kernel is a point and not refined
-_FAINT = 0.05  # of the weight, that does not make a kernel wider
+_COARSEST_START = 11  # index of a scale
+_OWN_WIDTH = 8.0  # px of a kernel at the scale of its own judgement
+_COMMON_WIDTH = 28.0  # px of the kernels at the scale of a common comparison
+_WIDE = 0.6  # quantile of the kernels' widths; it sets the scale of a common comparison
+_WIDEST_OF_MOST = 0.9  # the same quantile, if the energy shows no difference between kernels
+_SILENT = 0.015  # margin; if no kernel reaches it, the energy shows no difference
+_MOST_LOSS = 0.05  # margin: largest loss that a comparison by sharpness counts
+_SHARPENING_WORTH = 0.6  # margin per gain of 1 in -ln nsp
+_WIDEST = 48.0  # px at the scale of a common comparison; wider kernels are not compared
+_REFINED = 3  # number of starts
+_COMPARED = 6  # number of kernels in a common comparison
+_SNAPSHOTS = 2  # number of last scales of a candidate whose kernels are kept
+_AGREEMENT_WORTH = 0.2  # margin per agreement of 1
+_AGREEING = 3  # number of nearest kernels in the mean agreement
+_REFINEMENT = Refinement(2e-3)  # price in squared contrast of the pyramid
+_OTHER_REFINEMENT = Refinement(1e-2)  # the same, a second try for the winner
+_PATH_REFINEMENT = Refinement(2e-3, iterations=4, cut=0.01, room=False)  # the same, a thin path
+_WIDE_PATH = 1.4  # grid steps: width of the neighbourhood on a thin path
+_UNIFORM_REFINEMENT = Refinement(1e-3)  # the same price, for the uniform model
+_COLLAPSED = 10.0  # margin: penalty of a small round spot, larger than any gain
+_ROLL_WORTH = 0.003  # margin: least gain that justifies a kernel with roll
+_LEAST_WIDTH = 2.5  # px of the kernel's scale; a narrower kernel is a point and is not refined
+_FAINT = 0.05  # share of the kernel's weight that its width does not count
 
 
 class Entry(NamedTuple):
@@ -65,11 +66,11 @@ class Entry(NamedTuple):
     Parameters
     ----------
     name : str
-        Where it comes from.
+        Origin of the kernel, for the log.
     start, level : int
-        The scales that it was begun and estimated at.
+        Index of its first scale, and of the scale of its estimate.
     kernel : RotationKernel
-        For the camera of the photo, centred.
+        The kernel, for the camera of the photo, centred.
 
     """
 
@@ -80,18 +81,18 @@ class Entry(NamedTuple):
 
 
 class Finish(NamedTuple):
-    """How a race ended.
+    """The result of a race.
 
     Parameters
     ----------
     winner : Entry
         The best kernel.
     margin : float
-        How much better the judge finds it than a camera that stands still.
+        Margin of the winner: its gain in the judge's ``-ln E`` over a still camera.
     agreement : float
-        Mean agreement of the winner with the two nearest kernels of other starts, 0..1.
+        Mean agreement of the winner with the nearest kernels of other starts, 0..1.
     at_rest : bool
-        Whether the race was called off: the winner is a small round spot.
+        Whether the race stopped early, because the winner is a small round spot.
 
     """
 
@@ -122,51 +123,51 @@ def race(
     bound : float, optional
         Largest extent of the kernel in pixels of the photo.
     quick : bool
-        Whether only the best start is continued, and nothing is refined.
+        Whether to return the best kernel of the starts without any refinement.
     may_rest : bool
-        Whether the race is called off where the finest starts leave a spot. Wide shakes may leave
-        one, too: the photo must look fairly sharp.
+        Whether the race may stop early if the finest starts end in a spot. A wide shake may end in
+        a spot, too. So this is only safe if the photo looks fairly sharp.
     threads : int
         Threads to use. The result does not depend on it.
     progress : callable, optional
-        Called with the share done, 0..1, and a text.
+        Called with the share of the work done, 0..1, and a text.
 
     """
     course = _Course(pyramid, axes, bound, threads, progress or (lambda _share, _text: None))
     starts = list(range(min(pyramid.coarsest, _COARSEST_START), 0, -2))[::-1] or [0]
-    found = course.run(starts[:2], 0.0, 0.15)
-    if may_rest and all(is_spot(e.kernel) and e.level == 0 for e in _last(found)):
+    entries = course.run(starts[:2], 0.0, 0.15)
+    if may_rest and all(is_spot(e.kernel) and e.level == 0 for e in _last(entries)):
         course.progress(1.0, "the photo is not shaken")
-        return Finish(_last(found)[0], 0.0, 1.0, at_rest=True)
-    found += course.run(starts[2:], 0.15, 0.5)
-    chances = course.chances(found, found)
-    order = [found[i] for i in np.argsort(-chances, kind="stable")]
+        return Finish(_last(entries)[0], 0.0, 1.0, at_rest=True)
+    entries += course.run(starts[2:], 0.15, 0.5)
+    chances = course.chances(entries, entries)
+    order = [entries[i] for i in np.argsort(-chances, kind="stable")]
     winner = order[0]
     if not quick:
         best = dict.fromkeys(entry.start for entry in order)
-        ends = _last(found)
+        ends = _last(entries)
         taken = [e for e in ends if e.start in list(best)[:_REFINED]]
         taken = [e for e in taken if not is_spot(e.kernel)] or taken
         finals = course.refined(taken, 0.5, 0.85)
-        finals += [e for e in found if e.start in {one.start for one in taken}]
-        found += finals
-        chances = course.chances(finals, found)
+        finals += [e for e in entries if e.start in {one.start for one in taken}]
+        entries += finals
+        chances = course.chances(finals, entries)
         compared = np.argsort(-chances, kind="stable")[:_COMPARED]
         finals, chances = [finals[i] for i in compared], chances[compared]
         compare = course.side_by_side
         margins = compare(finals)
         if margins.max() < _SILENT:
-            finals, compare = found, course.by_sharpness
-            chances = _AGREEMENT_WORTH * np.array([_nearest(entry, found) for entry in found])
-            margins = compare(found)
+            finals, compare = entries, course.by_sharpness
+            chances = _AGREEMENT_WORTH * np.array([_nearest(entry, entries) for entry in entries])
+            margins = compare(entries)
         winner = course.polished(finals[int(np.argmax(chances + margins))], ends, compare)
     margin = float(course.margins([winner])[0])
     course.progress(1.0, "kernel estimated")
-    return Finish(winner, margin, _nearest(winner, found), at_rest=False)
+    return Finish(winner, margin, _nearest(winner, entries), at_rest=False)
 
 
 class _Course:
-    """What all steps of a race share."""
+    """The photo and the settings that all steps of a race share."""
 
     def __init__(
         self,
@@ -183,15 +184,15 @@ class _Course:
         self.progress = progress
 
     def run(self, starts: Sequence[int], since: float, until: float) -> list[Entry]:
-        """Work candidates to their ends; the kernels of their last scales."""
+        """Run candidates to their finest scales; return the kernels of their last scales."""
         entries: list[Entry] = []
-        for done, (_, found) in enumerate(in_order(self._run, starts, self.threads), 1):
-            entries += found
+        for done, (_, new) in enumerate(in_order(self._run, starts, self.threads), 1):
+            entries += new
             self.progress(since + (until - since) * done / len(starts), "starts")
         return entries
 
     def chances(self, entries: Sequence[Entry], known: Sequence[Entry]) -> NDArray[np.float64]:
-        """Hear both witnesses: each kernel's margin, and how well it agrees with what is known."""
+        """Return the score of each kernel: its margin, and its agreement with the known kernels."""
         alike = np.array([_nearest(entry, known) for entry in entries])
         collapsed = np.array([is_spot(entry.kernel) for entry in entries])
         chances: NDArray[np.float64] = (
@@ -207,18 +208,18 @@ class _Course:
         if self.axes[2]:
             flat = (self.axes[0], self.axes[1], False)
             jobs += [(entry, how, flat) for entry in entries for how in ways]
-        found = []
+        results = []
         work = in_order(lambda job: self._refined(*job), jobs, self.threads)
         for done, (_, entry) in enumerate(work, 1):
-            found.append(entry)
+            results.append(entry)
             self.progress(since + (until - since) * done / len(jobs), "refinement")
-        return found
+        return results
 
     def margins(self, entries: Sequence[Entry]) -> NDArray[np.float64]:
-        """Margins of kernels, each at the scale where it is a few pixels wide.
+        """Return the margins of kernels, each at the scale where it is a few pixels wide.
 
-        There a kernel that is too narrow has nothing to gain, and one too wide loses: no other
-        kernel's width decides on where to look.
+        At that scale a kernel that is too narrow gains nothing, and one that is too wide loses.
+        The width of other kernels has no influence on the scale.
         """
         levels = np.array([self._level(_width(entry), _OWN_WIDTH) for entry in entries])
         margins = np.empty(len(entries))
@@ -228,13 +229,14 @@ class _Course:
         return margins
 
     def side_by_side(self, entries: Sequence[Entry]) -> NDArray[np.float64]:
-        """Margins of kernels at one scale, where most of them are well resolved."""
+        """Return the margins of kernels at one scale that resolves most of them well."""
         return self._compared(entries, _WIDE, self._judged)
 
     def by_sharpness(self, entries: Sequence[Entry]) -> NDArray[np.float64]:
-        """How much sharper kernels make the photo, at one scale; a loss of energy counts little.
+        """Return scores of kernels at one scale by the sharpness of the restored picture.
 
-        For photos of which the energy says nothing: fine texture costs the true kernel some.
+        This is for photos whose energy shows no difference between kernels. In fine texture the
+        true kernel may lose some margin, so a loss counts only up to a bound.
         """
 
         def score(judge: Judge, entry: Entry) -> float:
@@ -253,7 +255,7 @@ class _Course:
         quantile: float,
         scores: Callable[[Sequence[Entry], int], NDArray[np.float64]],
     ) -> NDArray[np.float64]:
-        """Scores of kernels at the scale where those of a quantile of the widths are resolved."""
+        """Return scores of kernels at the scale that a quantile of their widths sets."""
         widths = np.array([_width(entry) for entry in entries])
         level = self._level(float(np.quantile(widths, quantile)), _COMMON_WIDTH)
         shrink = self.pyramid.at(level).camera.width / self.pyramid.camera.width
@@ -264,7 +266,7 @@ class _Course:
         return compared - _COLLAPSED * np.array([is_spot(entry.kernel) for entry in entries])
 
     def _level(self, width: float, wanted: float) -> int:
-        """Return the scale at which so many pixels of the photo are as many as wanted."""
+        """Return the scale that reduces a width in pixels of the photo to the wanted width."""
         level = np.ceil(2 * np.log2(max(width / wanted, 1e-9)))
         return int(np.clip(level, 0, self.pyramid.coarsest))
 
@@ -281,7 +283,7 @@ class _Course:
         sources: Sequence[Entry],
         compare: Callable[[Sequence[Entry]], NDArray[np.float64]],
     ) -> Entry:
-        """Refine what the winner came from by other edges, thin it, and return the best."""
+        """Try other edges and thin paths for the winner; return the best kernel of them all."""
         source = next(entry for entry in sources if entry.start == winner.start)
         flat = not winner.kernel.theta[:, 2].any()
         axes = (self.axes[0], self.axes[1], self.axes[2] and not flat)
@@ -291,7 +293,7 @@ class _Course:
         return entries[int(np.argmax(compare(entries)))]
 
     def _run(self, start: int) -> list[Entry]:
-        """Work one start to its end."""
+        """Run one start to its finest scale; return the kernels of its last scales."""
         run = Candidate(self.pyramid, start, axes=self.axes, bound=self.bound)
         entries = []
         while run.advance():
@@ -312,19 +314,19 @@ class _Course:
 
 
 def _width(entry: Entry) -> float:
-    """Width of a kernel in pixels of the photo."""
+    """Return the width of a kernel in pixels of the photo."""
     return heaviest(entry.kernel, _FAINT).extent_px()
 
 
 def _nearest(entry: Entry, known: Sequence[Entry]) -> float:
-    """Mean agreement of a kernel with the nearest ones of other starts."""
+    """Return the mean agreement of a kernel with the nearest kernels of other starts."""
     others = [one.kernel for one in known if one.start != entry.start]
     alike = sorted((agreement(entry.kernel, other) for other in others), reverse=True)
     return float(np.mean(alike[:_AGREEING] or [0.0]))
 
 
 def _thin(entry: Entry, width: float = 1.0) -> Entry:
-    """Take the thickness off a kernel."""
+    """Reduce a kernel to a thin path."""
     return entry._replace(name=f"{entry.name}, thin", kernel=thinned(entry.kernel, width))
 
 

@@ -1,4 +1,4 @@
-"""What a blind estimate returns: a kernel, and how far to trust it."""
+"""The result of a blind estimate: a kernel and its confidence."""
 
 from __future__ import annotations
 
@@ -19,24 +19,25 @@ Image = NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class BlindEstimate:
-    """A blur kernel and how far to trust it.
+    """A blur kernel and its confidence.
 
     Parameters
     ----------
     kernel : RotationKernel
         The kernel, for the camera of the whole photo.
     confidence : float
-        Agreement of the last two scales, 0..1: the cosine between their kernels, less the weight
-        that lies on the bounds. It is not calibrated against known truth.
+        The confidence, 0..1. From edges it is the estimated chance that the kernel improves the
+        photo. From the variational inference it is the agreement of the last two scales: the cosine
+        between their kernels, less the weight on the bounds. That value is not calibrated.
     notes : list of str
-        What the user should know, in plain words.
+        Notes for the user, in plain words.
     scales : list of ScaleReport
-        From coarse to fine.
+        Reports of the scales, from coarse to fine.
     latent : (2, h, w) array of float32
-        The sharp photo's gradients, or the region's: differences to the right and to the lower
-        neighbour, in linear light, at the size last worked on, in the kernel's frame.
+        Gradients of the sharp photo, or of the region: differences to the right and to the lower
+        neighbour, in linear light, at the size of the last scale, in the kernel's frame.
     name : str
-        What estimated it.
+        Name of the estimate.
 
     """
 

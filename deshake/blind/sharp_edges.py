@@ -1,9 +1,9 @@
 """Latent pictures of sharp edges only: L0 gradients, and the shock filter.
 
-The picture S that a kernel is estimated from need not be right, only its strong edges. It is the
-minimum of ``|A S - g|^2 + lam #{grad S != 0}`` (Xu, Zheng & Jia, CVPR 2013) by half-quadratic
-splitting: gradients h of S below ``lam / beta`` are set to zero, S is solved for near h, and beta
-grows.
+The kernel is estimated from a picture S. Only the strong edges of S must be right. S minimises
+``|A S - g|^2 + lam #{grad S != 0}`` (Xu, Zheng & Jia, CVPR 2013) by half-quadratic splitting. Each
+step sets those gradients h of S to zero whose square is below ``lam / beta``, solves for an S whose
+gradients are near h, and increases beta.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ __all__ = ["Edges", "l0_picture", "latent_edges", "shocked"]
 Image = NDArray[np.float32]
 Edges = Literal["shock", "l0", "strong"]
 
-BETA_MAX = 16.0
-_GROWTH = 2.83  # of beta
-_SHOCK_STEPS = 2
-_SHOCK_TIME = 0.5
-_SHOCK_SIGMA = 1.0  # px
-_SHOCK_FLOOR = 0.25  # gradients whose square is below this share of lam do not count
+BETA_MAX = 16.0  # weight of the split gradients, no unit: the last one
+_GROWTH = 2.83  # factor of beta between two steps
+_SHOCK_STEPS = 2  # iterations of the shock filter
+_SHOCK_TIME = 0.5  # px: length dt of a step of the shock filter
+_SHOCK_SIGMA = 1.0  # px of the scale: standard deviation of the smoothing
+_SHOCK_FLOOR = 0.25  # share of lam; a gradient whose square is smaller does not count
 
 
 def l0_picture(
@@ -40,16 +40,16 @@ def l0_picture(
     Parameters
     ----------
     tiles : Tiles
-        With a kernel.
+        Tiles that are bound to a kernel.
     lam : float
-        Price of a pixel whose gradient is not zero, in the contrast of the pyramid.
+        Price of a pixel whose gradient is not zero, in squared contrast of the pyramid.
     beta_max : float
         Largest weight of the split gradients.
 
     Returns
     -------
     picture, across, down : (P, N, N) arrays
-        S, and its gradients without the small ones.
+        S, and its gradients, the small ones set to zero.
 
     """
     data = tiles.data()
@@ -63,17 +63,17 @@ def l0_picture(
 
 
 def latent_edges(tiles: Tiles, lam: float, kind: Edges) -> tuple[Image, Image]:
-    """Estimate the latent picture, fill in what is not believed, and return the edges that count.
+    """Estimate the latent picture, fill in the unknown pixels, and return the strong edges.
 
     Parameters
     ----------
     tiles : Tiles
-        With a kernel.
+        Tiles that are bound to a kernel.
     lam : float
-        Price of an edge.
+        Price of an edge pixel, in squared contrast of the pyramid.
     kind : {"shock", "l0", "strong"}
-        Edges sharpened by the shock filter, those of the split gradients, or those of the latent
-        picture that are worth their price.
+        Which edges: those that the shock filter sharpens, the split gradients, or the gradients of
+        the latent picture whose square exceeds the price.
 
     """
     picture, across, down = l0_picture(tiles, lam)
@@ -88,9 +88,9 @@ def latent_edges(tiles: Tiles, lam: float, kind: Edges) -> tuple[Image, Image]:
 def shocked(blocks: Image) -> Image:
     """Sharpen the edges of blocks (P, N, N) by two steps of the shock filter (Osher & Rudin 1990).
 
-    ``S <- S - dt sign(L) |grad S|`` with L the second derivative along the gradient of the
-    smoothed picture and minmod differences. Blocks are worked on as one tall picture: what crosses
-    from one to the next stays within the outermost pixels, which do not count.
+    ``S <- S - dt sign(L) |grad S|`` with minmod differences. L is the second derivative of the
+    smoothed picture along its gradient. The filter treats the blocks as one tall picture. So
+    neighbouring blocks affect each other, but only at the outermost pixels, which do not count.
     """
     picture = blocks.reshape(-1, blocks.shape[-1])
     for _ in range(_SHOCK_STEPS):
@@ -107,7 +107,7 @@ def shocked(blocks: Image) -> Image:
 
 
 def _minmod(a: Image, b: Image) -> Image:
-    """Return the smaller of two differences, or zero where they disagree in sign."""
+    """Return the smaller of two differences, or zero if their signs differ."""
     smaller: Image = np.minimum(np.abs(a), np.abs(b))
     smaller *= (a * b) > 0
     return smaller

@@ -1,10 +1,11 @@
-"""Whether a photo is sharp as it is, by its steepest edges, before anything is estimated.
+"""Measure the sharpness of a photo by its steepest edges, before any estimate.
 
-An edge as wide as a pixel is as steep at half the size of a photo as at the whole; one that is
-wider becomes steeper, at most twice as steep. The measure is the ratio of the steepest differences
-along a direction, those that 1 % of them exceed, in the direction where it is least, since a pan
-leaves sharp what runs along with it: near to one for sharp photos, one half for blurred ones. What
-noise adds is taken off. It is measured on the tiles that are in focus, at the finest scales.
+The measure compares the photo with itself at half the size. An edge as wide as a pixel is equally
+steep at both sizes. A wider edge is steeper at half the size, at most twice as steep. The
+steepness of a photo along a direction is the 99 % quantile of its differences, without the part
+of the noise. The sharpness is the ratio of the two steepnesses: near one for sharp photos, near one
+half for blurred ones. It is the least ratio over four directions, because a pan keeps the edges
+along its direction sharp. Only tiles in focus count, at the finest scales.
 """
 
 from __future__ import annotations
@@ -26,25 +27,25 @@ __all__ = ["looks_sharp", "sharpness"]
 
 Image = NDArray[np.float32]
 
-_STRONGEST = 0.99  # quantile
-_OF_NOISE = 2.576 * math.sqrt(2)  # that quantile of differences between two pixels of unit noise
-_TILE = 128  # px
-_TILES = 16
-_BLUR = 3.0  # px, of the edges that tiles are chosen for
+_STRONGEST = 0.99  # quantile of the differences
+_OF_NOISE = 2.576 * math.sqrt(2)  # that quantile between two pixels of unit noise
+_TILE = 128  # px of the scale: side of a tile
+_TILES = 16  # largest number of tiles
+_BLUR = 3.0  # px of the scale: width of the blur for the choice of tiles
 _SHARP = (0.72, 0.65, 0.6)
-"""Least sharpness of sharp photos at the three finest scales. Of 43 simulated shakes from 3 px on
-none has all of them; 5 of 10 sharp photos do, and the others are recognised by their kernels."""
-_FLAT = 1e-6
+"""Least sharpness of a sharp photo at the three finest scales, no unit. Of 43 simulated shakes of 3
+px and more, none exceeds all three; 5 of 10 sharp photos do. The kernel identifies the others."""
+_FLAT = 1e-6  # difference of display values, 0..1; a flat photo has less
 
 
 def looks_sharp(pyramid: Pyramid) -> bool:
-    """Tell whether a photo is sharp to the pixel, and so was not shaken."""
+    """Return whether a photo is sharp to the pixel, and so was not shaken."""
     scales = range(min(len(_SHARP), pyramid.coarsest + 1))
     return all(sharpness(pyramid, level) > _SHARP[level] for level in scales)
 
 
 def sharpness(pyramid: Pyramid, level: int) -> float:
-    """Measure how sharp a photo is at a scale, about 0.5..1.
+    """Measure the sharpness of a photo at a scale, about 0.5..1.
 
     Parameters
     ----------
@@ -56,12 +57,12 @@ def sharpness(pyramid: Pyramid, level: int) -> float:
     Returns
     -------
     float
-        Ratio of its differences to those at half the size; 0 if it is flat in some direction, or
-        as noisy as its edges are steep.
+        Ratio of the steepness to that at half the size; 0 if the photo is flat in a direction, or
+        if its noise is as large as its steepest differences.
 
     """
     blocks = [
-        np.sqrt(np.clip(block, 0, 1))  # about as it is displayed: lights are not all that counts
+        np.sqrt(np.clip(block, 0, 1))  # near display values, so that lights do not dominate
         for block in _blocks(pyramid, level)
     ]
     halves = [
@@ -74,7 +75,7 @@ def sharpness(pyramid: Pyramid, level: int) -> float:
 
 
 def _blocks(pyramid: Pyramid, level: int) -> list[Image]:
-    """Pixels of the tiles that are in focus, or all of a small photo."""
+    """Return the pixels of the tiles in focus, or all pixels of a small photo."""
     picture = pyramid.at(level).picture
     if min(picture.shape) < _TILE or picture.size < _TILES * _TILE**2:
         return [picture]
@@ -83,17 +84,17 @@ def _blocks(pyramid: Pyramid, level: int) -> list[Image]:
 
 
 def _steepness(blocks: list[Image], noise: float) -> list[float]:
-    """Steepest differences to the right, down, and along both diagonals, without the noise's."""
+    """Return the steepness to the right, down, and along both diagonals, without the noise."""
     steps: list[list[Image]] = [[], [], [], []]
     for block in blocks:
         corner = block[:-1, :-1]
-        found = (
+        differences = (
             block[:-1, 1:] - corner,
             block[1:, :-1] - corner,
             block[1:, 1:] - corner,
             block[1:, :-1] - block[:-1, 1:],
         )
-        for kept, step in zip(steps, found, strict=True):
+        for kept, step in zip(steps, differences, strict=True):
             kept.append(np.abs(step).ravel())
     steepest = (float(np.quantile(np.concatenate(step), _STRONGEST)) for step in steps)
     return [math.sqrt(max(step**2 - (_OF_NOISE * noise) ** 2, 0.0)) for step in steepest]

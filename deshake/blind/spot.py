@@ -1,4 +1,4 @@
-"""Whether a kernel is a small round spot: a lens a little soft, not a camera that turned."""
+"""The test for a small round spot: the kernel of a soft lens, not of a shaken camera."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 
 __all__ = ["axes_px", "is_spot"]
 
-_SMALL = 1.3  # px, standard deviation along the longer axis
-_ROUND = 0.6  # shorter axis over the longer one
-_FAINT = 0.2  # of the weight, that does not count
-_POINT = 0.7  # px: so small a kernel is a point, whatever its shape
+_SMALL = 1.3  # px of the photo: standard deviation along the longer axis
+_ROUND = 0.6  # ratio of the shorter axis to the longer one
+_FAINT = 0.2  # share of the kernel's weight that does not count
+_POINT = 0.7  # px of the photo: a kernel this small is a point, whatever its shape
 
 
 def axes_px(kernel: RotationKernel) -> tuple[float, float]:
-    """Standard deviations of a kernel about X and Y along its longer and its shorter axis, px."""
+    """Return the standard deviations (px) of the rotations about X and Y, longer axis first."""
     moved = (kernel.theta / grid_steps(kernel.camera))[:, :2]
     spread = np.cov(moved.T, aweights=kernel.weights, ddof=0)
     shorter, longer = np.sqrt(np.maximum(np.linalg.eigvalsh(spread), 0))
@@ -29,10 +29,10 @@ def axes_px(kernel: RotationKernel) -> tuple[float, float]:
 
 
 def is_spot(kernel: RotationKernel) -> bool:
-    """Tell whether a kernel is a small round spot, in pixels of its camera's photo.
+    """Return whether a kernel is a small round spot, in pixels of its camera's photo.
 
-    Sharp and soft photos leave spots of 0 to 1.3 px; of 43 simulated hand shakes from 3 px on, none
-    does from both of the two finest starts.
+    Sharp and soft photos give spots of 0 to 1.3 px. Of 43 simulated hand shakes of 3 px and more,
+    none gives a spot from both of the two finest starts.
     """
     longer, shorter = axes_px(heaviest(kernel, _FAINT))
     return longer <= _POINT or (longer <= _SMALL and shorter >= _ROUND * longer)

@@ -1,10 +1,11 @@
-"""Which tiles of a photo say most about the camera's rotations.
+"""The choice of tiles that are most informative about the camera's rotations.
 
-What a tile says is the Fisher information of its edges about (theta_X, theta_Y, theta_Z): the
-structure tensor of edges that are longer than the blur is wide (Xu & Jia, ECCV 2010), each counted
-up to a bound, carried to the rotations by how the tile's middle moves with them. Greedily the tile
-is taken that adds most to the log determinant of the sum, so that every axis counts: corners,
-which see the roll, and edges of every direction.
+The information of a tile is the Fisher information of its edges about (theta_X, theta_Y, theta_Z).
+It starts from the structure tensor of those edges that are longer than the width of the blur
+(Xu & Jia, ECCV 2010); each edge counts up to a bound. The displacement of the tile's middle by each
+rotation maps this tensor to the rotations. The choice is greedy: each step takes the tile that adds
+most to the log determinant of the sum. So every axis counts, and the choice includes tiles in the
+corners, which move with the roll, and edges of every direction.
 """
 
 from __future__ import annotations
@@ -31,24 +32,24 @@ Corners = list[tuple[int, int]]
 Places = NDArray[np.float64]
 
 FOCUS = 4.0
-"""Power of a tile's steepness, by which tiles in focus are preferred."""
+"""Exponent of a tile's focus in its weight, no unit. A larger one favours tiles in focus more."""
 
-_LARGEST_VIEW = 0.8e6  # pixels: information is measured on a scale with no more
-_APART = 0.75  # of a tile's size, between two tiles
-_NEAREST = 0.5  # of a tile's size, between two places that are looked at
-_CLIPPED = 3.0  # a tile counts for less by so many times its clipped share
-_BOUND = 0.98  # quantile of the gradients, that an edge counts up to
-_FOCUS_SIGMAS = (0.7, 6.0)  # px of the view
-_DIRECTIONS = 4
-_LIVELY = 0.5  # quantile of the tiles' contrast, below which a tile has no say in what is in focus
-_FOCUSED = 0.9  # quantile of the steepness of edges that counts as in focus
-_LEAST_WIDTH = 3  # px of the view: narrower blurs are taken to be as wide
-_NOTHING = 1e-9  # share of the most informative tile, below which a tile is flat
-_SMALL = 1e-3  # of the mean information: what is known before the first tile
+_LARGEST_VIEW = 0.8e6  # pixels of the view, the scale that the information is measured on
+_APART = 0.75  # tile sizes: least distance between two tiles
+_NEAREST = 0.5  # tile sizes: distance between two possible places
+_CLIPPED = 3.0  # loss of a tile's weight per clipped share of its pixels
+_BOUND = 0.98  # quantile of the gradients; a stronger edge counts only this much
+_FOCUS_SIGMAS = (0.7, 6.0)  # px of the view: smoothing of the fine and of the coarse picture
+_DIRECTIONS = 4  # number of directions in half a turn
+_LIVELY = 0.5  # quantile of the tiles' contrast; a weaker tile does not define what is in focus
+_FOCUSED = 0.9  # quantile of the steepness of edges; a tile this steep is in focus
+_LEAST_WIDTH = 3  # px of the view: a narrower blur counts as this wide
+_NOTHING = 1e-9  # share of the most informative tile; a tile with less is flat
+_SMALL = 1e-3  # share of the mean information: the prior before the first tile
 
 
 def covering(shape: tuple[int, int], size: int) -> Corners:
-    """Upper left pixels (y, x) of tiles that cover a frame."""
+    """Return the upper left pixels (y, x) of tiles that cover a frame."""
     rows, columns = (
         np.linspace(0, n - size, max(int(np.ceil(n / size)), 1)).astype(int) for n in shape
     )
@@ -74,15 +75,16 @@ def chosen(
     level : int
         The scale.
     size : int
-        Of the tiles, in pixels of the scale.
+        Side of the tiles, in pixels of the scale.
     count : int
-        How many tiles are wanted, at most.
+        Largest number of tiles.
     width : float
-        Of the blur, in pixels of the scale: shorter edges say little.
+        Width of the blur, in pixels of the scale. Shorter edges say little.
     allowed : callable, optional
-        Whether tiles may be taken, by their middles (x, y) in widths of the frame; by default all.
+        Whether tiles are allowed, from their middles (x, y) in widths of the frame; by default all
+        are allowed.
     focus : float
-        How much tiles in focus are preferred; 0: not at all.
+        Exponent of the preference for tiles in focus; 0: no preference.
 
     Returns
     -------
@@ -117,13 +119,13 @@ def chosen(
 
 
 def _maps(scale: Scale, window: int) -> list[Image]:
-    """Measure a picture, for edges that are longer than a window.
+    """Measure the edges of a picture that are longer than a window.
 
     Returns
     -------
     list of (h, w) arrays
-        What pixels add to the structure tensor (xx, xy, yy); where they are clipped; and for each
-        direction the fourth powers of their slopes in the picture, and in a smoothed one.
+        The terms of each pixel in the structure tensor (xx, xy, yy); 1 at clipped pixels; and for
+        each direction the fourth powers of the slopes in the fine and in the coarse picture.
 
     """
     picture = scale.picture
@@ -136,7 +138,7 @@ def _maps(scale: Scale, window: int) -> list[Image]:
     length = length_of(gx, gy)
     noise = max(noise_level(picture), 1e-3 * float(length.mean()), 1e-9)
     box = window, window
-    # near 1 along an edge that is longer than the blur is wide, near 0 in fine texture
+    # near 1 along an edge that is longer than the width of the blur, near 0 in fine texture
     around = [cv2.boxFilter(one, -1, box).astype(np.float32) for one in (gx, gy)]
     straight = length_of(around[0], around[1])
     straight /= cv2.boxFilter(length, -1, box) + np.float32(0.3 * noise)
@@ -155,7 +157,7 @@ def _maps(scale: Scale, window: int) -> list[Image]:
 
 
 def _gradients(picture: Image, sigma: float) -> tuple[Image, Image]:
-    """Gradients of a smoothed picture."""
+    """Return the gradients of a smoothed picture."""
     smooth = cv2.GaussianBlur(picture, (0, 0), sigma)
     across: Image = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=0.125).astype(np.float32)
     down: Image = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=0.125).astype(np.float32)
@@ -163,17 +165,18 @@ def _gradients(picture: Image, sigma: float) -> tuple[Image, Image]:
 
 
 def _focus(slopes: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Share, 0..1, that tiles count by how steep their edges are for their height.
+    """Measure the focus of tiles, 0..1, by the slope of their edges relative to their height.
 
-    All tiles are shaken alike; those out of focus are blurred once more. An edge is compared with
-    itself in a smoothed picture, where its slope depends on its height alone, and with edges of its
-    own direction: those along the shake are steep anywhere, and say nothing of it.
+    The shake blurs all tiles alike; a tile out of focus has more blur. The slope of an edge in the
+    coarse picture depends on its height alone. So the ratio of the two slopes measures the blur of
+    the edge. An edge is compared only with edges of its own direction, because edges along the
+    shake are steep everywhere.
 
     Parameters
     ----------
     slopes : list of (P,) arrays
-        For each direction the sums of the fourth powers of the slopes, in the picture and in a
-        smoothed one.
+        For each direction the sums of the fourth powers of the slopes, in the fine and in the
+        coarse picture.
 
     """
     fine, coarse = (np.maximum(np.stack(slopes[i::2]), 0) ** 0.25 for i in (0, 1))
@@ -190,7 +193,7 @@ def _focus(slopes: list[NDArray[np.float64]]) -> NDArray[np.float64]:
 def _sums(
     values: Image, x: NDArray[np.float64], y: NDArray[np.float64], size: float
 ) -> NDArray[np.float64]:
-    """Sums of values over squares of a size whose upper left pixels are (x, y)."""
+    """Return sums of values over squares of a size, with upper left pixels (x, y)."""
     total = cv2.integral(values, sdepth=cv2.CV_64F)
     low, high = total.shape[0] - 1, total.shape[1] - 1
     top, left = np.rint(y).astype(int), np.rint(x).astype(int)
@@ -205,14 +208,17 @@ def _sums(
 def _information(
     scale: Scale, tensors: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Information (P, 3, 3) about the rotations in grid steps; it grows by the root of edges."""
+    """Return the information (P, 3, 3) about the rotations, in grid steps.
+
+    It grows with the square root of the edges.
+    """
     camera = scale.camera
     points = np.stack([x, y], 1)
     turned = homographies(camera, np.diag(grid_steps(camera)))
     moved = np.swapaxes(displacements(turned, points), 1, 2)  # (P, 2, 3)
-    found = np.einsum("pik,pij,pjl->pkl", moved, tensors, moved)
-    total = np.trace(found, axis1=1, axis2=2)
-    root: NDArray[np.float64] = found / np.sqrt(total + 1e-12)[:, None, None]
+    tensor = np.einsum("pik,pij,pjl->pkl", moved, tensors, moved)
+    total = np.trace(tensor, axis1=1, axis2=2)
+    root: NDArray[np.float64] = tensor / np.sqrt(total + 1e-12)[:, None, None]
     return root
 
 
@@ -223,7 +229,7 @@ def _greedy(
     apart: float,
     count: int,
 ) -> list[int]:
-    """Take the tiles one by one that add most to the log determinant."""
+    """Take tiles one by one, each time the one that adds most to the log determinant."""
     total = np.trace(information, axis1=1, axis2=2)
     free = total > _NOTHING * total.max(initial=0)
     known = np.eye(3) * max(_SMALL * float(np.trace(information.mean(0))), 1e-12)

@@ -1,8 +1,8 @@
-"""Where tiles lie at a scale: those that kernels are fitted to, and those that are kept apart.
+"""The places of tiles at a scale: tiles for the fit of kernels, and tiles kept apart for the judge.
 
-The frame is a chessboard of three colours. Tiles whose middle lies on one of them are kept apart:
-no kernel is fitted to them once the photo is large enough for tiles to be chosen, and the judge
-looks at nothing else.
+The frame is a chessboard of three colours. Tiles whose middle lies on one of the colours are kept
+apart. The judge uses only those. No kernel is fitted to them, unless the photo is so small that the
+tiles cover all of it.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ __all__ = ["Budget", "Part", "is_covered", "planned_tiles"]
 
 Part = Literal["fitted", "apart", "all"]
 
-_FIELDS = 12  # of the chessboard, across the frame
-_COLOURS = 3
-_LEAST = 48  # px, of a tile
-_LARGEST = 128  # px, of a tile
-_TURN = 3.0  # px by which the ends of a tile may be moved differently
-_FEWEST = 6  # tiles
-_NARROW = 8.0  # px: edges must be as long at least
-_CUT = 0.05  # weights below this share of the largest do not make a kernel wider
+_FIELDS = 12  # number of fields of the chessboard across the frame
+_COLOURS = 3  # number of colours of the chessboard
+_LEAST = 48  # px of the scale: least side of a tile
+_LARGEST = 128  # px of the scale: largest side of a tile
+_TURN = 3.0  # px: largest difference between the displacements of a tile's two ends
+_FEWEST = 6  # least number of tiles
+_NARROW = 8.0  # px of the scale: least length of the edges that count
+_CUT = 0.05  # share of the largest weight; smaller weights do not count for the width
 
 
 class Budget(NamedTuple):
-    """Pixels of all tiles, and of the largest frame that tiles cover as a whole."""
+    """Number of pixels: of all chosen tiles, and of the largest frame that tiles cover wholly."""
 
     tiles: float = 0.15e6
     frame: float = 0.15e6
@@ -51,7 +51,7 @@ def planned_tiles(
     room: float = 1.0,
     focus: float = FOCUS,
 ) -> Tiles:
-    """Cut the tiles of a scale that suit a kernel: its room, and its roll.
+    """Cut tiles of a scale whose size and room suit a kernel.
 
     Parameters
     ----------
@@ -60,15 +60,15 @@ def planned_tiles(
     level : int
         The scale.
     kernel : RotationKernel
-        All rotations that may get a weight, for the camera of the scale.
+        A kernel with all rotations that may get a weight, for the camera of the scale.
     part : {"fitted", "apart", "all"}
-        Which tiles.
+        The tiles for the fit of kernels, the tiles kept apart, or all tiles.
     budget : Budget
-        How many pixels to look at.
+        Number of pixels in the tiles.
     room : float
         Room around the tiles, in reaches of the kernel.
     focus : float
-        How much tiles in focus are preferred, as for `chosen`.
+        Exponent of the preference for tiles in focus, as in `chosen`.
 
     """
     scale = pyramid.at(level)
@@ -92,12 +92,12 @@ def planned_tiles(
 
 
 def is_covered(pyramid: Pyramid, level: int, budget: Budget = Budget()) -> bool:  # noqa: B008
-    """Whether tiles cover all of a scale, instead of being chosen."""
+    """Return whether tiles cover all of a scale, so that no choice is necessary."""
     return bool(np.prod(pyramid.at(level).camera.shape) <= budget.frame)
 
 
 def _size(theta: NDArray[np.float64], far: int, most: int) -> int:
-    """Size of tiles over which the rotations all move much alike, even."""
+    """Return an even tile size at which a rotation moves both ends of a tile much alike."""
     turn = float(np.ptp(theta, axis=0).max())
     least = max(_LEAST, min(2 * far, _LARGEST))
     size = min(int(np.clip(_TURN / max(turn, 1e-9), least, _LARGEST)), most)
@@ -105,14 +105,14 @@ def _size(theta: NDArray[np.float64], far: int, most: int) -> int:
 
 
 def _colour(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Colour of the chessboard at places in widths of the frame."""
+    """Return the colour of the chessboard at places in widths of the frame."""
     column, row = np.floor(x * _FIELDS).astype(np.int64), np.floor(y * _FIELDS).astype(np.int64)
     colour: NDArray[np.int64] = column + 2 * row
     return colour
 
 
 def _belongs(colour: NDArray[np.int64] | int, part: Part) -> NDArray[np.bool_]:
-    """Whether a tile of a colour belongs to a part."""
+    """Return whether a tile of a colour belongs to a part."""
     if part == "all":
         return np.ones_like(colour, bool)
     last: NDArray[np.bool_] = np.mod(colour, _COLOURS) == _COLOURS - 1

@@ -1,14 +1,14 @@
-"""Tiles of a photo, each with its place in the camera's frame: what a kernel is estimated from.
+"""Tiles of a photo, each with its place in the camera's frame, for the estimate of a kernel.
 
-The rotational model is global. A few tiles, each at its own place of the frame, determine the
-kernel as well as all pixels do, at a cost that does not grow with the photo. Tile t is a block of
-N x N pixels: `size` pixels in the middle that are believed, and room around them for what the blur
-moves in or out. Within a tile the blur is one filter, Eq. (7) at the tile's middle c_t:
+The rotational model is global. So a few tiles at different places of the frame determine the kernel
+as well as all pixels do, and the cost does not grow with the photo. Tile t is a block of N x N
+pixels. `size` pixels in the middle count as data. The room around them holds the light that the
+blur moves in or out. Within a tile the blur is one filter, Eq. (7) at the tile's middle c_t:
 
     A_t f = h_t corr f,   h_t = sum_k w_k splat(d_k(c_t))
 
-In the room around the middle the photo fades into what the blurred latent picture shows there, so
-that a block may be taken for periodic and every step is a batch of FFTs.
+In the room around the middle the photo fades into the blurred latent picture. So the block can be
+treated as periodic, and every step is a batch of FFTs.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ __all__ = ["Tiles", "reach"]
 Image = NDArray[np.float32]
 Spectrum = NDArray[np.complex64]
 
-_LEAST_ROOM = 6  # px
-_RAMP = 4  # px, of the window of edges
+_LEAST_ROOM = 6  # px of the scale: least room on each side of the middle
+_RAMP = 4  # px of the scale: width of the ramp of the window of edges
 
 
 def reach(camera: Camera, theta: NDArray[np.float64]) -> int:
-    """Pixels by which the rotations (K, 3) move any point of the frame, at most, and one more."""
+    """Return the largest displacement in the frame by rotations (K, 3), in pixels, plus one."""
     moved = displacements(homographies(camera, theta), camera.corners)
     return int(np.ceil(np.abs(moved).max() - 1e-6)) + 1
 
@@ -57,7 +57,7 @@ class Tiles:
     size : int
         Width and height of the middles in pixels.
     far : int
-        Pixels by which the kernel may move anything, as from `reach`.
+        Largest displacement by the kernel in pixels, as from `reach`.
 
     """
 
@@ -71,18 +71,18 @@ class Tiles:
         room = max(far + 2, _LEAST_ROOM)
         self.block = int(scipy.fft.next_fast_len(size + 2 * room, real=True))
         self.first = (self.block - size) // 2
-        self.g, seen, known = self._cut(scale)
+        self.g, in_frame, known = self._cut(scale)
         self.g -= (self.g * known).sum((1, 2), keepdims=True) / np.maximum(
             known.sum((1, 2), keepdims=True), 1
         )
         taper = _window(self.block, size, min(room, self.first))
         window = np.outer(taper, taper)
         self.belief = known * window
-        self.around = (window > 0.05) * seen
+        self.around = (window > 0.05) * in_frame
         middle = _window(self.block, size - 2 * (far // 4), _RAMP)
-        self.middle = np.outer(middle, middle) * seen
+        self.middle = np.outer(middle, middle) * in_frame
         across, down = differences(self.g)
-        edge = seen * np.roll(seen, -1, 1) * np.roll(seen, -1, 2)
+        edge = in_frame * np.roll(in_frame, -1, 1) * np.roll(in_frame, -1, 2)
         edge[:, -1] = 0
         edge[:, :, -1] = 0
         self.gradients = self.rfft(across * edge), self.rfft(down * edge)
@@ -97,7 +97,7 @@ class Tiles:
 
     @property
     def inside(self) -> NDArray[np.bool_]:
-        """Pixels of the middles that are believed, (P, N, N)."""
+        """Pixels of the middles that count as data, (P, N, N)."""
         inside = np.zeros(self.g.shape, bool)
         inner = slice(self.first + _RAMP, self.first + self.size - _RAMP)
         inside[:, inner, inner] = True
@@ -115,7 +115,7 @@ class Tiles:
         return blocks
 
     def bind(self, kernel: RotationKernel, *, afresh: bool = False) -> None:
-        """Take a kernel for the blur; fill the room around the middles, at first or `afresh`."""
+        """Set the kernel of the blur; fill the room the first time, or if `afresh` is set."""
         used = kernel.weights > 0
         h = homographies(self.camera, kernel.theta[used])
         moved = displacements(h, self.centres)
@@ -132,13 +132,13 @@ class Tiles:
         return self.irfft(spectra)
 
     def data(self) -> Spectrum:
-        """Spectra of ``A_t^T g``, the photo filled in."""
+        """Return the spectra of ``A_t^T g``, for the photo with its room filled."""
         spectra = self.rfft(self.filled)
         spectra *= self.H
         return spectra
 
     def solved(self, data: Spectrum, across: Image, down: Image, beta: float) -> Image:
-        """Return the picture that explains `data` and has gradients near those given.
+        """Return the picture that explains `data` and whose gradients are near the given ones.
 
         ``min |A_t S - g|^2 + beta |grad S - h|^2``, with h = (across, down).
         """
@@ -149,30 +149,30 @@ class Tiles:
         return self.irfft(spectra)
 
     def fill(self, latent: Image) -> Image:
-        """Fill in what is not believed from a latent picture; return that picture blurred."""
+        """Fill the unknown pixels from a blurred latent picture; return that blurred picture."""
         blurred = self.blurred(latent)
         self.filled = blurred + self.belief * (self.g - blurred)
         return blurred
 
     def _cut(self, scale: Scale) -> tuple[Image, Image, Image]:
-        """Blocks of the photo, of where it is seen, and of where it is known."""
+        """Return blocks of the photo, of the pixels in its frame, and of its usable pixels."""
         height, width = scale.picture.shape
         steps = np.arange(self.block) - self.first
         shape = len(self.corners), self.block, self.block
-        g, seen, known = (np.empty(shape, np.float32) for _ in range(3))
+        g, in_frame, known = (np.empty(shape, np.float32) for _ in range(3))
         for p, (top, left) in enumerate(self.corners):
             y, x = top + steps, left + steps
             rows, columns = np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)
             place = np.ix_(rows, columns)
             g[p] = scale.picture[place]
-            seen[p] = np.outer(rows == y, columns == x)
-            known[p] = seen[p] if scale.usable is None else seen[p] * scale.usable[place]
+            in_frame[p] = np.outer(rows == y, columns == x)
+            known[p] = in_frame[p] if scale.usable is None else in_frame[p] * scale.usable[place]
         g *= np.float32(scale.contrast)
-        return g, seen, known
+        return g, in_frame, known
 
 
 def _window(count: int, inner: int, ramp: int) -> Image:
-    """1 over the middle `inner` of `count` pixels, cosine ramps down to 0 on both sides."""
+    """Return a window: 1 over the middle `inner` of `count` pixels, with cosine ramps to 0."""
     window = np.zeros(count, np.float32)
     first = (count - inner) // 2
     window[first : first + inner] = 1

@@ -1,6 +1,6 @@
-"""What of an estimated kernel is gone on with: its largest weights, and what hangs together.
+"""Trim an estimated kernel: keep its largest weights, or its connected pieces.
 
-Where a photo shows little, noise puts some weight far away from the camera's path.
+If a photo has few edges, noise adds some weight far away from the camera's path.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
 __all__ = ["heaviest", "main_piece", "most_of", "strongest", "without_light", "without_strays"]
 
-_MOST = 0.8  # share of the weight that tells how wide a kernel is
-_STRAY = 0.03  # share of the weight that pieces of the kernel hold that are no noise
-_APART = 2  # grid steps between two pieces
+_MOST = 0.8  # share of the kernel's weight that makes up most of it
+_STRAY = 0.03  # share of the kernel's weight; a piece with less is noise
+_APART = 2  # grid steps: least distance between two pieces
 
 
 def strongest(kernel: RotationKernel, most: int) -> RotationKernel:
-    """Return a kernel's largest weights, at most so many."""
+    """Keep at most `most` rotations of a kernel, those with the largest weights."""
     if len(kernel.weights) <= most:
         return kernel
     kept = np.sort(np.argsort(-kernel.weights, kind="stable")[:most])
@@ -32,7 +32,7 @@ def strongest(kernel: RotationKernel, most: int) -> RotationKernel:
 
 
 def without_light(weights: NDArray[np.float64], share: float) -> NDArray[np.float64]:
-    """Set the smallest weights to zero that together hold less than a share of the sum."""
+    """Set the smallest weights to zero, as long as they hold less than a share of the sum."""
     order = np.argsort(weights, kind="stable")
     held = np.cumsum(weights[order])
     kept = weights.copy()
@@ -41,22 +41,22 @@ def without_light(weights: NDArray[np.float64], share: float) -> NDArray[np.floa
 
 
 def heaviest(kernel: RotationKernel, share: float) -> RotationKernel:
-    """Return a kernel without its smallest weights, which together hold less than a share.
+    """Discard the smallest weights of a kernel, as long as they hold less than a share.
 
-    A share of the sum, not of the largest weight: a camera that rests at one place and moves on
-    leaves a point and a long faint tail, which holds most of the light.
+    The share is of the sum, not of the largest weight. A camera that rests and then moves leaves a
+    point and a long faint tail, and the tail may hold most of the light.
     """
     return _only(kernel, without_light(kernel.weights, share) > 0)
 
 
 def most_of(kernel: RotationKernel) -> RotationKernel:
-    """Return the largest weights that make up most of a kernel."""
+    """Keep the largest weights, which make up most of a kernel."""
     held = np.cumsum(np.sort(kernel.weights)[::-1])
     return strongest(kernel, int(np.searchsorted(held, _MOST)) + 1)
 
 
 def without_strays(kernel: RotationKernel) -> RotationKernel:
-    """Return a kernel without what lies apart and holds little of its weight."""
+    """Discard the separate pieces of a kernel that hold little of its weight."""
     piece, held = _pieces(kernel)
     kept = held[piece] >= _STRAY
     if not kept.any():
@@ -65,13 +65,13 @@ def without_strays(kernel: RotationKernel) -> RotationKernel:
 
 
 def main_piece(kernel: RotationKernel) -> RotationKernel:
-    """Return the heaviest piece of a kernel that hangs together."""
+    """Keep only the heaviest connected piece of a kernel."""
     piece, held = _pieces(kernel)
     return _only(kernel, piece == np.argmax(held))
 
 
 def _pieces(kernel: RotationKernel) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Tell which piece each rotation belongs to, and the weight of each piece."""
+    """Return the piece of each rotation, and the weight of each piece."""
     place = kernel.indices - kernel.indices.min(0)
     box = np.zeros(place.max(0) + 1, np.uint8)
     box[tuple(place[kernel.weights > 0].T)] = 1

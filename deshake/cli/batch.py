@@ -136,7 +136,7 @@ def batch_options(command: F) -> F:
 
 
 def _collected(command: F, options: Sequence[Callable[[Any], Any]]) -> F:
-    """Add options, of which each is a field of `Batch`."""
+    """Add options. Each is a field of `Batch`."""
 
     @wraps(command)
     def collected(*args: Any, **values: Any) -> Any:  # noqa: ANN401
@@ -159,7 +159,7 @@ def for_masks(mask: Path, photos: Sequence[Path]) -> Callable[[Found], Path | No
         return lambda _: mask
     from deshake.stages.blending import find_mask
 
-    return lambda found: find_mask(mask / found.below, found.path)
+    return lambda photo: find_mask(mask / photo.below, photo.path)
 
 
 def refuse_stdout(output: Path | None) -> None:
@@ -201,7 +201,7 @@ def run_batch(
     note: Callable[[Result], str] | None = None,
     report: ReportOptions | None = None,
 ) -> int:
-    """Do the work on all photos, tell what comes of each, and return the exit code.
+    """Do the work on all photos, report each result, and return the exit code.
 
     Parameters
     ----------
@@ -210,16 +210,15 @@ def run_batch(
     jobs : sequence of Job
         The photos.
     work : Work
-        What to do with them.
+        The work to do with them.
     batch : Batch
         How.
     line : callable, optional
-        Gives what is printed to standard output for a photo that is done, where ``--json`` is not
-        given.
+        Returns the line on standard output for a photo that is done, without ``--json``.
     note : callable, optional
-        Gives what is said on standard error of a photo that is done.
+        Returns the line on standard error for a photo that is done.
     report : ReportOptions, optional
-        The report that is wanted.
+        Options of the report.
 
     """
     from deshake.batch.run import Resources, run_jobs
@@ -229,7 +228,7 @@ def run_batch(
         context, jobs, overwrite=batch.existing != "refuse", dry=batch.dry_run
     )
     if batch.dry_run:
-        return _tell_plan(jobs, work, batch)
+        return _print_plan(jobs, work, batch)
     start = time.monotonic()
     if batch.scheduler is not None:
         _check_files(jobs)
@@ -246,13 +245,13 @@ def run_batch(
         for done in running:
             result = reporting.add(done)
             results.append(result)
-            _tell_result(result, batch, context, line, note)
+            _print_result(result, batch, context, line, note)
             if result.status == "failed" and batch.fail_fast:
                 break
-        run.close()  # the bar is gone, and no process is left
+        run.close()  # ends the bar and all processes
         reporting.end()
     if len(jobs) > 1 and context.verbosity >= 0:
-        _tell_summary(results, len(jobs), time.monotonic() - start)
+        _print_summary(results, len(jobs), time.monotonic() - start)
     return 1 if reporting.failed or any(result.status == "failed" for result in results) else 0
 
 
@@ -263,15 +262,15 @@ def _check_files(jobs: Sequence[Job]) -> None:
             raise click.UsageError("--scheduler does not go with standard input or output.")
 
 
-def _tell_plan(jobs: Sequence[Job], work: Work, batch: Batch) -> int:
-    """Print what would be done for each photo, or why it cannot be."""
+def _print_plan(jobs: Sequence[Job], work: Work, batch: Batch) -> int:
+    """Print the plan for each photo, or why there is none."""
     from deshake.batch.task import failure, problem
 
     code = 0
     for job in jobs:
         status = "skip" if job.skipped else "do"
-        found = problem(job, work)
-        failed = None if found is None else failure(job, found)
+        refusal = problem(job, work)
+        failed = None if refusal is None else failure(job, refusal)
         code = code if failed is None else 1
         if batch.as_json:
             report = {"status": status} | job.files() if failed is None else failed.report()
@@ -284,14 +283,14 @@ def _tell_plan(jobs: Sequence[Job], work: Work, batch: Batch) -> int:
     return code
 
 
-def _tell_result(
+def _print_result(
     result: Result,
     batch: Batch,
     context: Context,
     line: Callable[[Result], str] | None,
     note: Callable[[Result], str] | None,
 ) -> None:
-    """Print what came of a photo, as `run_batch` describes it."""
+    """Print the result of a photo, as `run_batch` describes it."""
     if batch.as_json:
         print_json(result.report())
     elif line is not None and result.status == "done":
@@ -299,18 +298,18 @@ def _tell_result(
     if note is not None and result.status == "done" and context.verbosity >= 0:
         print_note(note(result))
     if result.status == "failed":
-        _tell_failure(result, context)
+        _print_failure(result, context)
 
 
-def _tell_failure(result: Result, context: Context) -> None:
-    """Print what went wrong with a photo."""
+def _print_failure(result: Result, context: Context) -> None:
+    """Print the failure of a photo."""
     print_error(result.error or "", hint=result.hint)
     if context.verbosity > 1 and result.trace:
         _log.debug("traceback\n%s", result.trace)
 
 
-def _tell_summary(results: Sequence[Result], photos: int, seconds: float) -> None:
-    """Print how many photos came to what, and the names of the failed ones."""
+def _print_summary(results: Sequence[Result], photos: int, seconds: float) -> None:
+    """Print the number of photos for each outcome, and the names of the failed ones."""
     count = Counter(result.status for result in results)
     left = sum(result.figures.get("verdict") == "left" for result in results)
     parts = [f"{count['done'] - left} done"]

@@ -125,9 +125,9 @@ def _from_chessboards(
 
 
 def _line(result: Result) -> str:
-    """Say what was found in one line."""
-    found = result.figures
+    """Return the figures in one line."""
+    figures = result.figures
     return (
-        f"{result.job.source}: {found['focal_px']:.1f} pixels, "
-        f"{found['focal_35mm']:.1f} mm-equivalent ({found['source']})"
+        f"{result.job.source}: {figures['focal_px']:.1f} pixels, "
+        f"{figures['focal_35mm']:.1f} mm-equivalent ({figures['source']})"
     )

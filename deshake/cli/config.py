@@ -117,7 +117,7 @@ def _kind(option: click.Option) -> str:
 
 
 def _is_of_kind(option: click.Option, value: object) -> bool:
-    """Tell whether a value is of the kind that an option takes, or a text, as it is typed."""
+    """Return whether a value has the type of an option, or is a text as on the command line."""
     match _kind(option):
         case "true or false":
             return isinstance(value, bool)

@@ -20,7 +20,7 @@ def _stderr_is_terminal() -> bool:
     return sys.stderr.isatty()
 
 
-def _tells_its_size() -> bool:
+def _has_known_size() -> bool:
     """Whether stderr is no terminal of no columns or rows, as some serial lines and CI logs are."""
     try:
         return all(os.get_terminal_size(sys.stderr.fileno()))
@@ -85,8 +85,8 @@ class Progress:
                 desc=self._text,
                 file=sys.stderr,
                 leave=False,
-                miniters=0,  # work goes on in uneven steps: time alone decides what is shown
-                **({"dynamic_ncols": True} if _tells_its_size() else {"ncols": 79, "nrows": 24}),
+                miniters=0,  # steps are uneven: only the time decides when to update
+                **({"dynamic_ncols": True} if _has_known_size() else {"ncols": 79, "nrows": 24}),
                 bar_format="{desc} {percentage:3.0f}%|{bar}| {elapsed}, {remaining} left",
             )
         return self

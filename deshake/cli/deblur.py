@@ -140,4 +140,4 @@ def _kernels(path: Path) -> Callable[[Found], Path]:
 
     if not path.is_dir():
         return lambda _: path
-    return lambda found: path / found.below / kernel_name(found.path)
+    return lambda photo: path / photo.below / kernel_name(photo.path)

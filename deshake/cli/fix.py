@@ -125,7 +125,7 @@ def _what_was_done(result: Result) -> str:
 
 
 def _check_estimate(*, region: object, estimator: str, focal: object, **_: object) -> None:
-    """Refuse what only a blind estimate goes by."""
+    """Refuse options that only a blind estimate uses."""
     chosen = {"region": region is not None, "estimator": estimator != "edges", "focal": focal}
     for name, given in chosen.items():
         if given:

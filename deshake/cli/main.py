@@ -159,7 +159,7 @@ def main(args: Sequence[str] | None = None) -> int:
             return EXIT_INTERRUPTED
         except Exception as error:  # noqa: BLE001  the last to hear of any error
             if isinstance(error.__cause__ or error, BrokenPipeError):
-                _discard_stdout()  # whoever read stdout has had enough
+                _discard_stdout()  # the reader of stdout closed it
                 return EXIT_FAILED
             print_exception(error)
             if context.verbosity > 1:

@@ -1,7 +1,7 @@
 """Every option that two commands share, once.
 
 Options whose default or meaning differs from command to command are functions that return a
-decorator; the others are decorators. Photos and files are plain paths: reading them tells what
+decorator; the others are decorators. Photos and files are plain paths: reading them shows what
 is wrong with them.
 """
 
@@ -161,7 +161,7 @@ def output_option(default: str, *, metavar: str = "FILE", note: str = "") -> Cal
 
 
 def one_to_stdout(*, as_json: bool, output: Path | None, **others: Path | None) -> bool:
-    """Tell whether something goes to standard output; raise UsageError if several things do.
+    """Return whether one output goes to standard output; raise UsageError if several do.
 
     The others are named as their options are.
     """
@@ -188,7 +188,7 @@ def one_pair(blurred: Path, noisy: Path) -> None:
 
 
 def focal_options(command: F) -> F:
-    """Add --focal-px and --focal-35mm, of which one may be given."""
+    """Add --focal-px and --focal-35mm; the two exclude each other."""
     px = click.option(
         "--focal-px",
         type=Number("PX"),
@@ -206,7 +206,7 @@ def focal_options(command: F) -> F:
 
 def lens_options(command: F) -> F:
     """Add --lens and --lens-model."""
-    found = click.option(
+    option = click.option(
         "--lens",
         is_flag=True,
         default=None,
@@ -220,11 +220,11 @@ def lens_options(command: F) -> F:
         callback=_only_one_of("camera", "focal"),
         help="The same, with the lens that has this name there.  [default: by the photo's EXIF]",
     )
-    return found(named(command))
+    return option(named(command))
 
 
 def blur_options(command: F) -> F:
-    """Add --max-angle and --blur-size, of which one may be given."""
+    """Add --max-angle and --blur-size; the two exclude each other."""
     angle = click.option(
         "--max-angle",
         type=Number("DEGREES", most=45),

@@ -84,12 +84,12 @@ class Region(_Typed[tuple[int, int, int, int]]):
         if isinstance(value, tuple):
             return value  # converted before
         text = ",".join(map(str, value)) if isinstance(value, list) else str(value)
-        found = re.fullmatch(r"(\d+),(\d+),(\d+),(\d+)", text.replace(" ", ""))
-        if not found:
+        match = re.fullmatch(r"(\d+),(\d+),(\d+),(\d+)", text.replace(" ", ""))
+        if not match:
             self.fail(f"{value!r} is not four whole numbers X,Y,W,H", param, ctx)
-        if max(map(len, found.groups())) > _MAX_DIGITS:
+        if max(map(len, match.groups())) > _MAX_DIGITS:
             self.fail("it reaches beyond any photo", param, ctx)
-        x, y, width, height = (int(part) for part in found.groups())
+        x, y, width, height = (int(part) for part in match.groups())
         if width == 0 or height == 0:
             self.fail(f"{value!r} holds no pixel", param, ctx)
         return x, y, width, height
@@ -111,13 +111,13 @@ class Grid(_Typed[tuple[int, int]]):
         """Read the two whole numbers."""
         if isinstance(value, tuple):
             return value  # converted before
-        found = re.fullmatch(r"([1-9]\d?)[xX]([1-9]\d?)", str(value))
-        if not found or min(int(found[1]), int(found[2])) < self.least:
+        match = re.fullmatch(r"([1-9]\d?)[xX]([1-9]\d?)", str(value))
+        if not match or min(int(match[1]), int(match[2])) < self.least:
             limits = f"{self.least} to 99"
             self.fail(
                 f"{value!r} is not {self.name} with {limits} of each, such as 5x7", param, ctx
             )
-        return int(found[1]), int(found[2])
+        return int(match[1]), int(match[2])
 
 
 class Size(_Typed[int]):
@@ -134,10 +134,10 @@ class Size(_Typed[int]):
         """Read the number and its unit; fail with what it should have been."""
         if isinstance(value, int):
             return value  # converted before
-        found = re.fullmatch(r"(\d{1,9}(?:\.\d{1,9})?) ?([MGT])(I?B)?", str(value).upper())
-        if not found:
+        match = re.fullmatch(r"(\d{1,9}(?:\.\d{1,9})?) ?([MGT])(I?B)?", str(value).upper())
+        if not match:
             self.fail(f"{value!r} is not a size such as 800M, 4G or 2.5GiB", param, ctx)
-        number, unit, more = found.groups()
+        number, unit, more = match.groups()
         thousand = 1024 if more == "IB" else 1000
         count = float(number) * thousand ** (2 + "MGT".index(unit))
         if count < 1e6:

@@ -1,8 +1,8 @@
-"""What an estimate made of the sharp photo, as a picture (Fig. 4).
+"""The latent picture of an estimate, as a photo (Fig. 4).
 
-Estimates work with gradients. The intensities that come nearest to them have sharp edges where the
-estimate found them, and are flat elsewhere; light and dark may drift from one part of the frame to
-another.
+An estimate works with gradients. The photo has the intensities whose gradients come nearest to
+them. It has sharp edges at the edges of the estimate, and is flat elsewhere. Its brightness may
+drift from one part of the frame to another.
 """
 
 from __future__ import annotations

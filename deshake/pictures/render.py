@@ -144,7 +144,7 @@ def render_filters(kernel: RotationKernel, rows: int, cols: int, *, size: int = 
     -------
     (H, W, 3) array of uint8
         RGB: light on black, all cells at one scale and each as bright as its brightest spot
-        allows; below the frame a bar that tells the scale.
+        allows; below the frame a bar that shows the scale.
 
     Raises
     ------
@@ -279,7 +279,7 @@ def point_light(
     Parameters
     ----------
     offsets : (K, 2) array
-        Where the light is seen, in pixels of the photo from the picture's middle.
+        Places of the light, in pixels of the photo from the picture's middle.
     weights : (K,) array
         For how long.
     reach : float

@@ -44,7 +44,7 @@ _COLUMNS: Final = {
     "Confidence": "number",
     "Time, s": "number",
 }
-_MANY: Final = 40  # photos: of more, the browser draws only those that are seen
+_MANY: Final = 40  # photos; with more, the browser draws only the visible ones
 _UNKNOWN: Final = "-1"  # sorts before all numbers
 
 
@@ -67,7 +67,7 @@ class Entry:
     seconds : float
         Time that it took.
     result : (str, str), optional
-        The result's file, and its address as seen from the page.
+        The result's file, and its address relative to the page.
     extent_px, confidence : float, optional
         Of the kernel that was undone.
     confidence_words : str
@@ -319,9 +319,9 @@ def _facts(entry: Entry, pictures: ReportPictures | None, place: Place) -> str:
         facts.append(("Result", f'<a href="{_attribute(address)}">{_text(name)}</a>'))
     facts.append(("Time", f"{entry.seconds:.1f} s"))
     facts += [("Note", _text(warning)) for warning in entry.warnings]
-    told = "".join(f"<dt>{name}</dt><dd>{value}</dd>" for name, value in facts)
+    items = "".join(f"<dt>{name}</dt><dd>{value}</dd>" for name, value in facts)
     return (
-        f'<h3>How</h3>\n<div class="facts">{kernel}<div><dl>{told}</dl>\n'
+        f'<h3>How</h3>\n<div class="facts">{kernel}<div><dl>{items}</dl>\n'
         f"<p>Command</p><pre><code>{_text(entry.command)}</code></pre></div></div>"
     )
 

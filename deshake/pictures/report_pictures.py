@@ -192,8 +192,8 @@ def _jpeg(picture: Picture, quality: int) -> Encoded:
 
 def _drawn(kernel: RotationKernel) -> Encoded:
     """Draw the kernel's local filters, in few greys."""
-    seen = kernel.above(_SEEN)
-    picture = render_filters(seen, _FILTERS, _FILTERS, size=_KERNEL_SIDE)
+    heavy = kernel.above(_SEEN)
+    picture = render_filters(heavy, _FILTERS, _FILTERS, size=_KERNEL_SIDE)
     grey = Image.fromarray(picture).convert("L").quantize(_KERNEL_COLOURS)
     stream = io.BytesIO()
     grey.save(stream, "PNG", optimize=True)

@@ -1,6 +1,6 @@
 """A photo with the tiles that its kernel was read from, and the kernel's local filters on them.
 
-The tiles are those that the estimate chooses for the kernel that it found, at the finest scale that
+The tiles are those that the estimate chooses for its final kernel, at the finest scale that
 it works at with a kernel so wide. On every tile that kernels are fitted to lies what the blurred
 photo shows there of a point light.
 """
@@ -78,19 +78,19 @@ def tile_photo(
         The photo that was estimated from. Through a lens that bends it is straightened, as for the
         estimate.
     kernel : RotationKernel
-        What was found.
+        The kernel of the estimate.
     camera : Camera
         The photo's camera.
     region : (x, y, width, height), optional
         The part of the photo that was estimated from, by default all of it.
 
     """
-    straight, seen = straightened(photo, camera)
+    straight, pinhole = straightened(photo, camera)
     drawn = tile_picture(
         luminance(straight.pixels),
-        seen,
-        straight_kernel(kernel, camera, seen),
-        straight_region(region, camera, seen),
+        pinhole,
+        straight_kernel(kernel, camera, pinhole),
+        straight_region(region, camera, pinhole),
         clipped=straight.clipped,
     )
     return replace(
@@ -121,7 +121,7 @@ def tile_picture(
     camera : Camera
         Its camera. Of a kernel of the uniform model its own camera counts.
     kernel : RotationKernel
-        What was found; of a camera that stood still no filters are drawn.
+        The kernel of the estimate; a still camera has no filters to draw.
     region : (x, y, width, height), optional
         The part of the photo that was estimated from, by default all of it.
     clipped : (h, w) array of bool, optional
@@ -145,14 +145,14 @@ def tile_picture(
     pyramid = Pyramid(
         grey[part], whole.cropped(x, y, w, h), None if clipped is None else ~clipped[part]
     )
-    level, seen = _finest(pyramid, kernel)
-    fitted = planned_tiles(pyramid, level, seen)
-    apart = planned_tiles(pyramid, level, seen, part="apart")
+    level, scaled = _finest(pyramid, kernel)
+    fitted = planned_tiles(pyramid, level, scaled)
+    apart = planned_tiles(pyramid, level, scaled, part="apart")
 
     shrink = min(1.0, _LONGEST / max(height, width))
     size = max(round(width * shrink), 1), max(round(height * shrink), 1)
     ratio = np.array(size) / (width, height)
-    frame = _Frame(ratio * (x, y), ratio * (w, h) / seen.camera.shape[::-1])
+    frame = _Frame(ratio * (x, y), ratio * (w, h) / scaled.camera.shape[::-1])
     text = max(9.0, 0.014 * max(size))
     entries = [
         (_FITTED, f"{fitted.count} tiles that the kernel is fitted to"),
@@ -163,8 +163,8 @@ def tile_picture(
     canvas.picture((0, 0), _display(grey, size))
     thickness = max(1.0, 0.0015 * max(size))
     _outline(canvas, frame.corners(apart), _APART, thickness)
-    if seen.theta[seen.weights > 0].any():
-        _draw_filters(canvas, seen, fitted, frame)
+    if scaled.theta[scaled.weights > 0].any():
+        _draw_filters(canvas, scaled, fitted, frame)
     _outline(canvas, frame.corners(fitted), _FITTED, thickness)
     for row, line in enumerate(lines):
         _draw_legend(canvas, line, text, size[1] + (1.6 * row + 1.2) * text)
@@ -175,9 +175,9 @@ def _finest(pyramid: Pyramid, kernel: RotationKernel) -> tuple[int, RotationKern
     """Find the finest scale that an estimate of so wide a kernel works at; the kernel there."""
     level = 0
     while True:
-        seen = kernel.for_camera(pyramid.at(level).camera)
-        if level == pyramid.coarsest or seen.above(FINE.cut).extent_px() <= FINE.wide:
-            return level, seen
+        scaled = kernel.for_camera(pyramid.at(level).camera)
+        if level == pyramid.coarsest or scaled.above(FINE.cut).extent_px() <= FINE.wide:
+            return level, scaled
         level += 1
 
 

@@ -1,7 +1,7 @@
-"""How much of a result is taken, and where: the rest is the photo as it was.
+"""The mix of a result and its photo, by a strength and a mask.
 
-The two are mixed in linear light, as two exposures of one scene would be. Where nothing of the
-result is taken, the photo's values come out as they went in.
+The two are mixed in linear light, like two exposures of one scene. If the share of the result is
+zero at a pixel, the pixel keeps the photo's value exactly.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ __all__ = ["Mask", "blended", "find_mask", "fit_mask", "read_mask"]
 
 Image = NDArray[np.float32]
 
-_GREY = 0.05  # of full scale, that the channels of a grey picture may differ by: JPEGs round
-_ROWS = 256  # that are mixed at once
+_GREY = 0.05  # share of full scale: largest difference of channels in a grey picture (JPEG)
+_ROWS = 256  # rows in one step of the mix
 
 
 @dataclass(frozen=True, eq=False)
 class Mask:
-    """How much of a photo is kept.
+    """Share of a photo that is kept, pixel by pixel.
 
     Parameters
     ----------
     share : (H, W) array of float32
-        The share of the photo that is kept, 0..1, for each of its pixels.
+        Share of the photo that is kept, 0..1, for each of its pixels.
     sha256 : str, optional
-        The SHA-256 of the mask's file as it was read.
+        SHA-256 of the bytes that were read from the mask's file.
 
     """
 
@@ -54,20 +54,20 @@ def read_mask(file: Path, photo: Photo) -> Mask:
     Parameters
     ----------
     file : Path
-        The picture: white where the photo is to stay as it is, black where the result is taken,
-        grey in between. Its values are shares as they stand in the file, without a tone curve.
+        The picture. White keeps the photo, black takes the result, and grey mixes the two. The
+        values in the file are the shares, without a tone curve.
     photo : Photo
-        The photo that it is for.
+        The photo that the mask is for.
 
     Returns
     -------
     Mask
-        Of the photo's size.
+        The mask, of the photo's size.
 
     Raises
     ------
     PhotoError
-        If it cannot be read, is not grey, is not opaque, or has other proportions.
+        If the picture cannot be read, is not grey or not opaque, or has other proportions.
 
     """
     mask = read_photo(file, transfer="linear")
@@ -109,45 +109,45 @@ def fit_mask(mask: Image, shape: tuple[int, int]) -> Image:
 
 
 def find_mask(folder: Path, source: Path) -> Path | None:
-    """Find the mask of a photo in a folder: the picture of its stem; None: there is none.
+    """Find the mask of a photo in a folder: the picture with its stem; None: there is none.
 
     Raises
     ------
     PhotoError
-        If there are several.
+        If several pictures have its stem.
 
     """
-    found = sorted(
+    candidates = sorted(
         path
         for path in folder.glob("*")
         if path.stem == source.stem and path.suffix.lower() in SUFFIXES and path.is_file()
     )
-    if len(found) > 1:
-        names = " and ".join(path.name for path in found)
+    if len(candidates) > 1:
+        names = " and ".join(path.name for path in candidates)
         raise PhotoError(f"{names} could both be its mask", hint="leave one", file=source)
-    return found[0] if found else None
+    return candidates[0] if candidates else None
 
 
 def blended(
     photo: Photo, result: Photo, *, strength: float = 1.0, mask: Image | None = None
 ) -> Photo:
-    """Mix a result with the photo that it was made from, in linear light.
+    """Mix a result with its photo, in linear light.
 
     Parameters
     ----------
     photo, result : Photo
-        Before and after.
+        The photo before and after the deblurring.
     strength : float
-        The share of the result, 0..1.
+        Share of the result in the mix, 0..1.
     mask : (H, W) array, optional
-        The share of the photo that is kept, 0..1, of each pixel: white keeps all of it, whatever
-        the strength.
+        Share of the photo that is kept, 0..1, for each pixel. White keeps all of it, whatever the
+        strength.
 
     Returns
     -------
     Photo
-        The result itself where all of it is taken, the photo where none is. Results beyond black
-        and white are clipped before they are mixed.
+        The mix. A pixel with the full share of the result has exactly the result's value. Values
+        of the result beyond black and white are clipped before the mix.
 
     """
     if strength == 0 or (mask is not None and mask.min() == 1):

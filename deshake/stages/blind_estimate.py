@@ -41,9 +41,9 @@ __all__ = [
 _log = logging.getLogger(__name__)
 
 FOCAL_LENGTHS: Final = (24.0, 35.0, 50.0, 70.0)
-"""35 mm equivalents that are tried where the focal length is to be found with the kernel."""
+"""Focal lengths in mm (35 mm equivalent) that an estimate of kernel and focal length tries."""
 
-_MID_GREY: Final = 0.18
+_MID_GREY: Final = 0.18  # linear light, 0..1
 
 
 def estimate_blind(
@@ -55,31 +55,31 @@ def estimate_blind(
 ) -> Estimate:
     """Estimate the blur kernel of a photo, from its luminance.
 
-    A focal length that nothing tells is assumed to be 50 mm-equivalent, with a note that says so:
-    one too long costs little, one too short bends the rotations. A photo through a lens that bends
-    is straightened first; the kernel's camera is the photo's. Where the focal length is to be
-    found, the kernel is estimated at each of `FOCAL_LENGTHS`, and the one kept that the judge finds
-    best.
+    If the focal length is unknown, a 50 mm equivalent is assumed, and a note says so. A focal
+    length that is too long costs little; one that is too short distorts the rotations. A photo
+    from a lens with distortion is straightened first; the kernel's camera is the photo's. With
+    ``focal="auto"`` the kernel is estimated at each of `FOCAL_LENGTHS`, and the kernel with the
+    highest confidence is kept.
 
     Raises
     ------
     CalibrationError
-        If a focal length that was given is absurd.
+        If a given focal length is absurd.
     KernelFileError
-        If the camera that was given does not fit the photo.
+        If a given camera does not fit the photo.
     PhotoError
         If the region lies outside the photo.
     EstimationError
-        If the photo is too small, too flat or too much clipped.
+        If the photo is too small, too flat, or nearly all clipped.
 
     """
     if options.camera.focal == "auto" and not options.uniform:
-        found = _at_best_focal_length(photo, options, threads, progress)
+        estimate = _at_best_focal_length(photo, options, threads, progress)
     else:
-        found = _estimate(photo, options, threads, progress)
-    for note in found.notes:
+        estimate = _estimate(photo, options, threads, progress)
+    for note in estimate.notes:
         _log.warning("%s: %s", photo.source, note)
-    return found
+    return estimate
 
 
 def _at_best_focal_length(
@@ -89,19 +89,19 @@ def _at_best_focal_length(
     best: Estimate | None = None
     count = len(FOCAL_LENGTHS)
     for number, film in enumerate(FOCAL_LENGTHS):
-        told = part(progress, number / count, (number + 1) / count)
+        partial = part(progress, number / count, (number + 1) / count)
         at = replace(options, camera=replace(options.camera, focal=None, focal_35mm=film))
-        found = _estimate(photo, at, threads, told)
-        _log.info("%s: %g mm: confidence %.6f", photo.source, film, found.content.confidence)
-        if best is None or found.content.confidence > best.content.confidence:
+        estimate = _estimate(photo, at, threads, partial)
+        _log.info("%s: %g mm: confidence %.6f", photo.source, film, estimate.content.confidence)
+        if best is None or estimate.content.confidence > best.content.confidence:
             source = f"--focal auto, {film:g} mm-equivalent"
             content = replace(
-                found.content,
-                provenance=found.content.provenance
+                estimate.content,
+                provenance=estimate.content.provenance
                 | {"options": options.provenance(), "camera": source},
             )
-            camera = replace(found.camera, source=source)
-            best = replace(found, content=content, camera=camera)
+            camera = replace(estimate.camera, source=source)
+            best = replace(estimate, content=content, camera=camera)
     if best is None:
         raise ValueError("there is no focal length to try")
     return best
@@ -113,16 +113,16 @@ def _estimate(
     """Estimate at one focal length."""
     camera, notes = camera_for(photo, options.camera)
     check_region(photo, options.region)
-    straight, seen = straightened(photo, camera.camera)
+    straight, pinhole = straightened(photo, camera.camera)
     grey = luminance(straight.pixels)
     try:
-        found = estimate_kernel(
+        blind = estimate_kernel(
             grey,
-            seen,
+            pinhole,
             estimator=options.estimator,
             clipped=straight.clipped,
-            blur_px=largest_blur(seen, options),
-            region=straight_region(options.region, camera.camera, seen),
+            blur_px=largest_blur(pinhole, options),
+            region=straight_region(options.region, camera.camera, pinhole),
             uniform=options.uniform,
             quick=options.preview,
             threads=threads,
@@ -131,21 +131,21 @@ def _estimate(
     except DeshakeError as error:
         error.file = error.file or str(photo.source)
         raise
-    notes += found.notes
-    provenance = _provenance(photo, options, camera, found) | {"notes": notes}
-    kernel = bent_kernel(found.kernel, camera.camera, seen)
-    content = KernelFile(kernel, found.confidence, provenance)
+    notes += blind.notes
+    provenance = _provenance(photo, options, camera, blind) | {"notes": notes}
+    kernel = bent_kernel(blind.kernel, camera.camera, pinhole)
+    content = KernelFile(kernel, blind.confidence, provenance)
     slope, floor = noise_model(grey)
     noise = math.sqrt(slope * _MID_GREY + floor)
-    return Estimate(content, camera, notes, latent=found.latent, noise=noise)
+    return Estimate(content, camera, notes, latent=blind.latent, noise=noise)
 
 
 def _provenance(
-    photo: Photo, options: EstimateOptions, camera: CameraFile, found: BlindEstimate
+    photo: Photo, options: EstimateOptions, camera: CameraFile, blind: BlindEstimate
 ) -> dict[str, Any]:
     scales = [
         {name: value for name, value in asdict(scale).items() if math.isfinite(value)}
-        for scale in found.scales
+        for scale in blind.scales
     ]
     return {
         "deshake": __version__,
@@ -153,6 +153,6 @@ def _provenance(
         "options": options.provenance(),
         "input_sha256": photo.sha256,
         "camera": camera.source,
-        "estimated_by": found.name,
+        "estimated_by": blind.name,
         "scales": scales,
     }

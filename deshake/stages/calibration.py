@@ -1,4 +1,4 @@
-"""The camera of a photo: its focal length in pixels and, if asked for, its lens's distortion."""
+"""The camera of a photo: its focal length in pixels and, on request, its lens distortion."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ __all__ = ["Calibration", "calibrate", "calibrate_file", "camera_for"]
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """A camera and how far it is to be trusted.
+    """A camera and its confidence.
 
     Parameters
     ----------
     camera : Camera
         The camera of the upright photo, its principal point in the middle.
     source : str
-        Which option or tag gave the focal length.
+        The option or tag that the focal length comes from.
     confidence : float
-        How likely the focal length is right to within 5 %: a judgement, see `lens.focal_length`.
+        Chance that the focal length is right to within 5 %, as judged in `lens.focal_length`.
     notes : list of str
-        What the user should know.
+        Notes for the user.
     considered : list of str
-        All that was looked at, for those who ask.
+        All sources that were considered, for a verbose log.
     lens : str
-        The lens whose distortion the camera has; empty: none.
+        Name of the lens whose distortion the camera has; empty: none.
 
     """
 
@@ -55,7 +55,7 @@ class Calibration:
 
     @property
     def content(self) -> CameraFile:
-        """What goes into a camera file."""
+        """The content of a camera file."""
         lens = f"; lens {self.lens} (lensfun)" if self.lens else ""
         return CameraFile(self.camera, self.source + lens)
 
@@ -66,7 +66,7 @@ class Calibration:
 
     def report(self) -> dict[str, Any]:
         """Return the figures as JSON data."""
-        found = {
+        figures = {
             "focal_px": round(self.camera.focal_px, 3),
             "focal_35mm": round(self.focal_35mm, 3),
             "source": self.source,
@@ -76,8 +76,8 @@ class Calibration:
             "height": self.camera.height,
         }
         if self.lens:
-            found |= {"lens": self.lens, "distortion": self.camera.distortion.tolist()}
-        return found
+            figures |= {"lens": self.lens, "distortion": self.camera.distortion.tolist()}
+        return figures
 
 
 def calibrate(
@@ -88,33 +88,34 @@ def calibrate(
     lens: bool = False,
     lens_model: str | None = None,
 ) -> Calibration:
-    """Find the camera of an upright photo: its focal length, the principal point in the middle.
+    """Determine the camera of an upright photo, with the principal point in the middle.
 
     Parameters
     ----------
     photo : Photo
         The photo.
     focal_px, focal_35mm : float, optional, keyword-only
-        Its focal length, instead of what its metadata tell.
+        Its focal length; by default from the metadata.
     lens : bool, keyword-only
-        Whether the distortion of its lens is looked up in lensfun's database.
+        Whether to look up the distortion of its lens in lensfun's database.
     lens_model : str, optional, keyword-only
-        The lens's name in it; by default by EXIF.
+        Name of the lens in that database; by default from EXIF.
 
     Raises
     ------
     CalibrationError
-        If neither the options nor the metadata tell the focal length, or the lens is not found.
+        If neither the options nor the metadata have the focal length, or the database lacks the
+        lens.
 
     """
     try:
-        found = focal_length(photo.metadata, *photo.shape, focal_px=focal_px, focal_35mm=focal_35mm)
-        camera = Camera.from_focal(found.pixels, *photo.shape)
-        notes, considered = list(found.notes), list(found.considered)
+        focal = focal_length(photo.metadata, *photo.shape, focal_px=focal_px, focal_35mm=focal_35mm)
+        camera = Camera.from_focal(focal.pixels, *photo.shape)
+        notes, considered = list(focal.notes), list(focal.considered)
         name = ""
         if lens or lens_model is not None:
             profile = find_profile(
-                photo.metadata.tags(), found.pixels, found.frame or photo.shape, lens=lens_model
+                photo.metadata.tags(), focal.pixels, focal.frame or photo.shape, lens=lens_model
             )
             camera, name = camera.with_lens(profile.distortion), profile.lens
             considered.append(
@@ -123,7 +124,7 @@ def calibrate(
     except CalibrationError as error:
         error.file = error.file or str(photo.source)
         raise
-    return Calibration(camera, found.source, found.confidence, notes, considered, name)
+    return Calibration(camera, focal.source, focal.confidence, notes, considered, name)
 
 
 def calibrate_file(
@@ -136,14 +137,15 @@ def calibrate_file(
     lens_model: str | None = None,
     overwrite: bool = False,
 ) -> Calibration:
-    """Find the camera of a photo, and write its camera file if `output` is given.
+    """Determine the camera of a photo, and write its camera file if `output` is given.
 
     Raises
     ------
     PhotoError
         If the photo cannot be read.
     CalibrationError
-        If nothing tells the focal length, or the lens is not found or was undone already.
+        If the focal length is unknown, the database lacks the lens, or the photo is straightened
+        already.
     OutputError
         If the camera file cannot be written.
 
@@ -153,7 +155,7 @@ def calibrate_file(
     photo = read_photo(source)
     if lens or lens_model is not None:
         check_unstraightened(photo)
-    found = calibrate(
+    calibration = calibrate(
         photo,
         focal_px=focal_px,
         focal_35mm=focal_35mm,
@@ -161,16 +163,16 @@ def calibrate_file(
         lens_model=lens_model,
     )
     if output is not None:
-        write_camera(output, found.content, overwrite=overwrite, made_from=[source])
-    return found
+        write_camera(output, calibration.content, overwrite=overwrite, made_from=[source])
+    return calibration
 
 
 def camera_for(photo: Photo, choice: CameraChoice) -> tuple[CameraFile, list[str]]:
-    """Return the camera of a photo, and notes on what is only assumed."""
+    """Return the camera of a photo, and notes on assumptions."""
     if choice.file is not None:
         return fitting_camera(choice.file, photo), []
     try:
-        found = calibrate(
+        calibration = calibrate(
             photo,
             focal_px=choice.focal_px,
             focal_35mm=choice.focal_35mm,
@@ -183,4 +185,4 @@ def camera_for(photo: Photo, choice: CameraChoice) -> tuple[CameraFile, list[str
         assumed = assumed_focal_length(*photo.shape)
         note = f"{error.message}; a 50 mm-equivalent is assumed (--focal-35mm MM says otherwise)"
         return CameraFile(Camera.from_focal(assumed.pixels, *photo.shape), assumed.source), [note]
-    return found.content, found.notes
+    return calibration.content, calibration.notes

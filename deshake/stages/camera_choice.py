@@ -1,4 +1,4 @@
-"""Which camera the user names for a photo: a focal length, a lens, a camera file, or none."""
+"""The user's choice of a camera: a focal length, a lens, a camera file, or none."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ __all__ = ["CameraChoice"]
 
 @dataclass(frozen=True)
 class CameraChoice:
-    """Which camera the user names for a photo; by default the photo's metadata decide.
+    """The user's choice of a camera; by default the photo's metadata decide.
 
     Parameters
     ----------
     focal_px, focal_35mm : float, optional
         Focal length in pixels of the photo, or in millimetres on 35 mm film.
     file : CameraFile, optional
-        The camera, instead of both; with its lens, if it has one.
+        A camera file instead of both, with its lens if it has one.
     focal : {"auto"}, optional
-        The focal length is estimated with the kernel, instead of all these.
+        Estimate the focal length together with the kernel, instead of all these.
     lens : bool
-        Whether the distortion of the lens is looked up in lensfun's database.
+        Whether to look up the distortion of the lens in lensfun's database.
     lens_model : str, optional
-        The lens's name in it; by default by EXIF.
+        Name of the lens in that database; by default from EXIF.
 
     """
 
@@ -50,25 +50,25 @@ class CameraChoice:
 
     @property
     def undoes_lens(self) -> bool:
-        """Whether a lens that bends is undone, as far as the choice shows."""
+        """Whether lens distortion is undone, as far as the choice shows."""
         return self.looks_up_lens if self.file is None else not self.file.camera.is_pinhole
 
     @property
     def source(self) -> str | None:
-        """Where the focal length will come from, as provenance has it; None: the photo decides."""
+        """Source of the focal length, as in the provenance; None: the photo decides."""
         if self.file is not None:
             return self.file.source
-        if self.looks_up_lens:  # provenance has the lens's name, too
+        if self.looks_up_lens:  # the provenance has the name of the lens, too
             return None
         if self.focal_px is not None:
             return f"--focal-px {self.focal_px:g}"
         return None if self.focal_35mm is None else f"--focal-35mm {self.focal_35mm:g}"
 
     def provenance(self) -> dict[str, Any]:
-        """Return what is unusual about the choice; the camera itself stands beside it."""
-        told: dict[str, Any] = {}
+        """Return the choices that differ from the default; the camera itself stands beside them."""
+        choices: dict[str, Any] = {}
         if self.focal is not None:
-            told["focal"] = self.focal
+            choices["focal"] = self.focal
         if self.looks_up_lens:
-            told["lens"] = self.lens_model or True
-        return told
+            choices["lens"] = self.lens_model or True
+        return choices

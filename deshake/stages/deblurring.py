@@ -1,7 +1,7 @@
 """Deblurring a photo whose kernel is known, alone or with a noisy photo of the same scene (Sec. 6).
 
-`deblur` works on photos, `deblur_file` from file to file. Outputs are checked before any work is
-done for them, and appear whole or not at all.
+`deblur` works on photos, `deblur_file` works from file to file. All outputs are checked before the
+work begins, and appear whole or not at all.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ __all__ = ["deblur", "deblur_file"]
 
 _log = logging.getLogger(__name__)
 
-_REGISTERED = 0.1  # of the time
+_REGISTERED = 0.1  # share of the time
 
 
 def deblur(
@@ -73,9 +73,9 @@ def deblur(
 ) -> Photo:
     """Deblur a photo with a kernel for its size, alone or with a noisy photo of the same scene.
 
-    Format, depth, opacity and metadata stay as they are. The kernel of a camera that stood still
-    leaves the photo as it is. Without a noisy photo, dark halos are kept from falling to black.
-    Photos through a lens that bends are straightened first, and EXIF describes the new frame.
+    Format, depth, opacity and metadata do not change. The kernel of a still camera leaves the photo
+    unchanged. Without a noisy photo, dark halos are limited so that they do not become black. A
+    photo from a lens with distortion is straightened first, and EXIF describes the new frame.
 
     Parameters
     ----------
@@ -84,25 +84,25 @@ def deblur(
     kernel : RotationKernel
         Its blur; with a noisy photo, in the frame of the registered noisy photo.
     options : RestorationOptions, optional
-        How; by default by the default method, with a noisy photo or without.
+        Method and its options; by default the default method, with a noisy photo or without.
     noisy : Photo, optional
         The noisy photo.
     registration : Registration, optional
-        How the noisy photo lies to the blurred one; by default the two are registered, with the
-        kernel's camera or, if that is the uniform model's, the photo's.
+        Registration of the two photos. By default they are registered, with the kernel's camera,
+        or with the photo's camera if the kernel's is that of the uniform model.
     search_angle : float, optional
         Range of the search for the registration, in degrees about any axis; by default 10.
     keep_geometry : bool
-        Whether the result is bent again as the photo was.
+        Whether the result keeps the lens distortion of the photo.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
-        Receives the fraction done and what is being done.
+        Receives the share of the work done, 0..1, and a text.
 
     Raises
     ------
     CalibrationError
-        If the lens's distortion is too strong to be undone.
+        If the lens distortion is too strong to undo.
     EstimationError
         If the two photos do not show the same scene.
     ValueError
@@ -120,8 +120,8 @@ def deblur(
         return photo if keep_geometry else straightened(photo, lens)[0]
     try:
         if noisy is None:
-            straight, seen = straightened(photo, lens, whole=keep_geometry)
-            kernel = straight_kernel(kernel, lens, seen)
+            straight, pinhole = straightened(photo, lens, whole=keep_geometry)
+            kernel = straight_kernel(kernel, lens, pinhole)
             restored = restore(
                 straight.pixels,
                 kernel,
@@ -132,23 +132,23 @@ def deblur(
             )
             pixels = without_dark_halos(restored.pixels, straight.pixels, kernel)
         else:
-            straight, other, seen = straight_pair(photo, noisy, lens, whole=keep_geometry)
-            kernel = straight_kernel(kernel, lens, seen)
+            straight, other, pinhole = straight_pair(photo, noisy, lens, whole=keep_geometry)
+            kernel = straight_kernel(kernel, lens, pinhole)
             start = 0.0
             if registration is None:
                 start = _REGISTERED
                 if kernel.camera.is_uniform:
-                    seen = _assumed_camera(photo, seen, seen.focal_px / lens.focal_px)
+                    pinhole = _assumed_camera(photo, pinhole, pinhole.focal_px / lens.focal_px)
                 registration = register(
                     straight.pixels,
                     unclipped_mean(other.pixels),
-                    seen,
+                    pinhole,
                     max_angle=search_range(search_angle),
                     threads=threads,
                     progress=part(progress, 0, start),
                 )
             elif not lens.is_pinhole:
-                registration = replace(registration, camera=seen)
+                registration = replace(registration, camera=pinhole)
             restored = _pair_restored(
                 straight,
                 other,
@@ -187,15 +187,15 @@ def deblur_file(
 ) -> KernelFile:
     """Deblur a photo with the kernel of a file, alone or with a noisy one, and write the result.
 
-    Without `output`, or in that folder, the result is called ``<stem>.deshaken.<ext>``. The
-    sheet of `finish` appears only together with it. With `keep_result` the result is there
-    already, and stays as it is. The `observer` receives the photo, its result and the kernel,
-    before they are written.
+    Without `output`, or if it is a folder, the name of the result is ``<stem>.deshaken.<ext>``. The
+    sheet of `finish` appears only together with the result. With `keep_result` the result exists
+    already and is kept. The `observer` receives the photo, its result and the kernel before they
+    are written.
 
     Returns
     -------
     KernelFile
-        What the kernel file has.
+        The content of the kernel file.
 
     Raises
     ------
@@ -265,10 +265,10 @@ def deblur_file(
     return content
 
 
-def _assumed_camera(photo: Photo, seen: Camera, zoom: float) -> Camera:
-    """Return the camera of a straight picture, by the focal length that the photo's tags give."""
+def _assumed_camera(photo: Photo, pinhole: Camera, zoom: float) -> Camera:
+    """Return the camera of a straight picture, with the focal length from the photo's tags."""
     camera = camera_for(photo, CameraChoice())[0].camera
-    return Camera.from_focal(zoom * camera.focal_px, *seen.shape)
+    return Camera.from_focal(zoom * camera.focal_px, *pinhole.shape)
 
 
 def _pair_restored(
@@ -281,7 +281,7 @@ def _pair_restored(
     threads: int | None,
     progress: Progress | None,
 ) -> Restoration:
-    """Register the noisy photo, make it as bright as the other one, and deblur."""
+    """Register the noisy photo, match its brightness to the blurred one, and deblur."""
     g, f_N = blurred.pixels, noisy.pixels
     if f_N.ndim != g.ndim:
         f_N = luminance(f_N) if g.ndim == 2 else np.repeat(f_N[..., None], g.shape[2], 2)
@@ -297,8 +297,8 @@ def _pair_restored(
     Af *= np.float32(scale)
     pair: NoisyPhoto | None = None
     if not (blurred.is_sensors and noisy.is_sensors):
-        told = unclipped_mean(f_N)
-        pair, trust = camera_pair(light, Af, told, registration, blur, mask=usable, threads=threads)
+        mean = unclipped_mean(f_N)
+        pair, trust = camera_pair(light, Af, mean, registration, blur, mask=usable, threads=threads)
         valid *= trust
     del Af, f_reg
     if pair is None:

@@ -1,4 +1,4 @@
-"""What an estimate of a kernel uses, beside the photo."""
+"""The options of a kernel estimate."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ __all__ = ["EstimateOptions", "largest_blur"]
 
 @dataclass(frozen=True)
 class EstimateOptions:
-    """What an estimate uses, beside the photo.
+    """The options of a kernel estimate.
 
     Parameters
     ----------
     camera : CameraChoice
-        The camera that is named, if one is.
+        The user's choice of a camera.
     transfer : {"srgb", "linear", "gamma22"}, optional
         The file's transfer curve.
     blur_size : float, optional
-        Largest blur to look for, in pixels of the photo.
+        Bound of the blur, in pixels of the photo.
     max_angle : float, optional
-        Largest turn about any axis to look for, in degrees; counts if there is no `blur_size`.
+        Bound of the rotation about any axis, in degrees; ignored if there is a `blur_size`.
     region : (x, y, width, height), optional
         The part of the photo that a blind estimate uses.
     uniform : bool
-        Whether the blur is taken to be the same all over the frame.
+        Whether to assume the same blur all over the frame.
     estimator : {"edges", "variational"}
-        How a blind estimate works.
+        The estimator of a blind estimate.
     search_angle : float, optional
         Largest rotation about any axis between a blurred and a noisy photo, in degrees; by default
         10.
     preview : bool
-        Whether the photo was reduced first (`preview_photo`); the kernel's provenance has it.
+        Whether the photo is a reduced one (`preview_photo`); the kernel's provenance says so.
 
     """
 
@@ -56,7 +56,7 @@ class EstimateOptions:
     preview: bool = False
 
     def provenance(self, *, pair: bool = False) -> dict[str, Any]:
-        """Return what shapes the kernel, for its file; the camera stands beside it.
+        """Return the options that affect the kernel, for its file; the camera stands beside them.
 
         Parameters
         ----------
@@ -67,18 +67,18 @@ class EstimateOptions:
         """
         blind = () if pair else ("region",)
         names = "transfer", "blur_size", "max_angle", *blind, "uniform"
-        told = {name: getattr(self, name) for name in names}
+        options = {name: getattr(self, name) for name in names}
         if not pair:
-            told["estimator"] = self.estimator
+            options["estimator"] = self.estimator
         elif self.search_angle is not None:
-            told["search_angle"] = self.search_angle
+            options["search_angle"] = self.search_angle
         if self.preview:
-            told["preview"] = True
-        return told | self.camera.provenance()
+            options["preview"] = True
+        return options | self.camera.provenance()
 
 
 def largest_blur(camera: Camera, options: EstimateOptions) -> float | None:
-    """Return the bound of the blur in pixels of the photo; None: it is to be found."""
+    """Return the bound of the blur in pixels of the photo; None: the photo decides."""
     if options.blur_size is None and options.max_angle is not None:
         return blur_bound(camera, math.radians(options.max_angle))
     return options.blur_size

@@ -1,6 +1,6 @@
-"""The estimate from file to file: what ``estimate-blind`` and ``estimate-pair`` run.
+"""The estimate from file to file: the work of ``estimate-blind`` and ``estimate-pair``.
 
-Outputs are checked before any work is done for them, and appear whole or not at all.
+All outputs are checked before the work begins, and appear whole or not at all.
 """
 
 from __future__ import annotations
@@ -66,22 +66,22 @@ def estimate_file(
     output : Path
         The kernel file, or "-" for standard output.
     options : EstimateOptions
-        What the estimate goes by; with a noisy photo, region and estimator do not count.
+        Options of the estimate; with a noisy photo, region and estimator are ignored.
     noisy : Path, optional
         A noisy photo of the same scene.
     registration : Path, optional
-        The registration file of the two; by default they are registered.
+        The registration file of the two photos; by default they are registered first.
     latent, tiles : Path, optional
-        Where the latent picture of a blind estimate goes, and the picture of its tiles; they
+        Paths of the latent picture of a blind estimate, and of the picture of its tiles. Both
         appear only together with the kernel.
     overwrite, overwrite_others : bool
         Whether an existing kernel file, or existing pictures, may be replaced.
     keep_result : bool
-        Whether the kernel file is there already and stays as it is; only the pictures are written.
+        Whether the kernel file exists already and is kept; only the pictures are written.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
-        Receives the fraction done and what is being done.
+        Receives the share of the work done, 0..1, and a text.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def estimate_file(
     OutputError
         If an output cannot be written.
     ValueError
-        If a picture of a blind estimate is asked for with a noisy photo.
+        If there is a path for a picture of a blind estimate together with a noisy photo.
 
     """
     inputs = [path for path in (source, noisy, registration) if path is not None]
@@ -100,7 +100,7 @@ def estimate_file(
         if pictures:
             raise ValueError("only a blind estimate has a latent picture and tiles")
         known = None if registration is None else known_registration(registration)
-        found = estimate_pair(
+        estimate = estimate_pair(
             *read_pair(source, noisy, transfer=options.transfer),
             options,
             registration=known,
@@ -109,30 +109,30 @@ def estimate_file(
         )
         with joint_outputs(source, noisy) as add:
             if not keep_result:
-                add(output, kernel_bytes(found.content), overwrite=overwrite)
-        return found
+                add(output, kernel_bytes(estimate.content), overwrite=overwrite)
+        return estimate
     for number, path in enumerate(pictures):
         check_output(path, source, output, *pictures[:number], overwrite=overwrite_others)
     photo = read_photo(source, transfer=options.transfer)
     for path in pictures:
         _picture_format(path, photo)
-    found = estimate_blind(photo, options, threads=threads, progress=progress)
+    estimate = estimate_blind(photo, options, threads=threads, progress=progress)
     with joint_outputs(source) as add:
 
         def keep(path: Path, picture: Photo) -> None:
             data = encode_photo(picture, _picture_format(path, photo))
             add(path, data, overwrite=overwrite_others)
 
-        if latent is not None and found.latent is not None:
-            keep(latent, latent_photo(photo, found.latent, options.region))
+        if latent is not None and estimate.latent is not None:
+            keep(latent, latent_photo(photo, estimate.latent, options.region))
         if tiles is not None:
-            kernel, camera = found.content.kernel, found.camera.camera
+            kernel, camera = estimate.content.kernel, estimate.camera.camera
             keep(tiles, tile_photo(photo, kernel, camera, options.region))
         if not keep_result:
-            add(output, kernel_bytes(found.content), overwrite=overwrite)
-    return found
+            add(output, kernel_bytes(estimate.content), overwrite=overwrite)
+    return estimate
 
 
 def _picture_format(path: Path, photo: Photo) -> Format:
-    """Return the format of a picture of an estimate: by its name, PNG for standard output."""
+    """Return the format of a picture from its name; PNG for standard output."""
     return "PNG" if str(path) == STREAM else output_format(path, photo.source, photo.encoding)

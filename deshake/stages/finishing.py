@@ -1,7 +1,6 @@
-"""What is wanted of a result beside the deblurring: a preview of it, a part of it, a sheet.
+"""Wishes for a result beside the deblurring: a preview, a part of the result, a sheet.
 
-Every way from a photo to its result goes through `Finish.prepare`, `Finish.before` and
-`Finish.blend`.
+Every command that makes a result calls `Finish.prepare`, `Finish.before` and `Finish.blend`.
 """
 
 from __future__ import annotations
@@ -27,29 +26,29 @@ __all__ = ["AS_IT_IS", "Finish"]
 
 @dataclass(frozen=True)
 class Finish:
-    """What is wanted of a result beside the deblurring.
+    """Wishes for a result beside the deblurring.
 
     Parameters
     ----------
     strength : float
-        The share of the result that is taken, 0..1; the rest is the photo.
+        Share of the result in the mix, 0..1; the rest is the photo.
     mask : Path, optional
         A grey picture, white where the photo is kept (`read_mask`).
     preview : bool
-        Whether all is done at a quarter of the size (`preview_photo`).
+        Whether to do everything at a quarter of the size (`preview_photo`).
     compare : bool
-        Whether a sheet that compares before and after is drawn, beside the result.
+        Whether to draw a sheet that compares before and after.
     keep_geometry : bool
-        Whether the result is bent as the photo is, where the kernel's camera has a lens that bends.
+        Whether the result keeps the lens distortion of the photo, if the kernel's camera has any.
     linear : bool
-        Whether the result of a RAW file is written in linear light.
+        Whether to write the result of a RAW file in linear light.
     with_provenance : bool
-        Whether the result tells in its metadata how it came about.
+        Whether to write the provenance into the metadata of the result.
 
     Raises
     ------
     ValueError
-        If the strength is no share.
+        If the strength is not from 0 to 1.
 
     """
 
@@ -67,25 +66,25 @@ class Finish:
             raise ValueError(f"a strength of {self.strength} is not from 0 to 1")
 
     def sheet(self, output: Path) -> Path | None:
-        """Return where the sheet goes that compares before and after; None: there is none."""
+        """Return the path of the sheet that compares before and after; None: there is no sheet."""
         return output.with_name(comparison_name(output)) if self.compare else None
 
     def check(self, output: Path, *inputs: Path, overwrite: bool) -> None:
-        """Check that the outputs of a result are not its mask, and that the sheet may be written.
+        """Check that no output is the mask, and that the sheet may be written.
 
         Parameters
         ----------
         output : Path
             The result.
         *inputs : Path
-            Files that are not to be written to.
+            Files that must not be overwritten.
         overwrite : bool
             Whether an existing sheet may be replaced.
 
         Raises
         ------
         OutputError
-            If it may not.
+            If an output is the mask or an input, or the sheet exists already.
 
         """
         if self.mask is not None:
@@ -96,7 +95,7 @@ class Finish:
             check_output(sheet, output, *inputs, overwrite=overwrite)
 
     def prepare(self, photo: Photo) -> tuple[Photo, Mask | None]:
-        """Return a photo, reduced for a preview, and the mask that fits it, if there is one.
+        """Return a photo, reduced for a preview, and its mask at the same size, if there is one.
 
         Raises
         ------
@@ -111,46 +110,46 @@ class Finish:
         return small, mask and replace(mask, share=fit_mask(mask.share, small.shape))
 
     def before(self, photo: Photo, mask: Mask | None, camera: Camera) -> tuple[Photo, Mask | None]:
-        """Return a photo and its mask as the result is compared with them: straight, if it is."""
+        """Return a photo and its mask in the geometry of the result, straightened if it is."""
         compared = self.strength != 1 or mask is not None or self.compare
         if self.keep_geometry or camera.is_pinhole or not compared:
             return photo, mask
-        straight, seen = straightened(photo, camera)
+        straight, pinhole = straightened(photo, camera)
         if mask is None:
             return straight, None
-        return straight, replace(mask, share=LensWarp(camera, seen).straighten(mask.share))
+        return straight, replace(mask, share=LensWarp(camera, pinhole).straighten(mask.share))
 
     def blend(self, photo: Photo, result: Photo, mask: Mask | None) -> Photo:
-        """Return what is taken of a result, the photo and its mask being those of `before`."""
+        """Mix a result with its photo; photo and mask come from `before`."""
         share = None if mask is None else mask.share
         return blended(photo, result, strength=self.strength, mask=share)
 
     def provenance(self, mask_sha256: str | None = None) -> dict[str, Any]:
-        """Return what shapes the result, for its provenance: what is not by default.
+        """Return the options that differ from the default, for the provenance of the result.
 
         Parameters
         ----------
         mask_sha256 : str, optional
-            The SHA-256 of the mask's file, if there is one.
+            SHA-256 of the mask's file, if there is one.
 
         """
-        told: dict[str, Any] = {}
+        options: dict[str, Any] = {}
         if self.strength != 1:
-            told["strength"] = self.strength
+            options["strength"] = self.strength
         if mask_sha256 is not None:
-            told["mask_sha256"] = mask_sha256
+            options["mask_sha256"] = mask_sha256
         if self.preview:
-            told["preview"] = True
+            options["preview"] = True
         if self.keep_geometry:
-            told["keep_geometry"] = True
+            options["keep_geometry"] = True
         if self.linear:
-            told["linear"] = True
-        return told
+            options["linear"] = True
+        return options
 
     def report(self) -> dict[str, Any]:
-        """Return what to know of a result beside its figures, as JSON data."""
+        """Return what the report says beside the figures, as JSON data."""
         return {"preview": True} if self.preview else {}
 
 
 AS_IT_IS: Final = Finish()
-"""The result itself, whole and alone."""
+"""No wishes: only the whole result."""

@@ -1,4 +1,4 @@
-"""Whether a kernel, a camera or a region belongs to a photo, which may have been resized."""
+"""Fit a kernel, a camera or a region to a photo, which may be a resized one."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ __all__ = [
     "same_proportions",
 ]
 
-_WIDEST_TURN: Final = math.radians(45)
-_WIDEST_BLUR: Final = 0.5  # longer sides
+_WIDEST_TURN: Final = math.radians(45)  # radians: largest range of rotations about an axis
+_WIDEST_BLUR: Final = 0.5  # share of the longer side
 
 
 def fitting_kernel(content: KernelFile, photo: Photo, file: Path | None = None) -> RotationKernel:
-    """Return a kernel for a photo, which may have another size than the one it was made for.
+    """Return a kernel for a photo, which may have another size than the kernel's own photo.
 
     Parameters
     ----------
@@ -81,12 +81,12 @@ def fitting_camera(content: CameraFile, photo: Photo) -> CameraFile:
 
 
 def check_registration(camera: Camera, photo: Photo, file: Path | None = None) -> None:
-    """Check that a registration with this camera was made for photos of this size.
+    """Check that the camera of a registration has the size of a photo.
 
     Raises
     ------
     KernelFileError
-        If it was not; with the registration's file, if one is given.
+        If the sizes differ. The error names the registration's file, if one is given.
 
     """
     if camera.shape != photo.shape:
@@ -104,7 +104,7 @@ def check_region(photo: Photo, region: tuple[int, int, int, int] | None) -> None
     Raises
     ------
     PhotoError
-        If it does not.
+        If a part of it lies outside.
 
     """
     if region is None:
@@ -120,9 +120,9 @@ def check_region(photo: Photo, region: tuple[int, int, int, int] | None) -> None
 
 
 def _sweep(kernel: RotationKernel) -> float:
-    """Bound the spread of the displacements over the frame, in pixels; inf: no blur at all.
+    """Bound the spread of the displacements over the frame, in pixels; inf: too wide for a blur.
 
-    Displacements are nearly linear in the angles: the corners of their box bound them.
+    Displacements are nearly linear in the angles, so the corners of the box of angles bound them.
     """
     theta = kernel.theta[kernel.weights > 0]
     low, high = theta.min(0), theta.max(0)
@@ -135,7 +135,7 @@ def _sweep(kernel: RotationKernel) -> float:
 
 
 def same_proportions(one: tuple[int, int], other: tuple[int, int]) -> bool:
-    """Tell whether one picture may be the other resized, its sides rounded up or down."""
+    """Return whether one picture may be the other one resized, with its sides rounded."""
     least = max((b - 1) / a for a, b in zip(one, other, strict=True))
     most = min((b + 1) / a for a, b in zip(one, other, strict=True))
     return least < most

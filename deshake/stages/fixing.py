@@ -1,8 +1,8 @@
-"""The whole way of a photo, from file to file: what ``fix`` runs.
+"""All stages of a photo in one, from file to file: the work of ``fix``.
 
-The stages are the functions that ``estimate-blind``, ``register``, ``estimate-pair`` and ``deblur``
-call, which is why the results have the same bytes. Outputs are checked before any work is done for
-them, and appear whole or not at all.
+``estimate-blind``, ``register``, ``estimate-pair`` and ``deblur`` call the same functions. So the
+results have the same bytes. All outputs are checked before the work begins, and appear whole or not
+at all.
 """
 
 from __future__ import annotations
@@ -41,8 +41,11 @@ __all__ = ["fix_file"]
 _log = logging.getLogger(__name__)
 
 _ESTIMATE_PIXELS = 8e6
-"""Pixels whose deblurring takes about as long as an estimate, which has a size of its own."""
-_REGISTERED, _PAIR_ESTIMATED = 0.1, 0.4  # of the time, with a noisy photo
+"""Pixels whose deblurring takes about as long as an estimate, which has a fixed size."""
+_REGISTERED, _PAIR_ESTIMATED = (
+    0.1,
+    0.4,
+)  # shares of the time, with a noisy photo
 
 
 def fix_file(
@@ -68,27 +71,27 @@ def fix_file(
     source : Path
         The photo.
     output : Path
-        Where the result goes.
+        Path of the result.
     kernel_file : Path or None
-        Where the kernel goes, which appears only together with the result.
+        Path of the kernel file, which appears only together with the result.
     options : EstimateOptions
-        What the estimate goes by; with a noisy photo, region and estimator do not count.
+        Options of the estimate; with a noisy photo, region and estimator are ignored.
     noisy : Path, optional
-        A noisy photo of the same scene, which helps with the kernel and with the deblurring.
+        A noisy photo of the same scene, used for the kernel and for the deblurring.
     restoration : RestorationOptions, optional
-        How the photo is deblurred; by default by the default method.
+        Method of the deblurring and its options; by default the default method.
     finish : Finish
-        What is wanted beside it; its sheet, too, appears only together with the result.
+        Wishes beside the deblurring; the sheet, too, appears only together with the result.
     observer : callable, optional
         Receives the photo, its result and the kernel, before they are written.
     overwrite, overwrite_others : bool
         Whether an existing result, or other existing outputs, may be replaced.
     keep_result : bool
-        Whether the result is there already, and stays as it is.
+        Whether the result exists already and is kept.
     threads : int, optional
         Threads to use; by default all processors. The result does not depend on it.
     progress : callable, optional
-        Receives the fraction done and what is being done.
+        Receives the share of the work done, 0..1, and a text.
 
     Raises
     ------
@@ -117,30 +120,30 @@ def fix_file(
     first, second = part(progress, 0, share), part(progress, share, 1)
     if other is not None:
         by = preview_options(options, whole, photo) if finish.preview else options
-        found = _pair_estimate(photo, other, by, threads, first)
+        estimate = _pair_estimate(photo, other, by, threads, first)
     elif finish.preview:
-        found = preview_estimate(whole, photo, options, threads=threads, progress=first)
+        estimate = preview_estimate(whole, photo, options, threads=threads, progress=first)
     else:
-        found = estimate_blind(photo, options, threads=threads, progress=first)
+        estimate = estimate_blind(photo, options, threads=threads, progress=first)
     del whole
-    kernel = found.content.kernel
+    kernel = estimate.content.kernel
     result = deblur(
         photo,
         kernel,
         restoration,
         noisy=other,
-        registration=found.registration,
+        registration=estimate.registration,
         keep_geometry=finish.keep_geometry,
         threads=threads,
         progress=second,
     )
     provenance = photo_provenance(
         photo,
-        found.content,
+        estimate.content,
         restoration,
         transfer=options.transfer,
         noisy=other,
-        registration=found.registration,
+        registration=estimate.registration,
         finish=finish,
         mask=mask,
     )
@@ -153,13 +156,13 @@ def fix_file(
         finish=finish,
         provenance=provenance,
         observer=observer,
-        kept=None if kernel_file is None else (kernel_file, found.content),
+        kept=None if kernel_file is None else (kernel_file, estimate.content),
         overwrite=overwrite,
         overwrite_others=overwrite_others,
         keep_result=keep_result,
         noisy=noisy,
     )
-    return found
+    return estimate
 
 
 def _read(source: Path, noisy: Path | None, options: EstimateOptions) -> tuple[Photo, Photo | None]:
@@ -176,14 +179,14 @@ def _pair_estimate(
     threads: int | None,
     progress: Progress | None,
 ) -> Estimate:
-    """Register the noisy photo and estimate the kernel, as the two commands do one by one."""
+    """Register the noisy photo and estimate the kernel, as the two commands do in turn."""
     share = _REGISTERED / _PAIR_ESTIMATED
     match = find_registration(
         blurred, noisy, options, threads=threads, progress=part(progress, 0, share)
     )
     for note in match.notes:
         _log.warning("%s: %s", blurred.source, note)
-    found = estimate_pair(
+    estimate = estimate_pair(
         blurred,
         noisy,
         options,
@@ -191,4 +194,4 @@ def _pair_estimate(
         threads=threads,
         progress=part(progress, share, 1),
     )
-    return replace(found, camera=match.camera, notes=match.notes + found.notes)
+    return replace(estimate, camera=match.camera, notes=match.notes + estimate.notes)

@@ -1,7 +1,7 @@
-"""The catalogue of methods: how a photo is deblurred, alone or with a noisy one.
+"""The catalogue of methods to deblur a photo, alone or with a noisy one.
 
 The command line reads the catalogue for its options and checks. A method's function is imported
-when it is first used.
+at its first use.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ class Method:
     Parameters
     ----------
     name : str
-        What ``--method`` takes.
+        Name of the method, as for ``--method``.
     module, function : str
-        Where its function is.
+        Module and name of its function.
     options : tuple of str
-        Fields of `RestorationOptions` that it takes: ``quality``, ``iterations``.
+        Fields of `RestorationOptions` that it uses: ``quality``, ``iterations``.
     fixed : mapping
         Further arguments of the function.
     needs_noisy : bool
         Whether it needs a noisy photo of the same scene.
     inputs : tuple of str
-        What it takes of the noisy photo beside the denoised photo itself: ``valid``,
+        Further inputs from the noisy photo, beside the denoised photo: ``valid``,
         ``noisy_clipped``.
 
     """
@@ -56,7 +56,7 @@ class Method:
     inputs: tuple[str, ...] = ()
 
     def load(self) -> Callable[..., Restoration]:
-        """Import its function."""
+        """Import and return its function."""
         function: Callable[..., Restoration] = getattr(import_module(self.module), self.function)
         return partial(function, **self.fixed)
 
@@ -106,24 +106,23 @@ def default_method(*, noisy: bool) -> str:
 
 @dataclass(frozen=True)
 class RestorationOptions:
-    """How a photo is deblurred, beside its kernel.
+    """The method of the deblurring and its options.
 
     Parameters
     ----------
     method : str
-        A name in `METHODS`: by sparse gradients; by Richardson-Lucy, Eq. (11), as it is,
-        accelerated, or with total variation; if the blur is uniform, by the Wiener filters of a
-        library; with a noisy photo by both photos in one energy (``fusion``) or by Yuan's residual
-        Richardson-Lucy.
+        A name in `METHODS`: sparse gradients; Richardson-Lucy, Eq. (11), plain, accelerated, or
+        with total variation; for uniform blur the Wiener filters of a library; with a noisy photo
+        one energy of both photos (``fusion``) or Yuan's residual Richardson-Lucy.
     quality : {"fast", "default", "high"}
-        How much time sparse gradients and the fusion take.
+        Trade of time for quality, in sparse gradients and fusion.
     iterations : int, optional
-        How many the method does, >= 1; by default what suits the method and the photo.
+        Number of iterations, >= 1; by default a number that suits the method and the photo.
 
     Raises
     ------
     ValueError
-        If a name is unknown, or a choice does not go with the method.
+        If a name is unknown, or the method does not have an option.
 
     """
 
@@ -147,7 +146,7 @@ class RestorationOptions:
         return METHODS[self.method].needs_noisy
 
     def arguments(self) -> dict[str, Any]:
-        """Return what the method's function takes of the options."""
+        """Return the options that the method's function uses, as its arguments."""
         return {name: getattr(self, name) for name in METHODS[self.method].options}
 
 
@@ -169,17 +168,17 @@ def restore(
     kernel : RotationKernel
         The blur, for a camera of the photo's size.
     options : RestorationOptions, optional
-        How; by default by sparse gradients.
+        Method and its options; by default sparse gradients.
     clipped, threads, progress
-        As for `sparse_gradients`.
+        The same as for `sparse_gradients`.
 
     Raises
     ------
     ValueError
-        If the method needs a noisy photo, the photo is not finite or does not fit the kernel's
-        camera or the clipped pixels, or the iterations are fewer than 1.
+        If the method needs a noisy photo, if the photo is not finite, if its size differs from that
+        of the kernel's camera or of the clipped pixels, or if the iterations are fewer than 1.
     DeshakeError
-        If the method is for uniform blur only and this is none, or its library is missing.
+        If the method is for uniform blur only and the blur varies, or its library is missing.
 
     """
     options = options or RestorationOptions()

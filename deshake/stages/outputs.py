@@ -1,4 +1,4 @@
-"""The outputs of a photo: checked before any work is done, and kept together or not at all."""
+"""The outputs of a photo: checked before the work, and written together or not at all."""
 
 from __future__ import annotations
 
@@ -30,29 +30,31 @@ _log = logging.getLogger(__name__)
 
 
 def prepared(photo: Photo, output: Path, finish: Finish) -> Photo:
-    """Return a photo as it will be written, after checking that it can be.
+    """Check that the result of a photo can be written; return the photo in its output form.
 
-    That takes a second now and saves minutes later. What the result will lack is said.
+    The check takes a second and may save minutes of work. A warning names what the output format
+    loses.
 
     Parameters
     ----------
     photo : Photo
-        The photo that was read.
+        The photo as it was read.
     output : Path
-        Where its result goes.
+        Path of its result.
     finish : Finish
-        What is wanted of it.
+        Wishes for the result.
 
     Raises
     ------
     OutputError, PhotoError
-        If the photo cannot be written under that name, or is no RAW file and was to be linear.
+        If the photo cannot be written under that name, or if the result should be linear and the
+        photo is no RAW file.
 
     """
     if finish.linear:
         photo = photo.in_linear_light()
     form = output_format(output, photo.source, photo.encoding)
-    if form not in {photo.encoding.format, "PNG", "TIFF"}:  # which hold everything
+    if form not in {photo.encoding.format, "PNG", "TIFF"}:  # PNG and TIFF lose nothing
         encode_photo(photo, form)
     for note in (*photo.notes, *lost(photo.encoding, form)):
         _log.warning("%s: %s", photo.source, note)
@@ -77,32 +79,32 @@ def write_result(
 ) -> None:
     """Finish a deblurred photo and write it, with its sheet and its kernel file if wanted.
 
-    They appear together or not at all.
+    All outputs appear together or not at all.
 
     Parameters
     ----------
     output : Path
-        Where the photo goes.
+        Path of the deblurred photo.
     result : Photo
-        As it was deblurred.
+        The deblurred photo.
     photo, mask
-        What `Finish.prepare` gave.
+        The photo and its mask from `Finish.prepare`.
     kernel : RotationKernel
-        What was undone.
+        The blur that was removed.
     finish : Finish
-        What is wanted beside it.
+        Wishes beside the deblurring.
     provenance : mapping or None
-        What the photo tells of itself.
+        Provenance of the result.
     kept : (Path, KernelFile), optional
-        A kernel file to be written.
+        Path and content of a kernel file to write.
     observer : callable, optional
         Receives the photo, its result and the kernel, before they are written.
     overwrite, overwrite_others : bool
         Whether an existing photo, or other existing outputs, may be replaced.
     keep_result : bool
-        Whether the photo is there already and stays as it is; only the others are written.
+        Whether the photo exists already and is kept; only the other outputs are written.
     noisy : Path, optional
-        The noisy photo that helped: who may not read it may not read the result.
+        The noisy photo, if one was used; the result gets no wider read permissions than it.
 
     Raises
     ------

@@ -1,9 +1,9 @@
-"""The kernel of a photo with the help of a noisy one of the same scene, Sec. 6.
+"""The kernel of a blurred photo, estimated with a noisy photo of the same scene, Sec. 6.
 
-The noisy photo is registered to the blurred one, unless that was done before. Where the kernel then
-explains the blurred photo badly, the two photos' tones are matched (`registered_pair`), and the
-kernel is kept that explains it better. One that explains too little is not given out: there the
-kernel is that of a camera that stood still, with which the photo stays as it is.
+The noisy photo is registered to the blurred one first, unless a registration is given. If the
+kernel explains the blurred photo badly, the tones of the two photos are matched
+(`registered_pair`), and the kernel that explains more is kept. If even this kernel explains too
+little, the result is the kernel of a still camera, which leaves the photo unchanged.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ __all__ = ["estimate_pair"]
 
 _log = logging.getLogger(__name__)
 
-_REGISTERED: Final = 0.3  # of the time
-_ALL_BUT: Final = 0.01  # of the edges, left unexplained, above which tone curves are tried
+_REGISTERED: Final = 0.3  # share of the time
+_ALL_BUT: Final = 0.01  # unexplained share of the edges; with more, tone curves are tried
 
 
 def estimate_pair(
@@ -54,30 +54,30 @@ def estimate_pair(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
-    """Estimate the blur kernel of a photo with the help of a noisy one.
+    """Estimate the blur kernel of a blurred photo with a noisy photo of the same scene.
 
     Parameters
     ----------
     blurred, noisy : Photo
         The pair.
     options : EstimateOptions
-        What to go by; region and estimator do not count.
+        Options of the estimate; region and estimator are ignored.
     registration : Registration, optional
-        How the noisy photo lies to the blurred one, with the camera to go by. By default it is
-        found, with the camera that the options or the blurred photo tell.
+        Registration of the two photos, with its camera. By default they are registered, with the
+        camera from the options or from the blurred photo.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
-        Told the fraction done and what is being done.
+        Receives the share of the work done, 0..1, and a text.
 
     Raises
     ------
     PhotoError, CalibrationError
         For the reasons of `find_registration`.
     KernelFileError
-        If the camera or the registration that was given does not fit the photo.
+        If a given camera or registration does not fit the photo.
     EstimationError
-        If the photos do not show the same scene, or are too small, too flat or too much clipped.
+        If the photos do not show the same scene, or are too small, too flat, or nearly all clipped.
 
     """
     notes: list[str] = []
@@ -90,7 +90,7 @@ def estimate_pair(
         start = _REGISTERED
     else:
         camera = CameraFile(registration.camera, "the registration")
-        options = replace(options, search_angle=None)  # nothing is searched for
+        options = replace(options, search_angle=None)  # there is no search
         check_registration(registration.camera, blurred)
         zoom = relative_zoom(blurred, noisy)
         if zoom is not None:
@@ -102,34 +102,34 @@ def estimate_pair(
     lies = replace(registration, camera=pinhole)
     linear = straight.is_sensors and other.is_sensors
     try:
-        seen = registered(unclipped_mean(other.pixels), lies)
-        pair = RegisteredPair(straight, other, lies, *seen)
+        lying = registered(unclipped_mean(other.pixels), lies)
+        pair = RegisteredPair(straight, other, lies, *lying)
         common: dict[str, Any] = {
             "uniform": options.uniform,
             "blur_size": largest_blur(pinhole, options),
             "threads": threads,
         }
-        found = pair.kernel(**common, progress=part(progress, start, half) or _silent)
+        fit = pair.kernel(**common, progress=part(progress, start, half) or _silent)
         curved = False
-        if found.unexplained > _ALL_BUT and not linear:
-            with contextlib.suppress(EstimationError):  # then it stays at the one factor
+        if fit.unexplained > _ALL_BUT and not linear:
+            with contextlib.suppress(EstimationError):  # without tone curves the one factor is kept
                 second = pair.on_curves().kernel(
                     **common, progress=part(progress, half, 1) or _silent
                 )
-                curved = second.unexplained < found.unexplained
-                found = second if curved else found
+                curved = second.unexplained < fit.unexplained
+                fit = second if curved else fit
     except DeshakeError as error:
         error.file = error.file or str(blurred.source)
         raise
-    scale = found.scale
+    scale = fit.scale
     if curved:
         scale *= registration.scale
         notes.append("the photos have tone curves of their own, which were matched")
-    notes += found.notes
-    kernel = found.kernel
-    if found.confidence < TRUSTED:
+    notes += fit.notes
+    kernel = fit.kernel
+    if fit.confidence < TRUSTED:
         notes.append(
-            f"the two photos agree too badly to trust a kernel ({found.confidence:.2f}): the photo "
+            f"the two photos agree too badly to trust a kernel ({fit.confidence:.2f}): the photo "
             "is left as it is; without the noisy photo it can be deblurred blindly"
         )
         kernel = RotationKernel.delta(kernel.camera)
@@ -137,24 +137,24 @@ def estimate_pair(
         progress(1.0, "kernel estimated")
     for note in notes:
         _log.warning("%s: %s", blurred.source, note)
-    provenance = _provenance((blurred, noisy), options, registration, found)
+    provenance = _provenance((blurred, noisy), options, registration, fit)
     provenance |= {"camera": camera.source, "tone_curves": curved, "notes": notes}
     kernel = bent_kernel(kernel, registration.camera, pinhole)
-    content = KernelFile(kernel, found.confidence, provenance)
+    content = KernelFile(kernel, fit.confidence, provenance)
     return Estimate(content, camera, notes, registration=registration, scale=scale)
 
 
 def _silent(_share: float, _text: str) -> None:
-    """Tell nobody."""
+    """Ignore the progress."""
 
 
 def _provenance(
     pair: tuple[Photo, Photo],
     options: EstimateOptions,
     registration: Registration,
-    found: PairEstimate,
+    fit: PairEstimate,
 ) -> dict[str, Any]:
-    """Tell what shaped the kernel, the camera aside."""
+    """Return the provenance of a kernel, without its camera."""
     return {
         "deshake": __version__,
         "command": "estimate-pair",
@@ -162,8 +162,8 @@ def _provenance(
         "input_sha256": pair[0].sha256,
         "noisy_sha256": pair[1].sha256,
         "registration": registration.report(),
-        "scale": found.scale,
-        "explained": found.explained,
-        "unexplained": found.unexplained,
-        "scales": [asdict(scale) for scale in found.scales],
+        "scale": fit.scale,
+        "explained": fit.explained,
+        "unexplained": fit.unexplained,
+        "scales": [asdict(scale) for scale in fit.scales],
     }

@@ -1,7 +1,7 @@
-"""What a deblurred photo tells of itself: what it was, and how it was deblurred.
+"""The provenance of a deblurred photo: its inputs, and the options of the deblurring.
 
-`fix` tells what `deblur` with its kernel tells, which is why their results are the same to the
-byte: no command but the stage's, no times, paths or threads.
+`fix` and `deblur` with the same kernel write the same provenance. So their results are the same to
+the byte. The provenance names the stage as the command, and has no times, paths or threads.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ __all__ = ["photo_origin", "photo_provenance", "registration_origin", "with_phot
 
 _log = logging.getLogger(__name__)
 
-_LONGEST_KERNEL: Final = 16_384  # characters of a kernel's provenance that a photo carries
+_LONGEST_KERNEL: Final = 16_384  # characters; a photo does not carry a longer one
 
 
 def photo_provenance(
@@ -44,26 +44,26 @@ def photo_provenance(
     finish: Finish = AS_IT_IS,
     mask: Mask | None = None,
 ) -> dict[str, Any] | None:
-    """Tell how a photo was deblurred, as JSON data; None: that is not wanted.
+    """Return the provenance of a deblurred photo, as JSON data; None: it is not wanted.
 
     Parameters
     ----------
     photo : Photo
         The photo, or its result.
     content : KernelFile
-        The kernel, whose own provenance is carried without its scales.
+        The kernel; the photo carries its provenance without the scales.
     restoration : RestorationOptions
-        How it was deblurred.
+        Method of the deblurring and its options.
     transfer : {"srgb", "linear", "gamma22"}, optional
-        The transfer curve, if one was given.
+        The given transfer curve.
     noisy : Photo, optional
         The noisy photo of the same scene.
     registration : Registration, optional
-        How it lies, if that was given; told if it is another one than the kernel's.
+        The given registration; recorded if it differs from the kernel's.
     finish : Finish
-        What was wanted beside the deblurring.
+        Wishes beside the deblurring.
     mask : Mask, optional
-        How much of the photo was kept.
+        Share of the photo that is kept.
 
     """
     if not finish.with_provenance:
@@ -97,10 +97,10 @@ def photo_origin(
     noisy_sha256: str | None = None,
     mask_sha256: str | None = None,
 ) -> dict[str, Any]:
-    """Return what a result comes from: the digests of its inputs, and the options that shape it.
+    """Return the origin of a result: the digests of its inputs, and the options that affect it.
 
-    It is the same before the work, by the files, and after it, by what was read. Inputs that were
-    made in memory have no digest.
+    Before the work the digests come from the files; after the work they come from the bytes that
+    were read. Both are the same. An input that is only in memory has no digest.
     """
     options = {"transfer": transfer} | asdict(restoration) | finish.provenance(mask_sha256)
     digests = {"input_sha256": input_sha256, "noisy_sha256": noisy_sha256}
@@ -110,14 +110,14 @@ def photo_origin(
 def registration_origin(
     registration: Registration | None, kernel: Mapping[str, Any]
 ) -> dict[str, Any] | None:
-    """Return what a photo tells of its registration; None if its kernel's provenance has it."""
+    """Return a photo's record of its registration; None if its kernel's provenance has it."""
     if registration is None or registration.report() == kernel.get("registration"):
         return None
     return registration.report()
 
 
 def with_photo_provenance(result: Photo, provenance: Mapping[str, Any]) -> Photo:
-    """Return a result that carries its provenance, in its XMP and its Software tag."""
+    """Add the provenance to a result, in its XMP and its Software tag."""
     metadata = with_provenance(result.metadata, provenance)
     if NAMESPACE[1].encode() not in metadata.xmp:
         _log.warning("%s: its XMP is damaged, and takes no provenance", result.source)
@@ -125,6 +125,6 @@ def with_photo_provenance(result: Photo, provenance: Mapping[str, Any]) -> Photo
 
 
 def _short(provenance: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a photo carries of its kernel's provenance; nothing if that is very long."""
+    """Return a kernel's provenance without its scales; empty if it is very long."""
     short = {name: value for name, value in provenance.items() if name != "scales"}
     return short if len(json.dumps(short)) <= _LONGEST_KERNEL else {}

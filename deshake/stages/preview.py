@@ -1,8 +1,8 @@
-"""A photo at a quarter of its size, on which all stages take seconds.
+"""The preview: a photo at a quarter of its size, on which all stages take seconds.
 
-Angles know no scale: a kernel found at one size belongs to the photo at any. A blind estimate takes
-its time at the size that it works at, whatever the photo's: for a preview that is smaller, and the
-first good kernel is taken.
+A kernel consists of angles. So a kernel from one size of a photo is valid for every size. The time
+of a blind estimate depends on the size of its picture, not on the size of the photo. A preview uses
+a smaller picture, and keeps the first good kernel.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ if TYPE_CHECKING:
 
 __all__ = ["preview_estimate", "preview_options", "preview_photo", "preview_side"]
 
-_FACTOR: Final = 4
+_FACTOR: Final = 4  # ratio of the photo's sides to the preview's
 _LEAST_SIDE: Final = 640  # px of the longer side
-_ESTIMATE_SIDE: Final = 400  # px of the longer side that an estimate looks at
+_ESTIMATE_SIDE: Final = 400  # px of the longer side of the picture for the estimate
 
 
 def preview_photo(photo: Photo) -> Photo:
     """Reduce a photo to a quarter of its width and height, its longer side to no less than 640 px.
 
-    Pixels are means of linear light; where one of them clipped, the smaller one counts as
-    clipped. Format, depth and metadata stay as they are.
+    Each new pixel is a mean in linear light. It counts as clipped if one of its pixels is clipped.
+    Format, depth and metadata do not change.
     """
     return _reduced(photo, preview_side(max(photo.shape)))
 
 
 def preview_side(side: float) -> float:
-    """Return the longer side of a photo's preview in pixels, which a small photo may not reach."""
+    """Return the longer side of a photo's preview in pixels; a small photo may have less."""
     return max(side / _FACTOR, _LEAST_SIDE)
 
 
@@ -60,18 +60,18 @@ def preview_estimate(
     Parameters
     ----------
     photo, small : Photo
-        The photo, and what `preview_photo` made of it.
+        The photo, and its preview from `preview_photo`.
     options : EstimateOptions
-        What the estimate goes by, in pixels of the photo.
+        Options of the estimate, in pixels of the photo.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
-        Told the fraction done and what is being done.
+        Receives the share of the work done, 0..1, and a text.
 
     Returns
     -------
     Estimate
-        Its kernel and its camera are those of the reduced photo.
+        The estimate; its kernel and its camera belong to the reduced photo.
 
     Raises
     ------
@@ -79,16 +79,16 @@ def preview_estimate(
         For the reasons of `estimate_blind`.
 
     """
-    seen = _reduced(small, _ESTIMATE_SIDE)
-    goes_by = preview_options(options, photo, seen)
-    found = estimate_blind(seen, goes_by, threads=threads, progress=progress)
-    kernel = found.content.kernel.at_size(*small.shape)
-    camera = replace(found.camera, camera=found.camera.camera.scaled(*small.shape))
-    return replace(found, content=replace(found.content, kernel=kernel), camera=camera)
+    reduced = _reduced(small, _ESTIMATE_SIDE)
+    scaled = preview_options(options, photo, reduced)
+    estimate = estimate_blind(reduced, scaled, threads=threads, progress=progress)
+    kernel = estimate.content.kernel.at_size(*small.shape)
+    camera = replace(estimate.camera, camera=estimate.camera.camera.scaled(*small.shape))
+    return replace(estimate, content=replace(estimate.content, kernel=kernel), camera=camera)
 
 
 def preview_options(options: EstimateOptions, photo: Photo, small: Photo) -> EstimateOptions:
-    """Return what an estimate from the reduced photo goes by: all that is in pixels is scaled.
+    """Return the options for the reduced photo: all lengths in pixels are scaled.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def preview_options(options: EstimateOptions, photo: Photo, small: Photo) -> Est
 
 
 def _reduced(photo: Photo, side: float) -> Photo:
-    """Reduce a photo to a longer side of so many pixels, unless it has no more."""
+    """Reduce the longer side of a photo to `side` pixels, if it is longer."""
     height, width = photo.shape
     factor = max(photo.shape) / side
     if factor <= 1:

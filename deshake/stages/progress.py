@@ -1,4 +1,4 @@
-"""How far a piece of work has come: told as a share of it and a word on what is being done."""
+"""Progress of a piece of work: the share of it that is done, and a text for the user."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["part"]
 
 
 def part(progress: Progress | None, start: float, end: float) -> Progress | None:
-    """Return what tells `progress` of a part of the work."""
+    """Return a callback that reports a part of the work to `progress`."""
     if progress is None:
         return None
     return lambda share, text: progress(start + (end - start) * share, text)

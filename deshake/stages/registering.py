@@ -1,4 +1,4 @@
-"""From a blurred and a noisy photo to their registration: what ``register`` runs."""
+"""The registration of a blurred and a noisy photo: the work of ``register``."""
 
 from __future__ import annotations
 
@@ -50,22 +50,22 @@ _log = logging.getLogger(__name__)
 
 Image = NDArray[np.float32]
 
-_ZOOMED = 0.05  # two focal lengths that differ by more are not one
-_SQUARES = 10  # along the longer side of the preview
+_ZOOMED = 0.05  # relative difference of two focal lengths; with more they are not equal
+_SQUARES = 10  # number of squares along the longer side of the preview
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A registration, and what the user should know of it.
+    """A registration, its camera, and notes for the user.
 
     Parameters
     ----------
     registration : Registration
         The registration.
     camera : CameraFile
-        The camera that was gone by, and where its focal length comes from.
+        The camera of the registration, and the source of its focal length.
     notes : list of str
-        In plain words.
+        Notes for the user, in plain words.
 
     """
 
@@ -75,13 +75,13 @@ class Found:
 
     def report(self) -> dict[str, Any]:
         """Return the figures of the registration as JSON data."""
-        found = self.registration
+        registration = self.registration
         return {
-            "theta_degrees": [round(angle, 5) for angle in np.degrees(found.theta).tolist()],
-            "scale": round(found.scale, 5),
-            "confidence": round(found.confidence, 4),
+            "theta_degrees": [round(angle, 5) for angle in np.degrees(registration.theta).tolist()],
+            "scale": round(registration.scale, 5),
+            "confidence": round(registration.confidence, 4),
             "notes": self.notes,
-            "focal_px": round(found.camera.focal_px, 2),
+            "focal_px": round(registration.camera.focal_px, 2),
             "camera_source": self.camera.source,
         }
 
@@ -103,7 +103,7 @@ def search_range(degrees: float | None) -> float:
 
 
 def register_options(options: EstimateOptions) -> dict[str, Any]:
-    """Return what shapes a registration, for its file; the camera stands beside it."""
+    """Return the options that affect a registration; its file has the camera beside them."""
     return {"transfer": options.transfer, "search_angle": options.search_angle}
 
 
@@ -122,18 +122,18 @@ def find_registration(
     blurred, noisy : Photo
         The photos.
     options : EstimateOptions
-        Of which the camera and `search_angle` count.
+        Options; only the camera and `search_angle` count.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
-        Told the fraction done and what is being done.
+        Receives the share of the work done, 0..1, and a text.
 
     Raises
     ------
     PhotoError
         If the photos were taken at different focal lengths.
     CalibrationError, KernelFileError
-        If the camera that was given is absurd or does not fit.
+        If a given camera is absurd or does not fit.
     EstimationError
         If the photos do not show the same scene, or have different proportions.
 
@@ -148,12 +148,12 @@ def find_registration(
                 "they were, where the metadata are wrong",
                 file=noisy.source,
             )
-    straight, other, seen = straight_pair(blurred, noisy, camera.camera)
+    straight, other, pinhole = straight_pair(blurred, noisy, camera.camera)
     try:
         registration = register(
             straight.pixels,
             unclipped_mean(other.pixels),
-            seen,
+            pinhole,
             max_angle=search_range(options.search_angle),
             progress=progress,
             threads=threads,
@@ -186,18 +186,17 @@ def register_file(
     output : Path
         The registration file, or "-" for standard output.
     options : EstimateOptions
-        Of which the camera, `transfer` and `search_angle` count.
+        Options; only the camera, `transfer` and `search_angle` count.
     preview : Path, optional
-        Where a checkerboard of both photos goes, which appears only together with the file.
+        Path of a checkerboard of both photos, which appears only together with the file.
     overwrite, overwrite_others : bool
         Whether an existing registration file, or an existing preview, may be replaced.
     keep_result : bool
-        Whether the registration file is there already and stays as it is; only the preview is
-        written.
+        Whether the registration file exists already and is kept; only the preview is written.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
-        Told the fraction done and what is being done.
+        Receives the share of the work done, 0..1, and a text.
 
     Raises
     ------
@@ -214,31 +213,31 @@ def register_file(
         check_output(preview, blurred, noisy, output, overwrite=overwrite_others)
     g, f_N = read_pair(blurred, noisy, transfer=options.transfer)
     form = None if preview is None else _preview_format(preview, g)
-    found = find_registration(g, f_N, options, threads=threads, progress=progress)
-    registration = found.registration
-    for note in found.notes:
+    match = find_registration(g, f_N, options, threads=threads, progress=progress)
+    registration = match.registration
+    for note in match.notes:
         _log.warning("%s: %s", blurred, note)
     content = RegistrationFile(
         registration.theta,
         registration.scale,
         registration.camera,
         registration.confidence,
-        _provenance(g, f_N, options, found),
+        _provenance(g, f_N, options, match),
     )
     with joint_outputs(blurred, noisy) as add:
         if preview is not None:
-            straight, other, seen = straight_pair(g, f_N, registration.camera)
-            seams = checkerboard(straight, other, replace(registration, camera=seen))
+            straight, other, pinhole = straight_pair(g, f_N, registration.camera)
+            seams = checkerboard(straight, other, replace(registration, camera=pinhole))
             add(preview, encode_photo(seams, form), overwrite=overwrite_others)
         if not keep_result:
             add(output, registration_bytes(content), overwrite=overwrite)
-    return found
+    return match
 
 
 def checkerboard(blurred: Photo, noisy: Photo, registration: Registration) -> Photo:
-    """Lay a blurred and a registered noisy photo out as the squares of a checkerboard.
+    """Draw a blurred and a registered noisy photo as the squares of a checkerboard.
 
-    Edges that run on from square to square show that the registration is right.
+    The registration is right if edges continue from square to square.
 
     Parameters
     ----------
@@ -250,8 +249,8 @@ def checkerboard(blurred: Photo, noisy: Photo, registration: Registration) -> Ph
     Returns
     -------
     Photo
-        Of the blurred photo's size, 8 bits, without metadata; all of it is the blurred photo where
-        the noisy one sees nothing.
+        The checkerboard, of the blurred photo's size, 8 bits, without metadata. Pixels outside the
+        noisy photo are those of the blurred photo.
 
     """
     height, width = blurred.shape
@@ -274,14 +273,14 @@ def checkerboard(blurred: Photo, noisy: Photo, registration: Registration) -> Ph
 
 
 def _preview_format(path: Path, photo: Photo) -> Format:
-    """Return the format of a preview: by its name, PNG for standard output."""
+    """Return the format of a preview from its name; PNG for standard output."""
     return "PNG" if str(path) == STREAM else output_format(path, photo.source, photo.encoding)
 
 
 def relative_zoom(blurred: Photo, noisy: Photo) -> float | None:
-    """Return how many times the focal length of one photo the other's is, if they are not one.
+    """Return the ratio of the noisy photo's focal length to the blurred one's, if they differ.
 
-    None where they are, or where the metadata of one do not tell.
+    None if the two are equal, or if the metadata of one photo lack the focal length.
     """
     try:
         one, other = (
@@ -293,7 +292,7 @@ def relative_zoom(blurred: Photo, noisy: Photo) -> float | None:
 
 
 def _provenance(
-    blurred: Photo, noisy: Photo, options: EstimateOptions, found: Found
+    blurred: Photo, noisy: Photo, options: EstimateOptions, match: Found
 ) -> dict[str, Any]:
     return {
         "deshake": __version__,
@@ -301,6 +300,6 @@ def _provenance(
         "options": register_options(options),
         "input_sha256": blurred.sha256,
         "noisy_sha256": noisy.sha256,
-        "camera": found.camera.source,
-        "notes": found.notes,
+        "camera": match.camera.source,
+        "notes": match.notes,
     }

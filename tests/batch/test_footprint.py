@@ -64,12 +64,12 @@ def test_previews_masks_and_lenses_count(photo, tmp_path):
     kept = memory_needed(job, Fix(by_file, finish=Finish(keep_geometry=True)), 1)
     assert plain < straight == same < kept
     kernel = tmp_path / "k.npz"
-    found = []
+    needed = []
     for each in (camera, lens.camera):
         still = KernelFile(RotationKernel.delta(each))
         write_kernel(kernel, still, overwrite=True)
-        found.append(memory_needed(replace(job, needs={"kernel": kernel}), Deblur(), 1))
-    assert found[1] - found[0] == straight - plain
+        needed.append(memory_needed(replace(job, needs={"kernel": kernel}), Deblur(), 1))
+    assert needed[1] - needed[0] == straight - plain
 
 
 def test_a_preview_has_its_least_size():
@@ -97,8 +97,8 @@ def test_a_preview_has_its_least_size():
 def test_predictions_are_near_what_was_measured(measured, options, more):
     """At 2160 x 1440 in colour, blurred by 18 pixels, which are 5 in the preview."""
     blur = 5 if "finish" in more and more["finish"].preview else 18
-    found = restoration_memory(PictureSize(2160 * 1440, 3), options, 1, blur, **more)
-    assert 0.95 * measured < found < 1.6 * measured
+    needed = restoration_memory(PictureSize(2160 * 1440, 3), options, 1, blur, **more)
+    assert 0.95 * measured < needed < 1.6 * measured
 
 
 def test_the_kernel_tells_the_blur(photo, tmp_path):
@@ -130,7 +130,7 @@ def test_stages_differ():
     assert alone < restoration_memory(size, RestorationOptions("fusion"), 1)
     kept = Finish(keep_geometry=True)
     for finish, low, high in ((Finish(), 3.07e9, 3.5e9), (kept, 3.43e9, 3.8e9)):  # 3.07 and 3.43
-        found = restoration_memory(size, RestorationOptions(), 1, 30, finish=finish, bends=True)
-        assert low < found < high
+        needed = restoration_memory(size, RestorationOptions(), 1, 30, finish=finish, bends=True)
+        assert low < needed < high
     assert 2.8e9 < restoration_memory(size, RestorationOptions(), 1, 30) < 3.2e9  # measured: 2.8
     assert 3.3e9 < restoration_memory(size, RestorationOptions(), 1, 120) < 3.7e9  # 3.3

@@ -41,7 +41,7 @@ class Shaken:
 
     @property
     def still(self) -> np.ndarray:
-        """What a camera would have seen that stood still."""
+        """The photo that a still camera would take."""
         return self.sharp[self.margin : -self.margin, self.margin : -self.margin]
 
     @property
@@ -85,12 +85,12 @@ def still(shaken) -> Pyramid:
 
 
 @pytest.fixture(scope="session")
-def told() -> list[float]:
-    """Shares done, as the race told them that `ended` is the end of."""
+def shares() -> list[float]:
+    """Shares of the work done that the race of `ended` reports."""
     return []
 
 
 @pytest.fixture(scope="session")
-def ended(shaken, told) -> Finish:
+def ended(shaken, shares) -> Finish:
     """How the race for the shaken photo ends."""
-    return race(shaken.pyramid, threads=1, progress=lambda share, _: told.append(share))
+    return race(shaken.pyramid, threads=1, progress=lambda share, _: shares.append(share))

@@ -40,9 +40,9 @@ def test_a_kernel_agrees_with_itself(name) -> None:
 
 @pytest.mark.parametrize(("one", "other"), list(itertools.combinations(KERNELS, 2)))
 def test_agreement_is_symmetric_and_less_for_others(one, other) -> None:
-    found = agreement(KERNELS[one], KERNELS[other])
-    assert found == pytest.approx(agreement(KERNELS[other], KERNELS[one]), abs=1e-4)
-    assert 0 <= found < 0.9
+    agreements = agreement(KERNELS[one], KERNELS[other])
+    assert agreements == pytest.approx(agreement(KERNELS[other], KERNELS[one]), abs=1e-4)
+    assert 0 <= agreements < 0.9
 
 
 @pytest.mark.parametrize("turn", [[0.0, 7, 0], [-3.5, 2.25, 0], [20, -30, 5]])
@@ -64,18 +64,20 @@ def test_neighbouring_rotations_are_alike() -> None:
 
 
 def test_the_more_a_kernel_is_off_the_less_it_agrees() -> None:
-    found = [
+    agreements = [
         agreement(kernel([[x * share for x in at] for at in CURVE]), KERNELS["curve"])
         for share in (1.0, 0.9, 0.75, 0.5, 0.3)
     ]
-    assert found == sorted(found, reverse=True)
-    assert found[1] > 0.9
+    assert agreements == sorted(agreements, reverse=True)
+    assert agreements[1] > 0.9
 
 
 def test_smoothing_forgives() -> None:
-    found = [agreement(KERNELS["curve"], KERNELS["mirrored"], smoothing=s) for s in (0.1, 0.3, 1.0)]
-    assert found == sorted(found)
-    assert found[0] < found[2]
+    agreements = [
+        agreement(KERNELS["curve"], KERNELS["mirrored"], smoothing=s) for s in (0.1, 0.3, 1.0)
+    ]
+    assert agreements == sorted(agreements)
+    assert agreements[0] < agreements[2]
 
 
 def test_rotations_without_weight_do_not_count() -> None:

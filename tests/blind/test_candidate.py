@@ -22,15 +22,15 @@ def run(candidate: Candidate) -> Candidate:
 
 
 @pytest.fixture(scope="module")
-def found(pyramid) -> Candidate:
+def finished(pyramid) -> Candidate:
     return run(Candidate(pyramid, 3))
 
 
-def test_a_known_shake_is_found(found, shaken) -> None:
-    assert found.level == 0
-    assert agreement(found.kernel, shaken.kernel) > 0.9
-    assert found.kernel.camera is shaken.camera
-    assert 0.7 < found.width / shaken.kernel.extent_px() < 1.8
+def test_a_known_shake_is_found(finished, shaken) -> None:
+    assert finished.level == 0
+    assert agreement(finished.kernel, shaken.kernel) > 0.9
+    assert finished.kernel.camera is shaken.camera
+    assert 0.7 < finished.width / shaken.kernel.extent_px() < 1.8
 
 
 def test_a_wide_roll_is_found(shake) -> None:
@@ -41,8 +41,8 @@ def test_a_wide_roll_is_found(shake) -> None:
     assert agreement(*kernels) > 0.93
 
 
-def test_the_kernel_is_centred_and_whole(found) -> None:
-    kernel = found.kernel
+def test_the_kernel_is_centred_and_whole(finished) -> None:
+    kernel = finished.kernel
     np.testing.assert_allclose(kernel.centroid, 0, atol=1e-3 * kernel.steps.min())
     assert kernel.weights.sum() == pytest.approx(1)
     assert kernel.weights.min() > 0
@@ -80,9 +80,9 @@ def test_the_camera_turns_about_the_axes_that_it_may(pyramid) -> None:
     assert np.ptp(pan.theta[:, 1]) > pan.steps[1]
 
 
-def test_the_blur_stays_within_its_bound(pyramid, found) -> None:
+def test_the_blur_stays_within_its_bound(pyramid, finished) -> None:
     narrow = run(Candidate(pyramid, 3, bound=2.0)).kernel
-    ranges = [np.ptp(k.theta, axis=0) / k.steps for k in (narrow, found.kernel)]
+    ranges = [np.ptp(k.theta, axis=0) / k.steps for k in (narrow, finished.kernel)]
     assert ranges[0].max() < 2 * 3 + 0.5
     assert ranges[1].max() > 2 * 3 + 0.5
 
@@ -93,9 +93,9 @@ def test_a_kernel_too_wide_stops_where_it_is(pyramid) -> None:
     assert candidate.width * RATIO > 8
 
 
-def test_exposure_does_not_count(shaken, found) -> None:
+def test_exposure_does_not_count(shaken, finished) -> None:
     darker = Pyramid(shaken.grey / 4, shaken.camera)  # by a power of two, nearly exactly
-    assert agreement(run(Candidate(darker, 3)).kernel, found.kernel) > 0.97
+    assert agreement(run(Candidate(darker, 3)).kernel, finished.kernel) > 0.97
 
 
 def test_an_edge_must_be_above_the_noise(shaken, pyramid) -> None:
@@ -128,7 +128,7 @@ def test_refinement_keeps_to_its_scale_and_axes(pyramid, rough) -> None:
     assert np.ptp(coarse.theta[:, 2]) < 0.05 * coarse.steps[2]
 
 
-def test_the_same_each_time(shaken, found) -> None:
+def test_the_same_each_time(shaken, finished) -> None:
     again = run(Candidate(shaken.pyramid, 3)).kernel
-    assert again.theta.tobytes() == found.kernel.theta.tobytes()
-    assert again.weights.tobytes() == found.kernel.weights.tobytes()
+    assert again.theta.tobytes() == finished.kernel.theta.tobytes()
+    assert again.weights.tobytes() == finished.kernel.weights.tobytes()

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class Told:
-    """What an estimate told of its progress."""
+    """The progress that an estimate reports."""
 
     shares: list[float] = field(default_factory=list)
 
@@ -33,29 +33,29 @@ def progress() -> Told:
 
 
 @pytest.fixture(scope="module")
-def found(shaken, progress) -> BlindEstimate:
+def result(shaken, progress) -> BlindEstimate:
     return estimate_kernel(shaken.grey, shaken.camera, quick=True, threads=1, progress=progress)
 
 
-def test_a_known_shake_is_found_and_trusted(found, shaken) -> None:
-    assert agreement(found.kernel, shaken.kernel) > 0.88
-    assert found.kernel.camera is shaken.camera
-    assert found.confidence > 0.5
-    assert found.name
-    assert found.name != STILL
+def test_a_known_shake_is_found_and_trusted(result, shaken) -> None:
+    assert agreement(result.kernel, shaken.kernel) > 0.88
+    assert result.kernel.camera is shaken.camera
+    assert result.confidence > 0.5
+    assert result.name
+    assert result.name != STILL
 
 
-def test_the_kernel_is_centred_and_fine(found) -> None:
-    kernel = found.kernel
+def test_the_kernel_is_centred_and_fine(result) -> None:
+    kernel = result.kernel
     np.testing.assert_allclose(kernel.centroid, 0, atol=0.05 * kernel.steps.min())
     assert kernel.weights.sum() == pytest.approx(1)
     assert filled_path(kernel) is kernel
 
 
-def test_the_latent_picture_is_the_photos(found, shaken) -> None:
-    assert found.latent.shape == (2, *shaken.grey.shape)
+def test_the_latent_picture_is_the_photos(result, shaken) -> None:
+    assert result.latent.shape == (2, *shaken.grey.shape)
     true = np.diff(shaken.still, axis=1)[10:-10, 10:-10]
-    latent = found.latent[0, :, :-1][10:-10, 10:-10]
+    latent = result.latent[0, :, :-1][10:-10, 10:-10]
     photo = np.diff(shaken.grey, axis=1)[10:-10, 10:-10]
     # the estimate may point a pixel aside
     alike = max(
@@ -66,8 +66,8 @@ def test_the_latent_picture_is_the_photos(found, shaken) -> None:
     assert alike > np.corrcoef(photo.ravel(), true.ravel())[0, 1]
 
 
-def test_progress_rises_from_nothing_to_one(found, progress) -> None:
-    assert found.kernel is not None
+def test_progress_rises_from_nothing_to_one(result, progress) -> None:
+    assert result.kernel is not None
     assert progress.shares[0] == 0
     assert progress.shares[-1] == 1
     assert progress.shares == sorted(progress.shares)
@@ -85,36 +85,36 @@ def test_a_part_of_the_photo_tells_of_the_whole(shaken) -> None:
 
 def test_clipped_pixels_are_not_believed(shaken) -> None:
     most = np.quantile(shaken.grey, 0.97)
-    found = estimate_kernel(
+    result = estimate_kernel(
         np.minimum(shaken.grey, most).astype(np.float32),
         shaken.camera,
         clipped=shaken.grey >= most,
         quick=True,
         threads=1,
     )
-    assert agreement(found.kernel, shaken.kernel) > 0.85
+    assert agreement(result.kernel, shaken.kernel) > 0.85
 
 
 def test_uniform_kernels_do_not_roll(shake) -> None:
     camera = Camera.uniform(200, 240)
     shaken = shake(camera, np.array([[-1.0, -4, 0], [0, 0, 0], [2, 1, 0], [1, 4, 0]]))
     lens = Camera.from_focal(240.0, 200, 240)
-    found = estimate_kernel(shaken.grey, lens, uniform=True, quick=True, threads=1)
-    assert found.kernel.camera.is_uniform
-    assert not found.kernel.theta[:, 2].any()
-    assert agreement(found.kernel, shaken.kernel) > 0.9
+    result = estimate_kernel(shaken.grey, lens, uniform=True, quick=True, threads=1)
+    assert result.kernel.camera.is_uniform
+    assert not result.kernel.theta[:, 2].any()
+    assert agreement(result.kernel, shaken.kernel) > 0.9
 
 
 def test_a_sharp_photo_is_left_as_it_is(shaken) -> None:
-    found = estimate_kernel(np.ascontiguousarray(shaken.still), shaken.camera, threads=1)
-    assert found.name == STILL
-    assert found.kernel.weights.tolist() == [1]
-    assert not found.kernel.theta.any()
-    assert found.kernel.camera is shaken.camera
-    assert found.confidence <= 0.1
-    assert len(found.notes) == 1
-    assert "left as it is" in found.notes[0]
-    assert found.latent.shape == (2, *shaken.grey.shape)
+    result = estimate_kernel(np.ascontiguousarray(shaken.still), shaken.camera, threads=1)
+    assert result.name == STILL
+    assert result.kernel.weights.tolist() == [1]
+    assert not result.kernel.theta.any()
+    assert result.kernel.camera is shaken.camera
+    assert result.confidence <= 0.1
+    assert len(result.notes) == 1
+    assert "left as it is" in result.notes[0]
+    assert result.latent.shape == (2, *shaken.grey.shape)
 
 
 @pytest.mark.parametrize("estimator", ["edges", "variational"])

@@ -50,15 +50,15 @@ def test_a_still_camera_betters_nothing(plain) -> None:
 
 
 def test_no_kernel_betters_a_photo_that_was_not_shaken(shaken, kernels) -> None:
-    found = margins(shaken.still, shaken, kernels, "true", "short", "wrong")
-    assert max(found.values()) < 0
-    assert found["true"] < found["short"]
+    by_kernel = margins(shaken.still, shaken, kernels, "true", "short", "wrong")
+    assert max(by_kernel.values()) < 0
+    assert by_kernel["true"] < by_kernel["short"]
 
 
 def test_a_coarser_scale_prefers_the_same(shaken, kernels) -> None:
-    found = margins(shaken.grey, shaken, kernels, "true", "short", "long", level=1)
-    assert found["true"] > found["short"] > 0
-    assert found["true"] > found["long"]
+    by_kernel = margins(shaken.grey, shaken, kernels, "true", "short", "long", level=1)
+    assert by_kernel["true"] > by_kernel["short"] > 0
+    assert by_kernel["true"] > by_kernel["long"]
 
 
 def test_exposure_does_not_count(shaken, kernels, plain) -> None:
@@ -95,16 +95,16 @@ def test_clipped_pixels_are_left_out(shaken, kernels, plain) -> None:
     spoilt[100:120, 100:140] = 1.0
     usable = np.ones(spoilt.shape, bool)
     usable[99:121, 99:141] = False
-    found = margins(spoilt, shaken, kernels, "true", "short", usable=usable)
-    assert found["true"] > found["short"] > 0
-    assert found["true"] == pytest.approx(plain["true"], abs=0.08)
+    by_kernel = margins(spoilt, shaken, kernels, "true", "short", usable=usable)
+    assert by_kernel["true"] > by_kernel["short"] > 0
+    assert by_kernel["true"] == pytest.approx(plain["true"], abs=0.08)
 
 
 def test_lights_that_no_kernel_explains_mislead_nobody(shaken, kernels) -> None:
     lit = shaken.grey.copy()
     lit[40:180:40, 40:220:40] += np.float32(lit.max())  # lights that were not shaken
-    found = margins(lit, shaken, kernels, "true", "long")
-    assert found["true"] > max(found["long"], 0)
+    by_kernel = margins(lit, shaken, kernels, "true", "long")
+    assert by_kernel["true"] > max(by_kernel["long"], 0)
 
 
 def test_it_has_room_for_the_widest_kernel(shaken, kernels) -> None:
@@ -131,5 +131,5 @@ def test_a_black_sky_is_no_sign_of_little_noise(shaken, kernels) -> None:
     dark[:, : dark.shape[1] // 2] = 0
     warps = Warps(shaken.camera, shaken.kernel.theta, margin=shaken.margin)
     night = warps.blur(dark, shaken.kernel.weights).astype(np.float32)
-    found = margins(night, shaken, kernels, "true", "wrong")
-    assert found["true"] > max(found["wrong"], 0.02)
+    by_kernel = margins(night, shaken, kernels, "true", "wrong")
+    assert by_kernel["true"] > max(by_kernel["wrong"], 0.02)

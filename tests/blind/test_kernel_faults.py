@@ -43,9 +43,9 @@ def test_a_point_is_no_shake() -> None:
     assert faults(kernel(path(20), tail + 0.02)) == []
 
 
-@pytest.mark.parametrize(("blur_px", "told"), [(24, []), (19, []), (12, [TOUCHING])])
-def test_the_bounds_that_were_given_count(blur_px: float, told: list[str]) -> None:
-    assert faults(kernel(path(20)), blur_px=blur_px) == told
+@pytest.mark.parametrize(("blur_px", "expected"), [(24, []), (19, []), (12, [TOUCHING])])
+def test_the_bounds_that_were_given_count(blur_px: float, expected: list[str]) -> None:
+    assert faults(kernel(path(20)), blur_px=blur_px) == expected
 
 
 def test_without_bounds_a_kernel_must_not_run_away() -> None:

@@ -82,24 +82,24 @@ def fit(request, shake):
 
 
 def test_the_gram_matrix_is_that_of_the_exact_warps(fit) -> None:
-    found, gram, _, (off, off_product, _), _ = fit
-    assert np.linalg.norm(found.gram - gram) < off * np.linalg.norm(gram)
+    equations, gram, _, (off, off_product, _), _ = fit
+    assert np.linalg.norm(equations.gram - gram) < off * np.linalg.norm(gram)
     for seed in range(3):
         w = np.random.default_rng(seed).random(len(gram))
-        assert np.linalg.norm((found.gram - gram) @ w) < off_product * np.linalg.norm(gram @ w)
-    np.testing.assert_array_equal(found.gram, found.gram.T)
+        assert np.linalg.norm((equations.gram - gram) @ w) < off_product * np.linalg.norm(gram @ w)
+    np.testing.assert_array_equal(equations.gram, equations.gram.T)
 
 
 def test_the_right_side_is_that_of_the_exact_warps(fit) -> None:
-    found, _, right, (*_, off), _ = fit
-    assert np.linalg.norm(found.right - right) < off * np.linalg.norm(right)
+    equations, _, right, (*_, off), _ = fit
+    assert np.linalg.norm(equations.right - right) < off * np.linalg.norm(right)
 
 
 def test_the_energy_is_that_of_the_edges(fit) -> None:
-    found, _, _, _, edges = fit
+    equations, _, _, _, edges = fit
     energy = sum(float((edge.astype(np.float64) ** 2).sum()) for edge in edges)
-    assert found.energy == pytest.approx(energy, rel=1e-4)
-    assert found.gram.diagonal() == pytest.approx(found.energy, rel=1e-6)
+    assert equations.energy == pytest.approx(energy, rel=1e-4)
+    assert equations.gram.diagonal() == pytest.approx(equations.energy, rel=1e-6)
 
 
 def test_true_edges_give_the_true_kernel(shaken) -> None:
@@ -171,20 +171,20 @@ def cost(gram: np.ndarray, right: np.ndarray, w: np.ndarray) -> float:
 def test_nonnegative_finds_the_minimum(seed) -> None:
     a, target = problem(seed)
     start = np.random.default_rng(seed).random(30)
-    found = nonnegative(a.T @ a, a.T @ target, start)
-    np.testing.assert_allclose(found, nnls(a, target)[0], atol=2e-4)
+    solution = nonnegative(a.T @ a, a.T @ target, start)
+    np.testing.assert_allclose(solution, nnls(a, target)[0], atol=2e-4)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_at_the_minimum_no_weight_wants_to_move(seed) -> None:
     a, target = problem(seed)
     gram, right = a.T @ a, a.T @ target
-    found = nonnegative(gram, right, np.full(30, 1 / 30))
-    slope = gram @ found - right
+    solution = nonnegative(gram, right, np.full(30, 1 / 30))
+    slope = gram @ solution - right
     slack = 2e-3 * np.abs(right).max()
-    assert found.min() == 0
-    assert np.abs(slope[found > 0]).max() < slack
-    assert slope[found == 0].min() > -slack
+    assert solution.min() == 0
+    assert np.abs(slope[solution > 0]).max() < slack
+    assert slope[solution == 0].min() > -slack
 
 
 def test_nonnegative_descends_from_wherever_it_starts() -> None:
@@ -193,11 +193,11 @@ def test_nonnegative_descends_from_wherever_it_starts() -> None:
     gram, right = a.T @ a, a.T @ target
     for start in (np.zeros(60), np.full(60, 1 / 60), 5 * rng.random(60)):
         before = start.copy()
-        found = nonnegative(gram, right, start)
+        solution = nonnegative(gram, right, start)
         np.testing.assert_array_equal(start, before)
-        assert cost(gram, right, found) < cost(gram, right, start)
+        assert cost(gram, right, solution) < cost(gram, right, start)
         least = cost(gram, right, nnls(a, target)[0])
-        assert cost(gram, right, found) < least + 0.01 * abs(least)
+        assert cost(gram, right, solution) < least + 0.01 * abs(least)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -212,9 +212,9 @@ def test_nonnegative_comes_near_where_neighbours_are_alike(seed) -> None:
     far = np.zeros(60)
     far[0] = 30.0  # from where all others vanish at first
     for start in (far, np.full(60, 1 / 60)):
-        found = nonnegative(gram, a.T @ target, start)
+        solution = nonnegative(gram, a.T @ target, start)
         least = cost(gram, a.T @ target, best)
-        assert cost(gram, a.T @ target, found) < least + 0.002 * abs(least)
+        assert cost(gram, a.T @ target, solution) < least + 0.002 * abs(least)
 
 
 def test_nonnegative_of_nothing_is_nothing() -> None:
@@ -224,25 +224,25 @@ def test_nonnegative_of_nothing_is_nothing() -> None:
 def test_weak_weights_and_islands_are_dropped() -> None:
     indices = np.array([[0, 0, 0], [0, 1, 0], [0, 2, 0], [7, 0, 0], [0, 3, 0]])
     fit = NormalEquations(np.eye(5), np.array([0.5, 0.4, 0.3, 0.02, 0.005]), 1.0)
-    found = fitted_weights(fit, indices, np.full(5, 0.2), cut=0.03)
-    assert found[3] == 0  # an island
-    assert found[4] == 0  # below the cut
-    np.testing.assert_allclose(found[:3], np.array([5, 4, 3]) / 12, rtol=1e-6)
+    solution = fitted_weights(fit, indices, np.full(5, 0.2), cut=0.03)
+    assert solution[3] == 0  # an island
+    assert solution[4] == 0  # below the cut
+    np.testing.assert_allclose(solution[:3], np.array([5, 4, 3]) / 12, rtol=1e-6)
 
 
 def test_a_kernel_all_in_pieces_stays_whole() -> None:
     indices = np.array([[5 * i, 0, 0] for i in range(50)])
     fit = NormalEquations(np.eye(50), np.full(50, 0.02), 1.0)
-    found = fitted_weights(fit, indices, np.full(50, 0.02), cut=0.01)
-    np.testing.assert_allclose(found, 0.02, rtol=1e-6)
+    solution = fitted_weights(fit, indices, np.full(50, 0.02), cut=0.01)
+    np.testing.assert_allclose(solution, 0.02, rtol=1e-6)
 
 
 def test_the_farther_a_roll_the_less_it_is_believed() -> None:
     indices = np.array([[0, 0, z] for z in range(-3, 4)])
     fit = NormalEquations(np.eye(7), np.ones(7), 1.0)
-    found = fitted_weights(fit, indices, np.full(7, 1 / 7), cut=0.03)
-    assert (np.diff(found[:4]) > 0).all()
-    assert (np.diff(found[3:]) < 0).all()
+    solution = fitted_weights(fit, indices, np.full(7, 1 / 7), cut=0.03)
+    assert (np.diff(solution[:4]) > 0).all()
+    assert (np.diff(solution[3:]) < 0).all()
 
 
 @pytest.mark.parametrize(

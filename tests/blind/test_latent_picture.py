@@ -19,34 +19,34 @@ def gradients(picture: np.ndarray) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def found(shaken, pyramid) -> np.ndarray:
+def estimated(shaken, pyramid) -> np.ndarray:
     return latent_gradients(pyramid, shaken.kernel)
 
 
-def test_it_is_as_large_as_the_photo(found, shaken) -> None:
-    assert found.shape == (2, *shaken.camera.shape)
-    assert found.dtype == np.float32
+def test_it_is_as_large_as_the_photo(estimated, shaken) -> None:
+    assert estimated.shape == (2, *shaken.camera.shape)
+    assert estimated.dtype == np.float32
 
 
-def test_it_is_nearer_the_sharp_picture_than_the_photo_is(found, shaken) -> None:
+def test_it_is_nearer_the_sharp_picture_than_the_photo_is(estimated, shaken) -> None:
     true, photo = gradients(shaken.still)[INNER], gradients(shaken.grey)[INNER]
     alike, before = (
-        np.corrcoef(picture.ravel(), true.ravel())[0, 1] for picture in (found[INNER], photo)
+        np.corrcoef(picture.ravel(), true.ravel())[0, 1] for picture in (estimated[INNER], photo)
     )
     assert alike > before + 0.1
-    assert found[INNER].std() == pytest.approx(true.std(), rel=0.3)
+    assert estimated[INNER].std() == pytest.approx(true.std(), rel=0.3)
 
 
-def test_tiles_meet_without_a_seam(found, shaken) -> None:
+def test_tiles_meet_without_a_seam(estimated, shaken) -> None:
     true = gradients(shaken.still)
-    off = np.abs(found - true)[INNER].mean((0, 1))
+    off = np.abs(estimated - true)[INNER].mean((0, 1))
     assert off.max() < 5 * np.median(off)
 
 
-def test_it_is_in_the_light_of_the_photo(found, shaken) -> None:
+def test_it_is_in_the_light_of_the_photo(estimated, shaken) -> None:
     brighter = Pyramid(shaken.grey * 2, shaken.camera)
     np.testing.assert_allclose(
-        latent_gradients(brighter, shaken.kernel), 2 * found, atol=2e-3 * found.max()
+        latent_gradients(brighter, shaken.kernel), 2 * estimated, atol=2e-3 * estimated.max()
     )
 
 

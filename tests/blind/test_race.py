@@ -27,12 +27,12 @@ def test_a_winner_is_centred_and_knows_its_scale(ended, pyramid) -> None:
     assert winner.name
 
 
-def test_progress_rises_to_one(ended, told) -> None:
+def test_progress_rises_to_one(ended, shares) -> None:
     assert not ended.at_rest
-    assert told == sorted(told)
-    assert told[0] >= 0
-    assert told[-1] == 1
-    assert len(set(told)) > 5
+    assert shares == sorted(shares)
+    assert shares[0] >= 0
+    assert shares[-1] == 1
+    assert len(set(shares)) > 5
 
 
 def test_it_is_called_off_for_a_sharp_photo(still) -> None:

@@ -54,12 +54,12 @@ def test_the_picture_lowers_its_energy(tiles, lam) -> None:
 
 def test_the_picture_is_sharper_than_the_photo(tiles, shaken) -> None:
     sharp = truth(shaken, tiles)[inner(tiles)]
-    found, photo = (
+    estimated, photo = (
         block[inner(tiles)] - block[inner(tiles)].mean((1, 2), keepdims=True)
         for block in (l0_picture(tiles, LAM)[0], tiles.g)
     )
     sharp = sharp - sharp.mean((1, 2), keepdims=True)
-    assert np.linalg.norm(found - sharp) < 0.7 * np.linalg.norm(photo - sharp)
+    assert np.linalg.norm(estimated - sharp) < 0.7 * np.linalg.norm(photo - sharp)
 
 
 def test_a_wrong_kernel_needs_more_energy(tiles, shaken) -> None:
@@ -96,23 +96,23 @@ def test_tiles_do_not_change_one_another(tiles, shaken) -> None:
 @pytest.mark.parametrize(("kind", "least"), [("shock", 0.45), ("l0", 0.68), ("strong", 0.68)])
 def test_edges_of_every_kind_are_like_the_true_ones(tiles, shaken, kind, least) -> None:
     sharp = differences(truth(shaken, tiles))
-    found = latent_edges(tiles, LAM, kind)
-    for edge, true in zip(found, sharp, strict=True):
+    estimated = latent_edges(tiles, LAM, kind)
+    for edge, true in zip(estimated, sharp, strict=True):
         assert np.corrcoef(edge[inner(tiles)].ravel(), true[inner(tiles)].ravel())[0, 1] > least
-    share = np.mean(found[0] ** 2 + found[1] ** 2 > 0)
+    share = np.mean(estimated[0] ** 2 + estimated[1] ** 2 > 0)
     assert 0.005 < share < 0.5
 
 
 def test_strong_edges_are_worth_their_price_and_split_ones_those_of_the_picture(tiles) -> None:
     _, across, down = l0_picture(tiles, LAM)
     filled = tiles.filled
-    found = {}
+    estimated = {}
     for kind in ("shock", "l0", "strong"):
         tiles.filled = filled
-        found[kind] = latent_edges(tiles, LAM, kind)
-    np.testing.assert_array_equal(found["l0"], (across, down))
-    assert not np.array_equal(found["shock"][0], found["l0"][0])
-    x, y = found["strong"]
+        estimated[kind] = latent_edges(tiles, LAM, kind)
+    np.testing.assert_array_equal(estimated["l0"], (across, down))
+    assert not np.array_equal(estimated["shock"][0], estimated["l0"][0])
+    x, y = estimated["strong"]
     length = x**2 + y**2
     assert length[length > 0].min() >= np.float32(LAM)
 
@@ -139,8 +139,8 @@ def test_the_shock_filter_steepens_edges_and_keeps_flats() -> None:
     blocks = np.stack([cv2.GaussianBlur(step, (0, 0), 2.0), cv2.GaussianBlur(step.T, (0, 0), 2.0)])
     sharpened = shocked(blocks)
     assert sharpened.shape == blocks.shape
-    for axis, found, soft in zip((1, 0), sharpened, blocks, strict=True):
-        slopes = [np.abs(np.diff(one, axis=axis))[5:-5, 5:-5].max() for one in (found, soft)]
+    for axis, estimated, soft in zip((1, 0), sharpened, blocks, strict=True):
+        slopes = [np.abs(np.diff(one, axis=axis))[5:-5, 5:-5].max() for one in (estimated, soft)]
         assert slopes[0] > 1.2 * slopes[1]
     np.testing.assert_allclose(sharpened[0][5:-5, 4:8], 0, atol=1e-3)
     assert sharpened[:, 5:-5, 5:-5].min() > -1e-3

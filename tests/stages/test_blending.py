@@ -41,9 +41,9 @@ def codes(photo):
 def test_kept_pixels_keep_their_codes(photo, result):
     mask = np.zeros(photo.shape, np.float32)
     mask[:30] = 1
-    found = codes(blended(photo, result, mask=mask))
-    assert np.array_equal(found[:30], codes(photo)[:30])
-    assert np.array_equal(found[30:], codes(result)[30:])
+    mixed = codes(blended(photo, result, mask=mask))
+    assert np.array_equal(mixed[:30], codes(photo)[:30])
+    assert np.array_equal(mixed[30:], codes(result)[30:])
     assert np.array_equal(codes(blended(photo, result, strength=0)), codes(photo))
     assert encode_photo(blended(photo, result, strength=0)) == encode_photo(photo)
 
@@ -63,8 +63,8 @@ def test_none_of_a_result_is_the_photo_itself(photo, result):
 def test_mixes_linear_light_clipped(photo, result):
     mask = np.full(photo.shape, 0.5, np.float32)
     expected = photo.pixels + 0.25 * (np.clip(result.pixels, 0, 1) - photo.pixels)
-    found = blended(photo, result, strength=0.5, mask=mask)
-    assert np.allclose(found.pixels, expected, atol=1e-6)
+    mixed = blended(photo, result, strength=0.5, mask=mask)
+    assert np.allclose(mixed.pixels, expected, atol=1e-6)
 
 
 def test_all_colours_share_a_mask(tmp_path):
@@ -74,17 +74,17 @@ def test_all_colours_share_a_mask(tmp_path):
     result = photo.with_pixels(1 - photo.pixels)
     mask = np.zeros(photo.shape, np.float32)
     mask[::2] = 1
-    found = blended(photo, result, mask=mask).pixels
-    assert np.array_equal(found[::2], photo.pixels[::2])
-    assert np.array_equal(found[1::2], result.pixels[1::2])
+    mixed = blended(photo, result, mask=mask).pixels
+    assert np.array_equal(mixed[::2], photo.pixels[::2])
+    assert np.array_equal(mixed[1::2], result.pixels[1::2])
 
 
 def test_a_mask_is_shares_of_white(photo, mask_file):
     ramp = np.tile(np.linspace(0, 255, 96).astype(np.uint8), (64, 1))
     for name, options in (("a.png", {}), ("b.jpg", {"quality": 100})):
-        found = read_mask(mask_file(ramp, name, **options), photo).share
-        assert found.dtype == np.float32
-        assert found == pytest.approx(ramp / 255, abs=0.01)
+        kept = read_mask(mask_file(ramp, name, **options), photo).share
+        assert kept.dtype == np.float32
+        assert kept == pytest.approx(ramp / 255, abs=0.01)
     colours = np.repeat(ramp[..., None], 3, 2)
     assert np.array_equal(
         read_mask(mask_file(colours), photo).share, read_mask(mask_file(ramp), photo).share
@@ -99,10 +99,10 @@ def test_a_mask_is_shares_of_white(photo, mask_file):
 def test_a_mask_may_be_scaled(photo, mask_file, shape):
     half = np.zeros(shape, np.uint8)
     half[: shape[0] // 2] = 255
-    found = read_mask(mask_file(half), photo).share
-    assert found.shape == photo.shape
-    assert (found[:28] == 1).all()
-    assert (found[36:] == 0).all()
+    kept = read_mask(mask_file(half), photo).share
+    assert kept.shape == photo.shape
+    assert (kept[:28] == 1).all()
+    assert (kept[36:] == 0).all()
 
 
 @pytest.mark.parametrize(
@@ -130,10 +130,10 @@ def test_a_turned_mask_is_told(photo, mask_file):
 
 def test_scaling_keeps_to_shares():
     steps = np.kron(np.random.default_rng(0).integers(0, 2, (6, 9)), np.ones((7, 7)))
-    found = fit_mask(steps.astype(np.float32), (25, 40))
-    assert found.shape == (25, 40)
-    assert found.min() >= 0
-    assert found.max() <= 1
+    scaled = fit_mask(steps.astype(np.float32), (25, 40))
+    assert scaled.shape == (25, 40)
+    assert scaled.min() >= 0
+    assert scaled.max() <= 1
 
 
 def test_masks_in_a_folder_go_by_stem(mask_file, tmp_path):

@@ -48,13 +48,15 @@ def shaken(tmp_path):
 def test_the_estimate_finds_the_pan(tmp_path):
     photo, truth, _ = pan(tmp_path, 2)
     camera = CameraFile(truth.camera, "made up")
-    found = estimate_blind(photo, EstimateOptions(camera=CameraChoice(file=camera), blur_size=12))
-    kernel = found.content.kernel
+    estimate = estimate_blind(
+        photo, EstimateOptions(camera=CameraChoice(file=camera), blur_size=12)
+    )
+    kernel = estimate.content.kernel
     spread = np.sqrt(kernel.weights @ (kernel.theta - kernel.centroid) ** 2)
     assert spread[1] > 1.3 * spread[0]
-    assert found.camera is camera
-    assert found.content.provenance["camera"] == "made up"
-    assert found.report()["rotations"] == len(kernel.weights)
+    assert estimate.camera is camera
+    assert estimate.content.provenance["camera"] == "made up"
+    assert estimate.report()["rotations"] == len(kernel.weights)
 
 
 def test_an_angle_means_its_pixels(shaken):
@@ -77,20 +79,20 @@ def test_an_angle_means_its_pixels(shaken):
 
 def test_an_assumed_lens_is_long_and_noted(shaken):
     photo, _, _ = shaken
-    found = estimate_blind(photo, EstimateOptions(blur_size=3, uniform=True))
-    assert found.camera.source == "assumed: 50 mm-equivalent"
-    assert "50 mm-equivalent is assumed" in found.notes[0]
-    assert found.content.provenance["notes"] == found.notes
-    assert 1e-4 < found.report()["noise"] < 0.05
+    estimate = estimate_blind(photo, EstimateOptions(blur_size=3, uniform=True))
+    assert estimate.camera.source == "assumed: 50 mm-equivalent"
+    assert "50 mm-equivalent is assumed" in estimate.notes[0]
+    assert estimate.content.provenance["notes"] == estimate.notes
+    assert 1e-4 < estimate.report()["noise"] < 0.05
 
 
 def test_a_camera_that_stood_still_leaves_the_photo_as_it_is(shaken):
     photo, truth, _ = shaken
-    told = []
+    shares = []
     still = RotationKernel.delta(truth.camera)
-    result = deblur(photo, still, progress=lambda share, _: told.append(share))
+    result = deblur(photo, still, progress=lambda share, _: shares.append(share))
     assert np.array_equal(result.pixels, photo.pixels)
-    assert told == [1]
+    assert shares == [1]
 
 
 def test_dark_halos_do_not_fall_to_black(shaken):
@@ -148,23 +150,23 @@ def test_the_focal_length_that_explains_the_photo_best_is_kept(shaken, monkeypat
     photo, _, _ = shaken
     monkeypatch.setattr(blind_estimate, "FOCAL_LENGTHS", FOCAL_LENGTHS[::3])
     options = EstimateOptions(blur_size=3, estimator="edges", region=(0, 0, 64, 56))
-    told = []
+    shares = []
     auto = estimate_blind(
         photo,
         replace(options, camera=CameraChoice(focal="auto")),
         threads=1,
-        progress=lambda share, _: told.append(share),
+        progress=lambda share, _: shares.append(share),
     )
     each = [
         estimate_blind(photo, replace(options, camera=CameraChoice(focal_35mm=film)), threads=1)
         for film in blind_estimate.FOCAL_LENGTHS
     ]
-    best = max(each, key=lambda found: found.content.confidence)
+    best = max(each, key=lambda estimate: estimate.content.confidence)
     np.testing.assert_array_equal(auto.content.kernel.weights, best.content.kernel.weights)
     assert auto.content.kernel.camera.focal_px == best.content.kernel.camera.focal_px
     film = best.camera.source.removeprefix("--focal-35mm ")
     assert auto.camera.source == f"--focal auto, {film} mm-equivalent"
     assert auto.content.provenance["camera"] == auto.camera.source
     assert auto.content.provenance["options"]["focal"] == "auto"
-    assert told == sorted(told)
+    assert shares == sorted(shares)
     assert each[0].content.confidence != each[1].content.confidence

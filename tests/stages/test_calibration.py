@@ -30,19 +30,23 @@ def bare(tmp_path):
 
 
 def test_a_calibration_tells_its_source_and_what_was_cropped(photo):
-    found = calibrate(read_photo(photo))
-    assert found.camera.focal_px == pytest.approx(28 * np.hypot(100, 80) / np.hypot(36, 24))
-    assert found.camera.matrix[:2, 2].tolist() == [39.5, 34.5]
-    assert found.confidence == pytest.approx(0.63)
-    [note] = found.notes
+    calibration = calibrate(read_photo(photo))
+    assert calibration.camera.focal_px == pytest.approx(28 * np.hypot(100, 80) / np.hypot(36, 24))
+    assert calibration.camera.matrix[:2, 2].tolist() == [39.5, 34.5]
+    assert calibration.confidence == pytest.approx(0.63)
+    [note] = calibration.notes
     assert "taken as 100 x 80 pixels, and has 80 x 70" in note
-    assert found.considered[0] == "cropped from 100 x 80 pixels"
-    assert found.report()["focal_35mm"] == pytest.approx(33.7319, abs=1e-3)
+    assert calibration.considered[0] == "cropped from 100 x 80 pixels"
+    assert calibration.report()["focal_35mm"] == pytest.approx(33.7319, abs=1e-3)
 
 
 def test_an_option_is_sure(photo):
-    found = calibrate(read_photo(photo), focal_35mm=35)
-    assert (found.source, found.confidence, found.notes) == ("--focal-35mm 35", 1, [])
+    calibration = calibrate(read_photo(photo), focal_35mm=35)
+    assert (calibration.source, calibration.confidence, calibration.notes) == (
+        "--focal-35mm 35",
+        1,
+        [],
+    )
 
 
 def test_an_error_names_the_photo(bare):
@@ -52,10 +56,10 @@ def test_an_error_names_the_photo(bare):
 
 
 def test_the_camera_is_written_where_it_is_wanted(photo, tmp_path):
-    found = calibrate_file(photo, None, focal_px=90)
+    calibration = calibrate_file(photo, None, focal_px=90)
     assert not list(tmp_path.glob("*.npz"))
     calibrate_file(photo, tmp_path / "c.npz", focal_px=90)
-    assert np.array_equal(read_camera(tmp_path / "c.npz").camera.matrix, found.camera.matrix)
+    assert np.array_equal(read_camera(tmp_path / "c.npz").camera.matrix, calibration.camera.matrix)
 
 
 def test_the_camera_of_an_estimate(photo, bare):
@@ -71,10 +75,10 @@ def test_the_camera_of_an_estimate(photo, bare):
 
 def test_a_given_camera_is_resized_with_its_lens(bare):
     lens = Camera.from_focal(300, 120, 160).with_lens(np.array([0.1, 0, 0, 0]))
-    found, notes = camera_for(bare, CameraChoice(file=CameraFile(lens, "given")))
+    calibration, notes = camera_for(bare, CameraChoice(file=CameraFile(lens, "given")))
     assert notes == []
-    assert found.camera.focal_px == pytest.approx(150)
-    assert found.camera.distortion.tolist() == [0.1, 0, 0, 0]
+    assert calibration.camera.focal_px == pytest.approx(150)
+    assert calibration.camera.distortion.tolist() == [0.1, 0, 0, 0]
     other = CameraFile(Camera.from_focal(300, 120, 180), "given")
     with pytest.raises(KernelFileError, match="the camera is for pictures of"):
         camera_for(bare, CameraChoice(file=other))

@@ -67,8 +67,8 @@ def psnr(a, b):
 def test_the_kernel_of_a_still_camera_leaves_the_photo_as_it_is(pair):
     folder, _, _ = pair
     g, noisy = read(folder / "g.png"), read(folder / "n.png")
-    found = deblur(g, RotationKernel.delta(CAMERA), RestorationOptions("fusion"), noisy=noisy)
-    np.testing.assert_array_equal(found.pixels, g.pixels)
+    restored = deblur(g, RotationKernel.delta(CAMERA), RestorationOptions("fusion"), noisy=noisy)
+    np.testing.assert_array_equal(restored.pixels, g.pixels)
 
 
 @pytest.mark.parametrize("method", ["fusion", "residual"])
@@ -86,7 +86,7 @@ def test_makes_a_sharper_photo(pair, method):
 def test_a_factor_that_is_a_little_off_is_found_again(pair):
     folder, kernel, _ = pair
     blurred, noisy = read(folder / "g.png"), read(folder / "n.png")
-    found = [
+    restored = [
         deblur(
             blurred,
             kernel,
@@ -96,7 +96,7 @@ def test_a_factor_that_is_a_little_off_is_found_again(pair):
         ).pixels
         for factor in (0.95, 1.05)
     ]
-    np.testing.assert_allclose(found[0], found[1], atol=2e-3)
+    np.testing.assert_allclose(restored[0], restored[1], atol=2e-3)
 
 
 def test_grey_noisy_photos_pass(pair, tmp_path):
@@ -131,18 +131,18 @@ def test_from_file_to_file(pair, tmp_path):
 def test_the_photos_are_registered_if_nothing_tells_how_they_lie(pair):
     folder, kernel, sharp = pair
     blurred, noisy = read(folder / "g.png"), read(folder / "n.png")
-    told = []
+    reports = []
     done = deblur(
         blurred,
         kernel,
         RestorationOptions("fusion"),
         noisy=noisy,
-        progress=lambda share, text: told.append((share, text)),
+        progress=lambda share, text: reports.append((share, text)),
     )
     assert psnr(done.pixels, sharp) > psnr(blurred.pixels, sharp)
-    shares = [share for share, _ in told]
+    shares = [share for share, _ in reports]
     assert shares == sorted(shares)
-    assert any("registering" in text for _, text in told)
+    assert any("registering" in text for _, text in reports)
 
 
 def test_another_scene_is_refused(pair):

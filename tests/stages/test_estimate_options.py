@@ -15,8 +15,8 @@ def test_the_largest_blur_is_given_or_an_angle_or_unknown():
     assert largest_blur(CAMERA, EstimateOptions()) is None
     assert largest_blur(CAMERA, EstimateOptions(blur_size=7)) == 7
     assert largest_blur(CAMERA, EstimateOptions(blur_size=7, max_angle=45)) == 7
-    found = largest_blur(CAMERA, EstimateOptions(max_angle=1))
-    assert found == pytest.approx(blur_bound(CAMERA, 0.0174533), rel=1e-4)
+    bound = largest_blur(CAMERA, EstimateOptions(max_angle=1))
+    assert bound == pytest.approx(blur_bound(CAMERA, 0.0174533), rel=1e-4)
 
 
 def test_provenance_tells_what_is_not_by_default():

@@ -25,8 +25,8 @@ def test_a_blind_estimate_reports_the_noise():
 
 def test_a_pair_reports_its_registration():
     lies = Registration(np.zeros(3), 4.0, 0.9, CAMERA)
-    found = Estimate(CONTENT, GIVEN, [], registration=lies, scale=4.1)
-    report = found.report()
+    result = Estimate(CONTENT, GIVEN, [], registration=lies, scale=4.1)
+    report = result.report()
     assert list(report) == [*COMMON, "trusted", "scale", "registration_confidence", *LAST]
     assert not report["trusted"]
     assert (report["scale"], report["registration_confidence"]) == (4.1, 0.9)

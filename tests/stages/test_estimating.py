@@ -44,7 +44,7 @@ def test_the_latent_picture_is_of_the_region_and_of_the_format_of_its_name(
     ],
 )
 def test_the_latent_picture_is_checked_before_any_work(photo, tmp_path, name, what):
-    told, before = [], photo.read_bytes()
+    shares, before = [], photo.read_bytes()
     with pytest.raises(OutputError, match=what):
         estimate_file(
             photo,
@@ -52,9 +52,9 @@ def test_the_latent_picture_is_checked_before_any_work(photo, tmp_path, name, wh
             OPTIONS,
             latent=tmp_path / name,
             overwrite=True,
-            progress=lambda share, _: told.append(share),
+            progress=lambda share, _: shares.append(share),
         )
-    assert told == []
+    assert shares == []
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
     assert photo.read_bytes() == before
 

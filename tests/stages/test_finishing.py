@@ -40,14 +40,14 @@ def test_a_preview_reduces_photo_and_mask(photo, mask):
     assert small.shape == kept.share.shape == (400, 640)
     assert kept.sha256 == hashlib.sha256(mask.read_bytes()).hexdigest()
     result = small.with_pixels(np.zeros_like(small.pixels))
-    found = finish.blend(small, result, kept).pixels
-    assert np.array_equal(found[:, 320:], small.pixels[:, 320:])
-    assert not found[:, :320].any()
+    mixed = finish.blend(small, result, kept).pixels
+    assert np.array_equal(mixed[:, 320:], small.pixels[:, 320:])
+    assert not mixed[:, :320].any()
 
 
 def test_provenance_tells_what_is_not_by_default(mask):
-    told = Finish(0.5, mask, preview=True, compare=True).provenance("ab12")
-    assert told == {"strength": 0.5, "mask_sha256": "ab12", "preview": True}
+    provenance = Finish(0.5, mask, preview=True, compare=True).provenance("ab12")
+    assert provenance == {"strength": 0.5, "mask_sha256": "ab12", "preview": True}
     assert Finish(linear=True, with_provenance=False).provenance() == {"linear": True}
 
 

@@ -37,10 +37,10 @@ def test_a_kernel_for_this_size_is_handed_on_as_it_is():
 @pytest.mark.parametrize("size", [(600, 800), (150, 200), (75, 101), (76, 100), (1499, 2000)])
 def test_a_kernel_fits_the_photo_resized(size):
     content = kernel(300, 400)
-    found = fitting_kernel(content, photo(*size), FILE)
-    assert found.camera.shape == size
-    assert np.array_equal(found.theta, content.kernel.theta)
-    assert found.extent_px() == pytest.approx(content.kernel.extent_px() * size[1] / 400, rel=0.03)
+    fitted = fitting_kernel(content, photo(*size), FILE)
+    assert fitted.camera.shape == size
+    assert np.array_equal(fitted.theta, content.kernel.theta)
+    assert fitted.extent_px() == pytest.approx(content.kernel.extent_px() * size[1] / 400, rel=0.03)
 
 
 @pytest.mark.parametrize("size", [(297, 400), (300, 404), (600, 796), (3000, 4020)])
@@ -73,10 +73,10 @@ def test_where_the_camera_pointed_does_not_matter():
 def test_a_camera_fits_the_photo_resized():
     content = CameraFile(Camera.from_focal(500, 300, 400), "made up")
     assert fitting_camera(content, photo(300, 400)) is content
-    found = fitting_camera(content, photo(600, 800))
-    assert found.camera.shape == (600, 800)
-    assert found.camera.focal_px == pytest.approx(1000)
-    assert found.source == "made up"
+    fitted = fitting_camera(content, photo(600, 800))
+    assert fitted.camera.shape == (600, 800)
+    assert fitted.camera.focal_px == pytest.approx(1000)
+    assert fitted.source == "made up"
     with pytest.raises(KernelFileError, match="the camera is for pictures of 400 x 300"):
         fitting_camera(content, photo(400, 400))
 

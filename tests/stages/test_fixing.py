@@ -30,20 +30,20 @@ def test_fixing_is_estimating_and_deblurring(photo, tmp_path):
 
 
 def test_progress_rises_from_estimate_to_deblurring(photo, tmp_path):
-    told = []
+    reports = []
     fix_file(
         photo,
         tmp_path / "out.png",
         None,
         OPTIONS,
         restoration=RestorationOptions(iterations=3),
-        progress=lambda share, text: told.append((share, text)),
+        progress=lambda share, text: reports.append((share, text)),
     )
-    shares = [share for share, _ in told]
+    shares = [share for share, _ in reports]
     assert shares == sorted(shares)
     assert shares[0] < 0.2
     assert shares[-1] == pytest.approx(1)
-    assert len({text for _, text in told}) > 2
+    assert len({text for _, text in reports}) > 2
 
 
 @pytest.mark.parametrize(
@@ -56,24 +56,24 @@ def test_progress_rises_from_estimate_to_deblurring(photo, tmp_path):
     ],
 )
 def test_outputs_are_checked_before_any_work(photo, kernel, tmp_path, name, what):
-    told = []
-    tell = {"progress": lambda share, _: told.append(share), "overwrite": True}
+    reports = []
+    tell = {"progress": lambda share, _: reports.append(share), "overwrite": True}
     with pytest.raises(OutputError, match=what):
         deblur_file(photo, kernel, tmp_path / name, **tell)
     with pytest.raises(OutputError, match=what):
         fix_file(photo, tmp_path / name, None, OPTIONS, **tell)
-    assert told == []
+    assert reports == []
 
 
 def test_a_format_that_cannot_hold_the_photo_is_told_before_any_work(kernel, tmp_path):
-    path, told = tmp_path / "clear.png", []
+    path, reports = tmp_path / "clear.png", []
     Image.new("RGBA", (80, 64), (1, 2, 3, 4)).save(path)
-    tell = {"progress": lambda share, _: told.append(share)}
+    tell = {"progress": lambda share, _: reports.append(share)}
     with pytest.raises(PhotoError, match="transparency"):
         deblur_file(path, kernel, tmp_path / "out.jpg", **tell)
     with pytest.raises(PhotoError, match="transparency"):
         fix_file(path, tmp_path / "out.jpg", None, OPTIONS, **tell)
-    assert told == []
+    assert reports == []
 
 
 def test_kernel_and_photo_do_not_share_a_file(photo, tmp_path):

@@ -50,8 +50,8 @@ def squared(photo, sharp):
 
 
 def test_a_sharp_photo_comes_out(pair, photos, tmp_path):
-    told = []
-    found = fix_file(
+    reports = []
+    estimate = fix_file(
         pair[0],
         tmp_path / "out.png",
         tmp_path / "k.npz",
@@ -59,18 +59,18 @@ def test_a_sharp_photo_comes_out(pair, photos, tmp_path):
         noisy=pair[1],
         restoration=RestorationOptions("fusion"),
         threads=1,
-        progress=lambda share, text: told.append((share, text)),
+        progress=lambda share, text: reports.append((share, text)),
     )
     out = read_photo(tmp_path / "out.png", transfer="linear")
     blurred, noisy = (read_photo(path, transfer="linear") for path in pair)
     noisy = noisy.with_pixels(4 * noisy.pixels)
     assert squared(out, photos[2]) < 0.25 * min(squared(p, photos[2]) for p in (blurred, noisy))
     content = read_kernel(tmp_path / "k.npz")
-    assert np.array_equal(content.kernel.weights, found.content.kernel.weights)
-    shares = [share for share, _ in told]
+    assert np.array_equal(content.kernel.weights, estimate.content.kernel.weights)
+    shares = [share for share, _ in reports]
     assert shares == sorted(shares)
     assert shares[-1] == 1
-    report = found.report()
+    report = estimate.report()
     assert report["camera_source"] == "--focal-px 160"
     assert report["scale"] == pytest.approx(4, rel=0.05)
     assert report["notes"] == []
@@ -133,8 +133,8 @@ def test_a_missing_photo_is_named(pair, tmp_path):
 
 def test_an_assumed_lens_is_told_once(pair, tmp_path, caplog):
     options = replace(OPTIONS, camera=CameraChoice())
-    found = fix_file(
+    estimate = fix_file(
         pair[0], tmp_path / "out.png", None, options, noisy=pair[1], restoration=QUICK, threads=1
     )
-    assert sum("50 mm" in note for note in found.report()["notes"]) == 1
+    assert sum("50 mm" in note for note in estimate.report()["notes"]) == 1
     assert caplog.text.count("50 mm-equivalent is assumed") == 1

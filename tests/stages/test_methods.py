@@ -19,10 +19,10 @@ def photo(lab):
 
 @pytest.mark.parametrize("method", [m.name for m in METHODS.values() if not m.needs_noisy])
 def test_every_method_deblurs(method, photo, lab):
-    found = restore(photo, lab.kernels["uniform"], RestorationOptions(method), threads=2)
+    restored = restore(photo, lab.kernels["uniform"], RestorationOptions(method), threads=2)
     sharp = lab.frame(lab.scene())
-    assert found.pixels.shape == photo.shape
-    assert lab.psnr(found.pixels, sharp) > lab.psnr(photo, sharp) + 1
+    assert restored.pixels.shape == photo.shape
+    assert lab.psnr(restored.pixels, sharp) > lab.psnr(photo, sharp) + 1
 
 
 def test_names_mean_what_they_say(photo, lab):

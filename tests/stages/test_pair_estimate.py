@@ -58,21 +58,21 @@ def options(**changes):
 
 def test_a_pair_of_files_gives_the_kernel(pair, tmp_path):
     folder, truth = pair
-    told = []
-    found = estimate_file(
+    shares = []
+    estimate = estimate_file(
         folder / "blurred.tif",
         tmp_path / "k.npz",
         options(),
         noisy=folder / "noisy.tif",
         threads=1,
-        progress=lambda share, _: told.append(share),
+        progress=lambda share, _: shares.append(share),
     )
     content = read_kernel(tmp_path / "k.npz")
     kernel = content.kernel
-    np.testing.assert_array_equal(kernel.weights, found.content.kernel.weights)
+    np.testing.assert_array_equal(kernel.weights, estimate.content.kernel.weights)
     assert kernel.camera.shape == SHAPE
     assert content.confidence > 0.8
-    assert found.scale == pytest.approx(RATIO, rel=0.03)
+    assert estimate.scale == pytest.approx(RATIO, rel=0.03)
     # the noisy photo's frame is that of the blur's centroid, as registration finds it
     assert np.abs(kernel.centroid / STEPS).max() < 2
     steps = kernel.centred().theta / STEPS
@@ -81,11 +81,11 @@ def test_a_pair_of_files_gives_the_kernel(pair, tmp_path):
         for w, theta in ((kernel.weights, steps), (truth.weights, truth.centred().theta / STEPS))
     )
     np.testing.assert_allclose(spread, true_spread, atol=0.5)
-    assert told == sorted(told)
-    assert told[-1] == 1
-    report = found.report()
+    assert shares == sorted(shares)
+    assert shares[-1] == 1
+    report = estimate.report()
     assert report["rotations"] == len(kernel.weights)
-    assert report["scale"] == pytest.approx(found.scale, rel=1e-3)
+    assert report["scale"] == pytest.approx(estimate.scale, rel=1e-3)
 
 
 def test_where_the_photos_agree_badly_the_photo_is_left_as_it_is(pair):
@@ -93,13 +93,13 @@ def test_where_the_photos_agree_badly_the_photo_is_left_as_it_is(pair):
     blurred, noisy = (read_photo(folder / f"{name}.tif", transfer="linear") for name in FILES)
     other = np.ascontiguousarray(noisy.pixels[::-1, ::-1])
     known = Registration(np.zeros(3), RATIO, 1.0, CAMERA)
-    found = estimate_pair(
+    estimate = estimate_pair(
         blurred, noisy.with_pixels(other), options(), registration=known, threads=1
     )
-    assert not found.trusted
-    assert not found.report()["trusted"]
-    assert found.content.kernel.extent_px() == 0
-    assert any("is left as it is" in note for note in found.notes)
+    assert not estimate.trusted
+    assert not estimate.report()["trusted"]
+    assert estimate.content.kernel.extent_px() == 0
+    assert any("is left as it is" in note for note in estimate.notes)
 
 
 def test_the_kernel_file_tells_how_it_came_about(pair, tmp_path):
@@ -127,13 +127,13 @@ def test_a_registration_is_gone_by(pair, tmp_path):
     file = tmp_path / "r.npz"
     off = TURN + np.array([0, 2, 0]) * STEPS
     write_registration(file, RegistrationFile(off, RATIO, CAMERA, 0.9))
-    found = estimate_file(
+    estimate = estimate_file(
         blurred, tmp_path / "k.npz", options(), noisy=noisy, registration=file, threads=1
     )
-    np.testing.assert_array_equal(found.registration.theta, off)
-    assert found.camera.source == "the registration"
+    np.testing.assert_array_equal(estimate.registration.theta, off)
+    assert estimate.camera.source == "the registration"
     # what it is wrong by has gone into the kernel
-    centroid = found.content.kernel.centroid / STEPS
+    centroid = estimate.content.kernel.centroid / STEPS
     np.testing.assert_allclose(np.abs(centroid), [0, 2, 0], atol=0.5)
 
 
@@ -175,10 +175,10 @@ def test_tone_curves_are_matched(pair, grey):
     noisy = noisy.with_pixels(np.clip(curve, 0, 1))
     if grey:
         noisy = replace(noisy, pixels=np.ascontiguousarray(noisy.pixels[..., 1]))
-    found = estimate_pair(blurred, noisy, options(), threads=1)
-    assert found.content.provenance["tone_curves"]
-    assert "the photos have tone curves of their own, which were matched" in found.notes
-    kernel = found.content.kernel
+    estimate = estimate_pair(blurred, noisy, options(), threads=1)
+    assert estimate.content.provenance["tone_curves"]
+    assert "the photos have tone curves of their own, which were matched" in estimate.notes
+    kernel = estimate.content.kernel
     spread, true_spread = (
         np.sqrt(k.weights @ (k.centred().theta / STEPS) ** 2) for k in (kernel, truth)
     )

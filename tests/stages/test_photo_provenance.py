@@ -33,13 +33,13 @@ def content(provenance):
 
 
 def test_it_tells_what_was_done_to_what(photo):
-    told = photo_provenance(
+    written = photo_provenance(
         photo,
         content({"camera": "EXIF", "scales": [1, 2]}),
         RestorationOptions("rl", iterations=3),
         transfer="linear",
     )
-    assert told == {
+    assert written == {
         "deshake": __version__,
         "command": "deblur",
         "options": {
@@ -51,7 +51,7 @@ def test_it_tells_what_was_done_to_what(photo):
         "input_sha256": hashlib.sha256(photo.source.read_bytes()).hexdigest(),
         "kernel": {"camera": "EXIF"},
     }
-    json.dumps(told)
+    json.dumps(written)
     silent = Finish(with_provenance=False)
     assert photo_provenance(photo, content({}), RestorationOptions(), finish=silent) is None
 
@@ -59,23 +59,23 @@ def test_it_tells_what_was_done_to_what(photo):
 def test_a_pair_names_both_photos(photo, tmp_path):
     Image.new("RGB", (12, 8), "olive").save(tmp_path / "n.png")
     noisy = read_photo(tmp_path / "n.png")
-    told = photo_provenance(photo, content({}), RestorationOptions("fusion"), noisy=noisy)
-    assert told["noisy_sha256"] == hashlib.sha256(noisy.source.read_bytes()).hexdigest()
-    assert told["options"]["method"] == "fusion"
+    written = photo_provenance(photo, content({}), RestorationOptions("fusion"), noisy=noisy)
+    assert written["noisy_sha256"] == hashlib.sha256(noisy.source.read_bytes()).hexdigest()
+    assert written["options"]["method"] == "fusion"
 
 
 def test_a_registration_is_told_where_the_kernel_does_not_tell_it(photo):
     camera = Camera.from_focal(10, 8, 12)
     one, other = (Registration(np.array([0, y, 0.0]), 2.0, 0.9, camera) for y in (0.1, 0.2))
-    found = content({"registration": one.report()})
-    told = [
+    kernel_file = content({"registration": one.report()})
+    written = [
         photo_provenance(
-            photo, found, RestorationOptions("fusion"), noisy=photo, registration=given
+            photo, kernel_file, RestorationOptions("fusion"), noisy=photo, registration=given
         )
         for given in (None, one, other)
     ]
-    assert "registration" not in told[0] | told[1]
-    assert told[2]["registration"] == {"theta": [0, 0.2, 0], "scale": 2, "confidence": 0.9}
+    assert "registration" not in written[0] | written[1]
+    assert written[2]["registration"] == {"theta": [0, 0.2, 0], "scale": 2, "confidence": 0.9}
 
 
 def test_a_straightened_photo_says_so_for_good(photo):
@@ -86,23 +86,23 @@ def test_a_straightened_photo_says_so_for_good(photo):
     assert "straightened" not in photo_provenance(photo, pinhole, options)
     kept = photo_provenance(photo, bent, options, finish=Finish(keep_geometry=True))
     assert "straightened" not in kept
-    told = photo_provenance(photo, bent, options)
-    assert told["straightened"] is True
-    result = with_photo_provenance(photo, told)
+    written = photo_provenance(photo, bent, options)
+    assert written["straightened"] is True
+    result = with_photo_provenance(photo, written)
     assert is_straightened(result)
     assert not is_straightened(photo)
     assert photo_provenance(result, pinhole, options)["straightened"] is True
 
 
 def test_a_kernel_of_many_words_does_not_swell_the_photo(photo):
-    told = photo_provenance(photo, content({"text": "x" * 100_000}), RestorationOptions())
-    assert told["kernel"] == {}
+    written = photo_provenance(photo, content({"text": "x" * 100_000}), RestorationOptions())
+    assert written["kernel"] == {}
 
 
 def test_no_path_is_told(photo, tmp_path):
-    told = photo_provenance(photo, content({}), RestorationOptions())
-    write_photo(tmp_path / "out.png", with_photo_provenance(photo, told))
-    assert read_provenance(tmp_path / "out.png") == told
+    written = photo_provenance(photo, content({}), RestorationOptions())
+    write_photo(tmp_path / "out.png", with_photo_provenance(photo, written))
+    assert read_provenance(tmp_path / "out.png") == written
     assert str(tmp_path).encode() not in (tmp_path / "out.png").read_bytes()
 
 
@@ -116,12 +116,12 @@ def test_damaged_xmp_is_said_to_be(photo, caplog):
 def test_the_digest_is_that_of_the_bytes_that_were_read(photo):
     before = hashlib.sha256(photo.source.read_bytes()).hexdigest()
     photo.source.write_bytes(b"another photo")
-    told = photo_provenance(photo, content({}), RestorationOptions())
-    assert told["input_sha256"] == before
+    written = photo_provenance(photo, content({}), RestorationOptions())
+    assert written["input_sha256"] == before
     photo.source.unlink()
-    assert photo_provenance(photo, content({}), RestorationOptions()) == told
+    assert photo_provenance(photo, content({}), RestorationOptions()) == written
 
 
 def test_a_photo_in_memory_has_no_digest(photo):
-    told = photo_provenance(replace(photo, sha256=None), content({}), RestorationOptions())
-    assert "input_sha256" not in told
+    written = photo_provenance(replace(photo, sha256=None), content({}), RestorationOptions())
+    assert "input_sha256" not in written

@@ -44,18 +44,18 @@ def test_what_is_in_pixels_is_scaled(photo):
     given = EstimateOptions(
         camera=CameraChoice(focal_px=2000), blur_size=40, region=(101, 200, 398, 401)
     )
-    found = preview_options(given, photo, small)
-    assert (found.camera.focal_px, found.blur_size) == (500, 10)
-    assert found.region == (25, 50, 100, 101)
-    assert found.estimator == "edges"
-    assert found.preview
-    assert found.provenance()["preview"]
+    reduced = preview_options(given, photo, small)
+    assert (reduced.camera.focal_px, reduced.blur_size) == (500, 10)
+    assert reduced.region == (25, 50, 100, 101)
+    assert reduced.estimator == "edges"
+    assert reduced.preview
+    assert reduced.provenance()["preview"]
     given = EstimateOptions(
         camera=CameraChoice(focal_35mm=30), max_angle=2, estimator="variational", blur_size=2
     )
-    found = preview_options(given, photo, small)
-    assert (found.camera.focal_35mm, found.max_angle, found.region) == (30, 2, None)
-    assert (found.blur_size, found.estimator) == (1, "variational")
+    reduced = preview_options(given, photo, small)
+    assert (reduced.camera.focal_35mm, reduced.max_angle, reduced.region) == (30, 2, None)
+    assert (reduced.blur_size, reduced.estimator) == (1, "variational")
 
 
 def test_a_region_beyond_the_photo_is_told_in_its_pixels(photo):
@@ -71,8 +71,8 @@ def test_the_kernel_is_that_of_the_reduced_photo(photo, tmp_path):
     photo = read_photo(tmp_path / "b.png")
     small = preview_photo(photo)
     options = EstimateOptions(camera=CameraChoice(focal_35mm=40), blur_size=30, uniform=True)
-    found = preview_estimate(photo, small, options, threads=1)
-    assert found.content.kernel.camera.shape == small.shape == (480, 640)
-    assert found.camera.camera.shape == small.shape
-    assert found.camera.camera.focal_px == pytest.approx(40 / 43.267 * 800, rel=1e-3)
-    assert found.content.provenance["options"]["preview"] is True
+    estimate = preview_estimate(photo, small, options, threads=1)
+    assert estimate.content.kernel.camera.shape == small.shape == (480, 640)
+    assert estimate.camera.camera.shape == small.shape
+    assert estimate.camera.camera.focal_px == pytest.approx(40 / 43.267 * 800, rel=1e-3)
+    assert estimate.content.provenance["options"]["preview"] is True

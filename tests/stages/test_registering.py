@@ -40,11 +40,11 @@ def test_registrations_are_named_after_the_blurred_photo(tmp_path):
 
 def test_a_shift_is_found_and_written(pair, tmp_path):
     options = replace(OPTIONS, transfer="linear")
-    found = register_file(*pair, tmp_path / "r.npz", options, threads=1)
+    match = register_file(*pair, tmp_path / "r.npz", options, threads=1)
     read = read_registration(tmp_path / "r.npz")
-    assert np.array_equal(read.theta, found.registration.theta)
-    assert read.scale == found.registration.scale == pytest.approx(4, rel=0.1)
-    shift = found.registration.theta[1] * found.registration.camera.focal_px
+    assert np.array_equal(read.theta, match.registration.theta)
+    assert read.scale == match.registration.scale == pytest.approx(4, rel=0.1)
+    shift = match.registration.theta[1] * match.registration.camera.focal_px
     assert abs(shift) == pytest.approx(4, abs=0.7)
     assert read.provenance["options"] == {"transfer": "linear", "search_angle": None}
     assert len(read.provenance["noisy_sha256"]) == 64
@@ -101,8 +101,8 @@ def test_a_zoom_between_the_two_is_told(pair, tmp_path):
     g = with_focal_length(pair[0], 35, tmp_path / "g.jpg")
     same = with_focal_length(pair[1], 35, tmp_path / "same.jpg")
     zoomed = with_focal_length(pair[1], 50, tmp_path / "zoomed.jpg")
-    found = register_file(g, same, tmp_path / "r.npz", EstimateOptions(), threads=1)
-    assert "35 mm" in found.camera.source
+    match = register_file(g, same, tmp_path / "r.npz", EstimateOptions(), threads=1)
+    assert "35 mm" in match.camera.source
     with pytest.raises(PhotoError, match=r"taken at 1\.43 times the focal length of"):
         register_file(g, zoomed, tmp_path / "z.npz", EstimateOptions(), threads=1)
     register_file(
