@@ -50,6 +50,7 @@ SOFT = "the photo is a little soft rather than shaken: it is left as it is"
 _FAIRLY_SHARP = 0.69  # value of `sharpness`; a real shaken photo has 0.68
 _LEAST_USABLE = 0.05  # share of the pixels
 _DOUBTFUL = 0.75  # confidence; below it a note warns the user
+_CHANCE = 0.5  # confidence; below it a scattered kernel is taken for noise
 _HOPELESS = 0.1  # confidence; below it the photo stays unchanged
 _RACE_SHARE = 0.95  # share of the computing time
 
@@ -157,7 +158,7 @@ def _concluded(
         point = len(kernel.weights) == 1 or not kernel.extent_px() > 1
         return _unchanged(pyramid, whole, min(trust, _HOPELESS), SHARP if point else SOFT)
     notes = faults(_on_its_grid(kernel), blur_px=blur_px)
-    scattered = trust < _DOUBTFUL and SCATTERED in notes
+    scattered = trust < _CHANCE and SCATTERED in notes
     if trust < _HOPELESS or scattered:
         note = (
             f"no kernel betters the photo, the best one is doubtful (confidence {trust:.2f}): "
