@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -207,7 +208,8 @@ def test_no_photo_is_wrong_usage(deshake):
 def test_the_progress_bar_tells_the_photo_and_the_time_left(deshake, shaken):
     outcome = deshake("fix", shaken("a.jpg"), *FAST, "--progress")
     assert outcome.code == 0
-    assert "a.jpg: starts " in outcome.err
+    # the bar is drawn now and then: of two quick steps one may not be shown
+    assert re.search(r"a\.jpg: (starts|refinement) +\d", outcome.err)
     assert " left" in outcome.err
 
 
