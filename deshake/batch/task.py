@@ -143,7 +143,7 @@ def _log_skipped(job: Job, work: Work) -> None:
     if reason is None:
         _OURS.info("%s: skipped, %s exists already", job.source, job.output)
     else:
-        _OURS.warning("%s: skipped, %s (--overwrite makes it anew)", job.source, reason)
+        _OURS.warning("%s: skipped, %s (--overwrite makes it again)", job.source, reason)
 
 
 @contextmanager

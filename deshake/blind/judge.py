@@ -17,6 +17,7 @@ sharpness and rises with ringing.
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,6 +29,7 @@ from deshake.blind.tiles import Tiles, reach
 from deshake.geometry.kernel import RotationKernel
 from deshake.signal.gradients import differences, length_of
 from deshake.signal.noise import noise_level
+from deshake.signal.shrinkage import shrunk
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -48,7 +50,6 @@ _LEAST_NOISE = 0.002  # contrast of the pyramid: standard deviation
 _POWER = 0.8  # exponent of the gradients in the prior of the restored picture
 _PRIOR = 0.5  # weight of that prior, in variances of the noise
 _PENALTIES = tuple(float(beta) for beta in np.geomspace(0.01, 0.5, 7))  # no unit
-_TINY = 1e-6  # contrast of the pyramid: a shorter gradient counts as this long
 _FILL_AT = 4  # index into the penalties, at which unknown pixels are filled
 
 
@@ -66,7 +67,6 @@ class Judge:
         self.tiles = tiles
         self.counted = tiles.inside
         self.still = self.energy(RotationKernel.delta(tiles.camera))
-        self.unrestored = self._ratio(tiles.g)
 
     @classmethod
     def of(cls, pyramid: Pyramid, level: int, kernels: Sequence[RotationKernel]) -> Judge:
@@ -91,7 +91,7 @@ class Judge:
     def sharpening(self, kernel: RotationKernel) -> float:
         """Return the gain in ``-ln nsp``: how much sparser the restored picture's gradients are."""
         self.tiles.bind(kernel.for_camera(self.tiles.camera), afresh=True)
-        return float(np.log(self.unrestored / self._ratio(self._restored())))
+        return float(np.log(self._unrestored / self._ratio(self._restored())))
 
     def _energy(self) -> float:
         """Return E of the L0 picture; fill the room around the tiles first."""
@@ -105,32 +105,35 @@ class Judge:
         misfit = np.minimum((blurred - tiles.g)[self.counted].astype(np.float64) ** 2, _LAM)
         return float(misfit.mean() + _LAM * live[self.counted].mean())
 
-    def _restored(self) -> Image:
-        """Restore the tiles with a sparse prior of gradients, ``sum |grad f|^0.8``."""
+    @cached_property
+    def _unrestored(self) -> float:
+        """The normalised sparsity of the photo itself."""
+        return self._ratio(self.tiles.g)
+
+    @cached_property
+    def _price(self) -> float:
+        """Price of a gradient in the restored picture's prior, from the photo and its noise."""
         tiles = self.tiles
         length = length_of(*differences(tiles.g))[self.counted]
         noise = max(2 * noise_level(tiles.g.reshape(-1, tiles.block)), _LEAST_NOISE)
-        price = _PRIOR * noise**2 / (_POWER * float((length**_POWER).mean()))
+        return _PRIOR * noise**2 / (_POWER * float((length**_POWER).mean()))
+
+    def _restored(self) -> Image:
+        """Restore the tiles with a sparse prior of gradients, ``sum |grad f|^0.8``."""
+        tiles, price = self.tiles, self._price
         picture, data = tiles.g, tiles.data()
         for stage, beta in enumerate(_PENALTIES):
             if stage == _FILL_AT:
                 tiles.fill(picture)
                 data = tiles.data()
             across, down = differences(picture)
-            share = _shrunk(length_of(across, down), price / beta)
+            share = shrunk(length_of(across, down), price / beta, _POWER)
             picture = tiles.solved(data, across * share, down * share, beta)
         return picture
 
     def _ratio(self, picture: Image) -> float:
         length = length_of(*differences(picture))[self.counted].astype(np.float64)
         return float(length.mean() / np.sqrt((length**2).mean()))
-
-
-def _shrunk(length: Image, step: float) -> Image:
-    """Return the share of each gradient that remains after shrinkage for ``step |h|^0.8``."""
-    safe = np.maximum(length, np.float32(_TINY))
-    share: Image = np.maximum(1 - np.float32(_POWER * step) * safe ** np.float32(_POWER - 2), 0)
-    return share
 
 
 def _reach(kernel: RotationKernel) -> int:

@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 
     from deshake.signal.pyramid import Pyramid, Scale
 
-__all__ = ["FOCUS", "Corners", "chosen", "covering"]
+__all__ = ["Corners", "chosen", "covering"]
 
 Image = NDArray[np.float32]
 Corners = list[tuple[int, int]]
 Places = NDArray[np.float64]
 
-FOCUS = 4.0
+_FOCUS = 4.0
 """Exponent of a tile's focus in its weight, no unit. A larger one favours tiles in focus more."""
 
 _LARGEST_VIEW = 0.8e6  # pixels of the view, the scale that the information is measured on
@@ -64,7 +64,7 @@ def chosen(
     *,
     width: float,
     allowed: Callable[[Places, Places], NDArray[np.bool_]] | None = None,
-    focus: float = FOCUS,
+    focus: float = _FOCUS,
 ) -> Corners:
     """Choose tiles of a scale, the most informative first.
 

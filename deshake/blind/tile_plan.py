@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
-from deshake.blind.tile_choice import FOCUS, chosen, covering
+from deshake.blind.tile_choice import chosen, covering
 from deshake.blind.tiles import Tiles, reach
 
 if TYPE_CHECKING:
@@ -49,7 +49,6 @@ def planned_tiles(
     part: Part = "fitted",
     budget: Budget = Budget(),  # noqa: B008 - it never changes
     room: float = 1.0,
-    focus: float = FOCUS,
 ) -> Tiles:
     """Cut tiles of a scale whose size and room suit a kernel.
 
@@ -67,8 +66,6 @@ def planned_tiles(
         Number of pixels in the tiles.
     room : float
         Room around the tiles, in reaches of the kernel.
-    focus : float
-        Exponent of the preference for tiles in focus, as in `chosen`.
 
     """
     scale = pyramid.at(level)
@@ -86,7 +83,6 @@ def planned_tiles(
             count,
             width=width,
             allowed=lambda x, y: _belongs(_colour(x, y), part),
-            focus=focus,
         )
     return Tiles(scale, corners, size, far)
 

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from deshake.blind.bounds import check_size
 from deshake.blind.trimming import most_of, strongest, without_strays
 from deshake.errors import EstimationError
 from deshake.geometry.camera import Camera
@@ -46,7 +47,6 @@ BLUR_SHARE = 0.06
 
 _ENOUGH_BLUR = 45.0  # px: width of the blur; finer scales, where it is wider, are not solved
 _COARSEST_BLUR = 6.0  # px: bound of the blur at the coarsest scale
-_SMALLEST_PHOTO = 48  # px: shorter side of the photo; a smaller photo is an error
 _SMALLEST_SIDE = 32  # px: least side of the coarsest scale
 _SPARE = 2  # grid steps beyond the bound, for the error of the registration
 _RIDGE = 0.01  # ridge, in shares of the mean diagonal of G
@@ -167,7 +167,7 @@ def estimate_pair_kernel(
         raise ValueError(f"{sorted(shapes)} are not one size")
     height, width = camera.shape
     bound = blur_size or min(BLUR_SHARE * max(height, width), min(height, width) / 4)
-    _check(height, width, bound)
+    check_size(height, width, bound)
     whole = Camera.uniform(height, width) if uniform else camera
     pictures = PairPictures.of(g, f_reg, valid, noise or (), blurred_noise)
     bound *= max(pictures.g.shape) / max(height, width)
@@ -279,18 +279,6 @@ class _Scales:
         self.scale *= min(max(light.scale(w), 1 / _MOST_CHANGE), _MOST_CHANGE)
         self.kernel = RotationKernel(theta, w / w.sum(), steps, camera)
         self.reports.append(PairScale(*shape, len(indices), len(w), self.scale))
-
-
-def _check(height: int, width: int, bound: float) -> None:
-    """Raise EstimationError where the photos are too small, or a bound (px) does not fit them."""
-    if min(height, width) < _SMALLEST_PHOTO:
-        msg = f"{width}x{height} pixels are too few to estimate a blur kernel from"
-        hint = f"the shorter side must have at least {_SMALLEST_PHOTO} pixels"
-        raise EstimationError(msg, hint=hint)
-    if not 1 <= bound <= min(height, width) / 2:
-        msg = f"a blur of {bound:.0f} px does not fit {width}x{height} pixels"
-        hint = "give a --blur-size between 1 and half the shorter side"
-        raise EstimationError(msg, hint=hint)
 
 
 def _brightness(g: Image, f: Image) -> float:
