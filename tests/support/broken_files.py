@@ -4,7 +4,7 @@ Every photo passes calibrate and fix, every .npz file the command that reads it.
 more than 10 seconds of the processor or 30 by the clock, more than 1 GB of memory, any exit code
 but 0 and 1, an error that is not one line, or no error at exit code 1.
 
-    python scripts/broken_files.py --count 300 --seed 1
+    python -m tests.support.broken_files --count 300 --seed 1
 """
 
 from __future__ import annotations
@@ -24,13 +24,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from mutated_files import bombs, mutated, seeds
+
+from .mutated_files import bombs, mutated, seeds
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
 __all__ = ["Case", "Outcome", "cases", "run"]
 
+_TESTS = Path(__file__).parents[1]
 _SECONDS, _HANG, _BYTES = 10.0, 30.0, 1e9
 _DONE = " -> "  # in the line that `fix` prints of a result
 _ADDRESSES = 4 << 30  # what a child may map; what it may use is measured
@@ -139,9 +141,9 @@ def run(todo: Sequence[Case]) -> Iterator[Outcome]:
 
 def _child() -> subprocess.Popen[bytes]:
     """Start a child of one thread that may map so much and no more."""
-    one = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-    return subprocess.Popen(  # noqa: S603 - this very script
-        [sys.executable, __file__, "--child"],
+    one = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONPATH": str(_TESTS)}
+    return subprocess.Popen(
+        [sys.executable, "-m", "support.broken_files", "--child"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         env=os.environ | one,

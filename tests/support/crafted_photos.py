@@ -8,8 +8,9 @@ import zlib
 
 import cv2
 import numpy as np
-from heic_writer import heic
 from PIL import Image, ImageCms
+
+from .heic_writer import heic
 
 __all__ = [
     "CITY",

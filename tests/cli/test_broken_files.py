@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import broken_files
 import numpy as np
 import pytest
-from broken_files import Case, Outcome
-from mutated_files import HEIGHT, WIDTH, bombs, mutated, seeds
+from support import broken_files
+from support.broken_files import Case, Outcome
+from support.mutated_files import HEIGHT, WIDTH, bombs, mutated, seeds
 
 from deshake.files.kernel_file import read_camera, read_kernel
 from deshake.files.registration_file import read_registration

@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import tifffile
-from crafted_photos import KINDS, written
-from heic_writer import heic
 from PIL import Image
 from skimage import data
 
@@ -20,6 +18,9 @@ from deshake.files.kernel_file import CameraFile, KernelFile, write_camera, writ
 from deshake.files.registration_file import RegistrationFile, write_registration
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
+
+from .crafted_photos import KINDS, written
+from .heic_writer import heic
 
 if TYPE_CHECKING:
     from collections.abc import Callable
