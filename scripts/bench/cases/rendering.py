@@ -167,10 +167,9 @@ def shake(fine: Image, frame: Frame, over: int) -> Image:
     return np.maximum(cv2.merge(planes) if len(planes) > 1 else planes[0], 0)
 
 
-def disk(radius: float) -> Image:
-    """Draw a disk with soft edges; its sum is 1."""
+def disk(radius: float, fine: int = 16) -> Image:
+    """Draw a disk with edges as soft as so many samples a pixel make them; its sum is 1."""
     side = 2 * math.ceil(radius) + 3
-    fine = 16
     place = (np.arange(side * fine) + 0.5) / fine - side / 2
     inside = (place[:, None] ** 2 + place**2 <= radius**2).astype(np.float32)
     drawn = inside.reshape(side, fine, side, fine).mean((1, 3))

@@ -167,7 +167,9 @@ def prepare(change: Change, folder: Path | None, path: Path) -> tuple[Path, Imag
     else:
         light = decode(codes, Srgb()) * np.float32(change.light)
         if change.disk:
-            light = cv2.filter2D(light, -1, disk(change.disk / 2), borderType=cv2.BORDER_REFLECT)
+            light = cv2.filter2D(
+                light, -1, disk(change.disk / 2, fine=8), borderType=cv2.BORDER_REFLECT
+            )
         grain = np.random.default_rng(len(change.photo)).standard_normal(light.shape)
         shown = Srgb().from_linear(np.clip(light, 0, 1)) + change.sigma * grain
         stored = np.rint(255 * np.clip(shown, 0, 1)).astype(np.uint8)
