@@ -122,7 +122,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         default=WIDTH,
         help=f"of each picture on the sheet, in pixels; default: {WIDTH}",
     )
-    add_jobs(parser, 1)
+    add_jobs(parser, 1, "photos")
     parser.add_argument("--keep", type=Path, help="folder for the results and their kernels")
     args = parser.parse_args(argv)
     use_one_thread()  # before the processes that do the work load their libraries

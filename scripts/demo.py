@@ -14,6 +14,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from bench.cases.shipped import SHIPPED
 from bench.metrics import motion_between, psnr
 from PIL import Image, ImageDraw, ImageFont, ImageOps
 
@@ -45,14 +46,8 @@ def deshake(*args: object) -> None:
 
 
 def shipped_photo(name: str) -> Image.Image:
-    """Return a photo from scikit-image's or scikit-learn's wheel."""
-    if name in {"china", "flower"}:
-        from sklearn.datasets import load_sample_image  # noqa: PLC0415
-
-        return Image.fromarray(load_sample_image(f"{name}.jpg"))
-    from skimage import data  # noqa: PLC0415
-
-    return Image.fromarray(getattr(data, name)())
+    """Return a photo that a development dependency ships."""
+    return Image.fromarray(SHIPPED[name]())
 
 
 def save_with_lens(photo: Image.Image, path: Path) -> None:

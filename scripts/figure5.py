@@ -252,7 +252,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--cells", type=parse_cells, default=CELLS, help="default: all 18")
     models = partial(names, known=tuple(MODELS))
     parser.add_argument("--models", type=models, default=list(MODELS), help="default: R,U")
-    add_jobs(parser, 2)
+    add_jobs(parser, 2, "cells")
     parser.add_argument("--seed", type=int, default=0, help="of the noise; default: 0")
     return guarded(partial(run, parser.parse_args(argv)))
 

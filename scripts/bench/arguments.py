@@ -39,9 +39,9 @@ def add_recordings(parser: argparse.ArgumentParser, *, required: bool) -> None:
     parser.add_argument("--data", type=Path, required=required, metavar="DIR", help=text)
 
 
-def add_jobs(parser: argparse.ArgumentParser, default: int) -> None:
-    """Add the option of how many cases are worked on at once."""
-    text = f"cases at once; default: {default}"
+def add_jobs(parser: argparse.ArgumentParser, default: int, what: str = "cases") -> None:
+    """Add the option of how many cases, or other things, are worked on at once."""
+    text = f"{what} at once; default: {default}"
     parser.add_argument("--jobs", type=partial(at_least, 1), default=default, help=text)
 
 

@@ -3,8 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from bench.cases.rendering import disk
+from bench.cases.shipped import SHIPPED
 from bench.errors import MissingDataError
-from bench.tables.sharp import CASES, PHOTOS, Change, Result, line, prepare
+from bench.tables.sharp import CASES, Change, Result, line, prepare
 from PIL import Image
 
 from deshake.formats.transfer import Srgb, encode
@@ -22,7 +23,7 @@ def test_disks_are_round_and_keep_the_light(across):
 def test_sharp_photos_are_theirs_to_the_code(tmp_path):
     path, truth = prepare(CASES["text"], None, tmp_path / "a")
     codes = np.asarray(Image.open(path))
-    assert np.array_equal(codes, PHOTOS["text"]())
+    assert np.array_equal(codes, SHIPPED["text"]())
     assert np.array_equal(encode(truth, Srgb(), 8), codes)
     path, truth = prepare(Change("text", 85, part=(0, 0.5, 0.5, 1)), None, tmp_path / "b")
     with Image.open(path) as part:

@@ -11,16 +11,14 @@ clip; two of them get lamps that are a hundred times as bright as white.
 from __future__ import annotations
 
 import io
-from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as Pictures
-from skimage import data
-from sklearn.datasets import load_sample_image
 
+from bench.cases.shipped import SHIPPED
 from bench.hands import read_recording
 from deshake.formats.transfer import Srgb, decode, encode, is_clipped
 from deshake.geometry.camera import Camera
@@ -37,15 +35,10 @@ __all__ = ["CASES", "PHOTOS", "Shake", "ShakenPhoto", "shaken", "wrong"]
 Image = NDArray[np.float32]
 
 PHOTOS: dict[str, Callable[[], NDArray[np.uint8]]] = {
-    "astronaut": data.astronaut,
-    "coffee": data.coffee,
-    "chelsea": data.chelsea,
-    "motorcycle": lambda: data.stereo_motorcycle()[0],
-    "china": partial(load_sample_image, "china.jpg"),
-    "flower": partial(load_sample_image, "flower.jpg"),
-    "rocket": data.rocket,
-    "hubble": lambda: data.hubble_deep_field()[150:580, 200:760],
-    "retina": lambda: data.retina()[400:1000, 400:1000],
+    **{name: SHIPPED[name] for name in ("astronaut", "coffee", "chelsea", "motorcycle")},
+    **{name: SHIPPED[name] for name in ("china", "flower", "rocket")},
+    "hubble": lambda: SHIPPED["hubble"]()[150:580, 200:760],
+    "retina": lambda: SHIPPED["retina"]()[400:1000, 400:1000],
 }
 READ_NOISE = 0.002
 FINE = 93  # quality from which colours are kept at full size, as cameras do

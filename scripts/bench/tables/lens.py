@@ -13,15 +13,13 @@ straightening.
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from skimage import data
-from sklearn.datasets import load_sample_image
 
+from bench.cases.shipped import SHIPPED
 from bench.markdown import head, row
 from bench.metrics import decibels, display
 from deshake.formats.transfer import Srgb, decode
@@ -36,7 +34,6 @@ from deshake.stages.methods import restore
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable
 
     from deshake.simulation.shaken_photo import Shaken
 
@@ -56,11 +53,7 @@ LENSES = (
     Lens("E PZ 16-50mm f/3.5-5.6 OSS", 16, 1.534),
     Lens("Canon PowerShot S95 & compatibles", 6, 4.67),
 )
-PHOTOS: dict[str, Callable[[], NDArray[np.uint8]]] = {
-    "china": partial(load_sample_image, "china.jpg"),
-    "motorcycle": lambda: data.stereo_motorcycle()[0],
-    "astronaut": data.astronaut,
-}
+PHOTOS = ("china", "motorcycle", "astronaut")
 DIAGONAL = float(np.hypot(36, 24))
 BORDER = 12  # px left out on every side
 CORNERS = 0.8  # of half the diagonal: what lies farther out
@@ -130,8 +123,8 @@ def bends(camera: Camera) -> tuple[float, float]:
 def measure(lens: Lens, blur_size: float, seeds: int) -> str:
     """Shake and deblur all photos through a lens; return its line of the table."""
     results = []
-    for number, read in enumerate(PHOTOS.values()):
-        sharp = decode(np.ascontiguousarray(read()), Srgb())
+    for number, name in enumerate(PHOTOS):
+        sharp = decode(np.ascontiguousarray(SHIPPED[name]()), Srgb())
         camera = camera_of(lens, *sharp.shape[:2])
         for seed in range(seeds):
             path = random_path(camera, blur_size, seed=10 * number + seed)

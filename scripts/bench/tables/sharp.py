@@ -25,11 +25,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as Pictures
-from skimage import data
-from sklearn.datasets import load_sample_image
 
 from bench.arguments import names
 from bench.cases.rendering import disk
+from bench.cases.shipped import SHIPPED
 from bench.errors import MissingDataError
 from bench.markdown import head, row
 from bench.metrics import aligned_psnr, display
@@ -42,31 +41,12 @@ from deshake.stages.estimate_options import EstimateOptions
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable
 
     from deshake.stages.estimate_result import Estimate
 
 Codes = NDArray[np.uint8]
 Image = NDArray[np.float32]
 
-PHOTOS: dict[str, Callable[[], Codes]] = {
-    "astronaut": data.astronaut,
-    "brick": data.brick,
-    "camera": data.camera,
-    "chelsea": data.chelsea,
-    "china": partial(load_sample_image, "china.jpg"),
-    "coffee": data.coffee,
-    "coins": data.coins,
-    "flower": partial(load_sample_image, "flower.jpg"),
-    "grass": data.grass,
-    "hubble": data.hubble_deep_field,
-    "ihc": data.immunohistochemistry,
-    "moon": data.moon,
-    "motorcycle": lambda: data.stereo_motorcycle()[0],
-    "page": data.page,
-    "rocket": data.rocket,
-    "text": data.text,
-}
 TO_FIND = {"houses": "houses.jpg", "manmade": "manmade_01.png"}  # in the folder of data
 LONGEST = 1024  # px: longer side; larger photos of that folder are reduced to it
 MOST_RMS = 0.005  # of full scale
@@ -90,7 +70,7 @@ class Change(NamedTuple):
 
 
 SHARP = {
-    **{name: Change(name) for name in PHOTOS},
+    **{name: Change(name) for name in SHIPPED if name != "retina"},
     **{f"{name} jpeg 75": Change(name, 75) for name in ("astronaut", "coffee", "camera", "page")},
     **{f"{name} jpeg 85": Change(name, 85) for name in ("china", "motorcycle", "chelsea")},
     **{f"{name} jpeg 95": Change(name, 95) for name in ("astronaut", "flower")},
@@ -144,8 +124,8 @@ class Result(NamedTuple):
 
 def read(name: str, folder: Path | None) -> Codes:
     """Read a photo; raise MissingDataError where it is not in the folder."""
-    if name in PHOTOS:
-        return np.ascontiguousarray(PHOTOS[name]())
+    if name in SHIPPED:
+        return np.ascontiguousarray(SHIPPED[name]())
     places = [] if folder is None else sorted(folder.rglob(TO_FIND[name]))
     if not places:
         raise MissingDataError(f"no {TO_FIND[name]}; --data names its folder")

@@ -24,9 +24,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from skimage import data, restoration
+from skimage import restoration
 
 from bench.cases.photos import ShakenPhoto, reduced, scene_in_frame
+from bench.cases.shipped import SHIPPED
 from bench.markdown import head, row
 from bench.metrics import psnr
 from bench.processes import fastest
@@ -46,12 +47,7 @@ if TYPE_CHECKING:
 Image = NDArray[np.float32]
 Method = Callable[[Image, Image], Image]
 
-PHOTOS: dict[str, Callable[[], NDArray[np.uint8]]] = {
-    "camera": data.camera,
-    "moon": data.moon,
-    "astronaut": data.astronaut,
-    "coffee": data.coffee,
-}
+PHOTOS = ("camera", "moon", "astronaut", "coffee")
 COUNTS = (5, 10, 20, 40)
 BALANCES = np.geomspace(1e-4, 10, 26)
 WAYS = {"as it is": (0, "edge"), "edges": (1, "edge"), "mirrored": (4, "symmetric")}
@@ -94,7 +90,7 @@ class Truth:
 
 def shaken(name: str, extent: float, sigma: float, seed: int) -> ShakenPhoto:
     """Shift a camera about while it takes a photo."""
-    scene = decode(np.asarray(PHOTOS[name]()), Srgb())
+    scene = decode(np.asarray(SHIPPED[name]()), Srgb())
     margin = int(extent) + 6
     height, width = (side - 2 * margin for side in scene.shape[:2])
     camera = Camera.uniform(height, width)
@@ -200,9 +196,7 @@ def compare(photo: ShakenPhoto, truth: Truth, repeats: int) -> None:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    parser.add_argument(
-        "--photos", nargs="+", choices=list(PHOTOS), default=["camera", "astronaut"]
-    )
+    parser.add_argument("--photos", nargs="+", choices=PHOTOS, default=["camera", "astronaut"])
     parser.add_argument("--extent", type=float, default=20.0, help="of the blur, px; default: 20")
     parser.add_argument("--sigma", type=float, default=0.01, help="of the noise; default: 0.01")
     parser.add_argument("--seed", type=int, default=1, help="of path and noise; default: 1")
