@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from bench.markdown import head
-from bench.markdown import row as table_row
+from bench.markdown import head, row
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -16,14 +15,14 @@ if TYPE_CHECKING:
 
     from bench.metrics import Score
 
-__all__ = ["Row", "header", "line", "summary"]
+__all__ = ["PairResult", "header", "line", "summary"]
 
 COLUMNS = ("blurred", "noisy", "denoised", "single", "blind", "uniform", "residual", "stopped")
 COLUMNS += ("fusion", "true")
 WIDTH = 1000  # px: width of the photos that the registration's error refers to
 
 
-class Row(NamedTuple):
+class PairResult(NamedTuple):
     """A case: how far off, the frame and the blur (px), confidences, scores, processor seconds."""
 
     off: float
@@ -35,10 +34,10 @@ class Row(NamedTuple):
     seconds: dict[str, float]
 
 
-def line(name: str, row: Row) -> str:
+def line(name: str, result: PairResult) -> str:
     """One case of the table."""
-    cells = [name, f"{row.off:.2f}", f"{row.registered:.2f}", f"{row.confidence:.2f}"]
-    return table_row(cells + [str(row.scores[what]) for what in COLUMNS if what in row.scores])
+    cells = [name, f"{result.off:.2f}", f"{result.registered:.2f}", f"{result.confidence:.2f}"]
+    return row(cells + [str(result.scores[what]) for what in COLUMNS if what in result.scores])
 
 
 def header(*, blindly: bool, ways: Sequence[str]) -> str:
@@ -48,12 +47,12 @@ def header(*, blindly: bool, ways: Sequence[str]) -> str:
     return head(cells + [what for what in COLUMNS if what in there])
 
 
-def summary(rows: dict[str, Row]) -> str:
+def summary(results: dict[str, PairResult]) -> str:
     """Medians, means and least margins."""
-    table = list(rows.values())
-    off = np.array([row.off * WIDTH / row.width for row in table])
-    shares = np.array([row.off / row.extent for row in table])
-    sure = min(row.registered for row in table)
+    table = list(results.values())
+    off = np.array([result.off * WIDTH / result.width for result in table])
+    shares = np.array([result.off / result.extent for result in table])
+    sure = min(result.registered for result in table)
     text = (
         f"registration: median {np.median(off):.2f} px of {WIDTH}, worst {off.max():.2f}; "
         f"worst {shares.max():.2f} of the blur, {(shares > 0.25).sum()} beyond a quarter; least "
@@ -62,7 +61,9 @@ def summary(rows: dict[str, Row]) -> str:
     lines = [text]
 
     def margins(ours: str, other: str) -> NDArray[np.float64]:
-        return np.array([np.subtract(row.scores[ours][:2], row.scores[other][:2]) for row in table])
+        return np.array(
+            [np.subtract(result.scores[ours][:2], result.scores[other][:2]) for result in table]
+        )
 
     loss = margins("true", "fusion")[:, 0]
     lines.append(
@@ -74,11 +75,11 @@ def summary(rows: dict[str, Row]) -> str:
         if f"{other}{where}" in table[0].scores:
             leads = margins(f"fusion{where}", f"{other}{where}")
             (p, s), (least_p, least_s) = leads.mean(0), leads.min(0)
-            name = list(rows)[int(leads[:, 0].argmin())]
+            name = list(results)[int(leads[:, 0].argmin())]
             lines.append(
                 f"fusion over {other}{where}: mean {p:+.2f} dB, {s:+.3f}; least {least_p:+.2f} "
                 f"({name}), {least_s:+.3f}; better in {(leads > 0).all(1).sum()} of {len(table)}"
             )
-    spent = {what: np.mean([row.seconds[what] for row in table]) for what in table[0].seconds}
+    spent = {what: np.mean([result.seconds[what] for result in table]) for what in table[0].seconds}
     lines.append("seconds: " + ", ".join(f"{what} {mean:.1f}" for what, mean in spent.items()))
     return "\n".join(lines)

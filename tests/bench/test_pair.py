@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from bench.cases.pairs import PAIRS, Pair
 from bench.metrics import Score
-from bench.pair_scores import Row, header, line, summary
+from bench.pair_scores import PairResult, header, line, summary
 from bench.tables import pair as pair_table
 
 from deshake.geometry.camera import Camera
@@ -21,7 +21,7 @@ def row(fusion, other, off=0.3):
     names = ("blurred", "noisy", "denoised", "single", "uniform", "residual", "stopped")
     scores = {name: Score(other, 0.7) for name in names}
     scores |= {"fusion": Score(fusion, 0.8), "true": Score(fusion + 0.5, 0.82)}
-    return Row(off, 500, 20.0, 0.99, 0.9, scores, {"kernel": 4.0})
+    return PairResult(off, 500, 20.0, 0.99, 0.9, scores, {"kernel": 4.0})
 
 
 def test_patterns_choose_cases():

@@ -41,7 +41,7 @@ from bench.arguments import add_jobs, add_recordings
 from bench.cases.pairs import NOISES, PAIRS, Pair, PairCase, shaken_pair
 from bench.hands import find_logs
 from bench.metrics import Score, aligned, display, psnr
-from bench.pair_scores import Row, header, line, summary
+from bench.pair_scores import PairResult, header, line, summary
 from bench.processes import completed, measured
 from deshake.files.kernel_file import CameraFile
 from deshake.geometry.kernel import RotationKernel
@@ -122,7 +122,7 @@ def compare(
     logs: Sequence[Path],
     crops: Path | None,
     wanted: Sequence[str] = WAYS,
-) -> Row:
+) -> PairResult:
     """Make a pair and deblur it by the wanted ways."""
     pair = shaken_pair(case, logs)
     blurred, noisy = pair.photos()
@@ -191,7 +191,7 @@ def compare(
         scores[f"{what}, overlap"] = Score.of(shown, truth, both)
     if crops is not None:
         save_crops(crops / f"{name.replace(' ', '-').replace(',', '')}.png", results)
-    return Row(
+    return PairResult(
         pair.misplaced(frame),
         true.camera.width,
         case.shake.extent,
@@ -268,11 +268,11 @@ def run(args: argparse.Namespace) -> int:
     cases = {name: PAIRS[name]._replace(camera_files=args.camera_files) for name in args.cases}
     single = blind_scores(list(cases.values()), logs, args.jobs) if args.blind else {}
     tasks = {name: (name, case, logs, args.crops, args.ways) for name, case in cases.items()}
-    rows: dict[str, Row] = {}
+    results: dict[str, PairResult] = {}
     for name, scored in completed(compare, tasks, args.jobs):
         if args.blind:
             scored.scores["blind"] = single[cases[name].shake]
-        rows[name] = scored
+        results[name] = scored
         print(line(name, scored), flush=True)
-    print("\n" + summary({name: rows[name] for name in cases}))
+    print("\n" + summary({name: results[name] for name in cases}))
     return 0
