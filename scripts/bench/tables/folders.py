@@ -45,7 +45,7 @@ SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGKILL]
 INTERVAL = 0.1
 
 
-class Run(NamedTuple):
+class Outcome(NamedTuple):
     """How a run ended, what it printed for each photo, and its seconds."""
 
     code: int
@@ -53,7 +53,7 @@ class Run(NamedTuple):
     seconds: float
 
 
-def fix(*words: object) -> Run:
+def fix(*words: object) -> Outcome:
     """Run fix to its end."""
     start = time.perf_counter()
     done = subprocess.run(  # noqa: S603 - our own words
@@ -63,7 +63,7 @@ def fix(*words: object) -> Run:
         check=False,
     )
     lines = [json.loads(line) for line in done.stdout.splitlines()]
-    return Run(done.returncode, lines, time.perf_counter() - start)
+    return Outcome(done.returncode, lines, time.perf_counter() - start)
 
 
 def write_photos(folder: Path, count: int, broken: int) -> None:
