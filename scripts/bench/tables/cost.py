@@ -189,12 +189,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         const=12.0,
         metavar="M",
-        help="instead: the ratio to the bare FFTs, at M megapixels; default: 12",
+        help="instead: the ratio of deblurring to its bare FFTs, at M megapixels; default: 12",
     )
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure, and print the tables."""
+    if args.fft is not None:
+        args.stage = "deblur"
     if args.rotations is None:
         args.rotations = ROTATIONS if args.stage == "deblur" else []
     base = Mosaic(args.at[0], args.at[1], int(args.at[2]))
