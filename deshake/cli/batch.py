@@ -221,7 +221,7 @@ def run_batch(
         Options of the report.
 
     """
-    from deshake.batch.run import Resources, run_jobs
+    from deshake.batch.jobs import Resources, run_jobs
     from deshake.cli.report_options import ReportOptions
 
     reporting = (report or ReportOptions()).begun(

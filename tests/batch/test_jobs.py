@@ -4,8 +4,8 @@ import os
 
 import pytest
 
-from deshake.batch.run import Resources, run_jobs
-from deshake.operators.strips import available_threads
+from deshake.batch.jobs import Resources, run_jobs
+from deshake.run import available_threads
 
 
 def test_processors_are_shared_out():

@@ -9,16 +9,15 @@ from deshake.batch.cluster import run_on_cluster
 from deshake.batch.memory import Budget
 from deshake.batch.processes import run_in_processes
 from deshake.batch.task import run_job
-from deshake.operators.strips import available_threads
+from deshake.run import Run, available_threads
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterator, Sequence
+    from collections.abc import Generator, Iterator, Sequence
 
     from deshake.batch.plan import Job
     from deshake.batch.task import Result
     from deshake.batch.work import Work
-
-    Progress = Callable[[float, str], None]
+    from deshake.run import Progress
 
 __all__ = ["Resources", "run_jobs"]
 
@@ -78,8 +77,7 @@ def run_jobs(
     """
     if len(jobs) == 1 and resources.memory is None and resources.scheduler is None:
         [job] = jobs
-        threads = resources.shared(1)[1]
-        yield run_job(job, work, threads=threads, progress=progress)
+        yield run_job(job, work, Run(resources.shared(1)[1], progress))
         return
     overall = _Overall(jobs, progress)
     for number, result in _elsewhere(jobs, work, resources, overall):
