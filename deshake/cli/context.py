@@ -7,7 +7,7 @@ import sys
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Never, Self
 
-from deshake.run import Run
+from deshake.run import Progress, Run
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -56,9 +56,9 @@ class Context:
         """Make a progress bar, which shows nothing where none is wanted."""
         return ProgressBar(text, shown=self.progress and self.verbosity >= 0)
 
-    def run(self, bar: ProgressBar) -> Run:
-        """Return the run of a command whose progress a bar shows."""
-        return Run(self.threads, bar)
+    def run(self, progress: Progress) -> Run:
+        """Return the run of a command: the threads that the user wants, and its progress."""
+        return Run(self.threads, progress)
 
 
 class ProgressBar:

@@ -50,7 +50,13 @@ def test_unlike_pictures_score_low():
 def test_threads_change_nothing_and_progress_ends_at_one():
     camera, shares = Camera.from_focal(64, *SHAPE), []
     runs = [
-        exhaustive_search(texture(1), texture(2), camera, np.radians(5), run=Run(n, shares.append))
+        exhaustive_search(
+            texture(1),
+            texture(2),
+            camera,
+            np.radians(5),
+            run=Run(n, lambda share, _: shares.append(share)),
+        )
         for n in (1, 3)
     ]
     one, other = ([(*c.theta, c.score) for c in run] for run in runs)
