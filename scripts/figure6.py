@@ -41,6 +41,7 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.restore.sparse_gradients import sparse_gradients
+from deshake.run import Run
 
 if TYPE_CHECKING:
     import argparse
@@ -152,11 +153,11 @@ def score(path: Path, way: Way) -> Errors:
     case = read_case(path)
     height, width = case.blurred.shape
     long = Camera.from_focal(LONG_LENS * max(height, width), height, width)
-    work = partial(estimate_kernel, case.blurred, long, estimator=way.estimator, threads=1)
+    work = partial(estimate_kernel, case.blurred, long, estimator=way.estimator, run=Run(1))
     blind_estimate, cost = measured(partial(work, uniform=not way.free))
 
     def error(kernel: RotationKernel) -> Error:
-        restored = sparse_gradients(case.blurred, kernel, threads=1).pixels
+        restored = sparse_gradients(case.blurred, kernel, run=Run(1)).pixels
         return shifted_error(np.clip(restored, 0, 1), case.sharp)
 
     true = true_kernel(case.filter, Camera.uniform(height, width))

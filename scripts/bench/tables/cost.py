@@ -36,8 +36,8 @@ from deshake.blind.estimate import estimate_kernel
 from deshake.operators.filter_flow import FilterFlow
 from deshake.operators.local_filters import LocalFilters
 from deshake.operators.patch_inverse import PatchInverse
-from deshake.operators.strips import available_threads
 from deshake.restore.sparse_gradients import sparse_gradients
+from deshake.run import Run, available_threads
 from deshake.signal.noise import mean_light
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ HEAD = head(
 def deblur(mosaic: Mosaic, file: Path, quality: str, threads: int) -> Result:
     """Deblur the photo of a file, in a process that has done nothing else."""
     kernel, photo = mosaic.kernel(), np.load(file)
-    work = partial(sparse_gradients, photo, kernel, quality=quality, threads=threads)
+    work = partial(sparse_gradients, photo, kernel, quality=quality, run=Run(threads))
     _, cost = measured(work)
     return Result(photo.shape, kernel.extent_px(), len(kernel.weights), quality, cost)
 
@@ -102,7 +102,7 @@ def estimate(mosaic: Mosaic, file: Path, estimator: str, threads: int) -> Result
     """Estimate the kernel of the photo of a file, in a process that has done nothing else."""
     kernel, grey = mosaic.kernel(), mean_light(np.load(file))
     result, cost = measured(
-        partial(estimate_kernel, grey, kernel.camera, estimator=estimator, threads=threads)
+        partial(estimate_kernel, grey, kernel.camera, estimator=estimator, run=Run(threads))
     )
     outcome = f"{result.kernel.extent_px():.0f} px, {result.name}"
     return Result(grey.shape, kernel.extent_px(), len(kernel.weights), outcome, cost)
@@ -133,7 +133,7 @@ def deblur_counted(mosaic: Mosaic, file: Path, quality: str, threads: int) -> Sh
 
     def time_ffts() -> None:
         for channels, times in took.items():
-            flow = FilterFlow(kernel.camera, kernel.theta, channels=channels, threads=threads)
+            flow = FilterFlow(kernel.camera, kernel.theta, channels=channels, run=Run(threads))
             run = bare_ffts(flow, channels)
             run()  # the first run fills caches
             times.extend(measured(run)[1][:2] for _ in range(REPEATS))

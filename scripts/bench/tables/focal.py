@@ -29,6 +29,7 @@ from deshake.blind.estimate import estimate_kernel
 from deshake.errors import EstimationError
 from deshake.geometry.camera import Camera
 from deshake.restore.dark_halos import without_dark_halos
+from deshake.run import Run
 from deshake.signal.luminance import luminance
 from deshake.stages.methods import restore
 
@@ -104,7 +105,7 @@ def score(exposure: Exposure, logs: Sequence[Path], factors: Sequence[float], se
     def gain(kernel: RotationKernel) -> float:
         if not kernel.theta[kernel.weights > 0].any():
             return 0.0
-        done = restore(pixels, kernel, clipped=clipped, threads=1)
+        done = restore(pixels, kernel, clipped=clipped, run=Run(1))
         ours = display(without_dark_halos(done.pixels, pixels, kernel))
         return aligned_psnr(ours, sharp, BORDER) - blurred
 
@@ -113,7 +114,7 @@ def score(exposure: Exposure, logs: Sequence[Path], factors: Sequence[float], se
         camera = true.camera
         camera = Camera.from_focal(factor * camera.focal_px, camera.height, camera.width)
         try:
-            kernel_estimate = estimate_kernel(grey, camera, clipped=clipped, threads=1)
+            kernel_estimate = estimate_kernel(grey, camera, clipped=clipped, run=Run(1))
         except EstimationError:
             trials.append(Trial(0.0, 0.0))
         else:

@@ -28,8 +28,8 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.operators.filter_flow import FilterFlow
 from deshake.operators.patch_inverse import PatchInverse
-from deshake.operators.strips import available_threads
 from deshake.operators.warps import Warps
+from deshake.run import Run, available_threads
 
 if TYPE_CHECKING:
     import argparse
@@ -63,7 +63,7 @@ def print_maps(
     camera: Camera, kernel: RotationKernel, channels: int, args: argparse.Namespace
 ) -> None:
     """Time A f, A^T g, P f and B^T r against the FFTs of their blocks."""
-    flow = FilterFlow(camera, kernel.theta, channels=channels, threads=args.threads)
+    flow = FilterFlow(camera, kernel.theta, channels=channels, run=Run(args.threads))
     rng = np.random.default_rng(0)
     tail = () if channels == 1 else (channels,)
     f = rng.random((*flow.latent_shape, *tail), np.float32)
@@ -131,7 +131,7 @@ def print_gram(camera: Camera, count: int, args: argparse.Namespace) -> None:
             margin=0,
             hop=hop,
             channels=2,
-            threads=args.threads,
+            run=Run(args.threads),
         )
         works[f"hop {hop}"] = lambda flow=flow: flow.gram(f)
     seconds = fastest(works, 1 + min(args.repeats, 3))

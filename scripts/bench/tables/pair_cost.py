@@ -29,10 +29,10 @@ from deshake.formats.photo import Photo
 from deshake.formats.transfer import LINEAR
 from deshake.geometry.rotations import grid_steps
 from deshake.metadata.metadata import Metadata
-from deshake.operators.strips import available_threads
 from deshake.pair.pair_pixels import PairPictures, derivatives, drawn_pixels, usable_pixels
 from deshake.pair.pair_rows import PairRows
 from deshake.pair.simplex import least_on_simplex
+from deshake.run import Run, available_threads
 from deshake.signal.noise import mean_light
 from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.deblurring import deblur
@@ -79,9 +79,9 @@ def stages(mosaic: Mosaic, file: Path, quality: Quality, threads: int) -> list[t
         return result
 
     registering = timed(
-        "register", lambda: find_registration(blurred, noisy, options, threads=threads)
+        "register", lambda: find_registration(blurred, noisy, options, run=Run(threads))
     )
-    known = {"registration": registering.registration, "threads": threads}
+    known = {"registration": registering.registration, "run": Run(threads)}
     pair = timed("estimate-pair", lambda: estimate_pair(blurred, noisy, options, **known))
     how = RestorationOptions("fusion", quality=quality)
     timed(
@@ -106,7 +106,7 @@ def solved(mosaic: Mosaic, file: Path, count: str, threads: int) -> list[tuple[s
 
     def solve() -> NDArray[np.float64]:
         f_edges = derivatives(pictures.f)
-        rows = PairRows(camera, theta, f_edges, edges, drawn.fitted, threads=threads)
+        rows = PairRows(camera, theta, f_edges, edges, drawn.fitted, run=Run(threads))
         return least_on_simplex(rows, np.ones(len(theta)), ridge=RIDGE)
 
     w, cost = measured(solve)

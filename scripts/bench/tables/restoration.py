@@ -37,6 +37,7 @@ from bench.markdown import head, row
 from bench.metrics import Score, display
 from deshake.restore.richardson_lucy import richardson_lucy, richardson_lucy_tv
 from deshake.restore.sparse_gradients import sparse_gradients
+from deshake.run import Run
 
 if TYPE_CHECKING:
     import argparse
@@ -123,11 +124,11 @@ def compare(
     truth = display(photo.sharp(kernel.centroid))
     before = display(photo.pixels)
     as_is = display(photo.sharp(np.zeros(3)))
-    known = partial(richardson_lucy, photo.pixels, kernel, threads=1)
+    known = partial(richardson_lucy, photo.pixels, kernel, run=Run(1))
     count, best, timed = best_plain(lambda n: known(iterations=n, accelerated=False), truth)
     done = {
         name: restore(
-            partial(METHODS[name], photo.pixels, kernel, clipped=photo.clipped, threads=1), truth
+            partial(METHODS[name], photo.pixels, kernel, clipped=photo.clipped, run=Run(1)), truth
         )
         for name in methods
     }

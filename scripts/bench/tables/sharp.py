@@ -35,6 +35,7 @@ from bench.metrics import aligned_psnr, display
 from bench.processes import measured
 from deshake.formats.photo import Photo, read_photo
 from deshake.formats.transfer import Srgb, decode, encode
+from deshake.run import Run
 from deshake.stages.blind_estimate import estimate_blind
 from deshake.stages.deblurring import deblur
 from deshake.stages.estimate_options import EstimateOptions
@@ -174,8 +175,8 @@ def measure(change: Change, folder: Path | None) -> Result:
         photo = read_photo(path)
 
     def fix() -> tuple[Estimate, Photo]:
-        estimate = estimate_blind(photo, EstimateOptions(), threads=1)
-        return estimate, deblur(photo, estimate.content.kernel, threads=1)
+        estimate = estimate_blind(photo, EstimateOptions(), run=Run(1))
+        return estimate, deblur(photo, estimate.content.kernel, run=Run(1))
 
     (blind_estimate, result), cost = measured(fix)
     one, other = (encode(item.pixels, Srgb(), 8).astype(np.float32) for item in (photo, result))

@@ -39,6 +39,7 @@ from deshake.operators.planes import channels_first, image_like
 from deshake.restore.richardson_lucy import richardson_lucy
 from deshake.restore.sparse_gradients import sparse_gradients
 from deshake.restore.wiener import point_spread
+from deshake.run import Run
 from deshake.simulation.shake_path import CameraPath, random_path
 
 if TYPE_CHECKING:
@@ -162,7 +163,7 @@ def print_iterations(photo: ShakenPhoto, truth: Truth, repeats: int) -> dict[str
     theirs, ours = [], []
     for count in COUNTS:
         works = {way: partial(by_library, rl_of(count), g, h, way) for way in WAYS}
-        plain = partial(richardson_lucy, g, photo.kernel, accelerated=False, threads=1)
+        plain = partial(richardson_lucy, g, photo.kernel, accelerated=False, run=Run(1))
         mine = partial(plain, iterations=count)
         seconds = fastest(works | {"ours": mine}, repeats)
         scores = [
@@ -186,7 +187,7 @@ def compare(photo: ShakenPhoto, truth: Truth, repeats: int) -> None:
     best["unsupervised Wiener, scikit-image"] = best_of(
         {"its own balance": unsupervised}, photo, truth, repeats
     )
-    default = partial(sparse_gradients, photo.pixels, photo.kernel, threads=1)
+    default = partial(sparse_gradients, photo.pixels, photo.kernel, run=Run(1))
     seconds = fastest({"ours": default}, repeats)["ours"]
     best["default, ours"] = truth.score(default().pixels)._replace(seconds=seconds)
     print(head(["method", "PSNR, dB (inner)", "best setting", "seconds"]))
