@@ -73,7 +73,7 @@ class Fix:
             self.options,
             noisy=job.needs.get("noisy"),
             restoration=self.restoration,
-            finish=_with_mask(self.finish, job),
+            finish=_wishes(self.finish, job),
             observer=observed,
             overwrite=job.overwrite,
             overwrite_others=job.overwrite_others,
@@ -112,7 +112,7 @@ class Fix:
         known = photo_origin(
             self.restoration,
             transfer=self.options.transfer,
-            finish=self.finish,
+            finish=_wishes(self.finish, job),
             **_digests(job),
         )
         if self.finish.preview:  # the estimate's options are not quite these
@@ -164,7 +164,7 @@ class Deblur:
             search_angle=self.search_angle,
             transfer=self.transfer,
             restoration=self.restoration,
-            finish=_with_mask(self.finish, job),
+            finish=_wishes(self.finish, job),
             observer=observed,
             overwrite=job.overwrite,
             overwrite_others=job.overwrite_others,
@@ -213,7 +213,10 @@ class Deblur:
     def origin(self, job: Job) -> dict[str, Any]:
         """Return the inputs and the options, and those of the kernel."""
         known = photo_origin(
-            self.restoration, transfer=self.transfer, finish=self.finish, **_digests(job)
+            self.restoration,
+            transfer=self.transfer,
+            finish=_wishes(self.finish, job),
+            **_digests(job),
         )
         kernel = job.needs["kernel"]
         provenance = {} if str(kernel) == STREAM else read_kernel(kernel).provenance
@@ -241,9 +244,9 @@ class _Observed:
         return {} if self._pictures is None else {"pictures": self._pictures}
 
 
-def _with_mask(finish: Finish, job: Job) -> Finish:
-    """Return what is wanted of a job's result, the mask being the job's own."""
-    return replace(finish, mask=job.needs.get("mask"))
+def _wishes(finish: Finish, job: Job) -> Finish:
+    """Return what is wanted of a job's result: with its own mask, for a file of its name."""
+    return replace(finish, mask=job.needs.get("mask"), file=finish.file.called(job.place))
 
 
 @lru_cache

@@ -10,10 +10,10 @@ from deshake.cli.batch import (
     batch_options,
     for_masks,
     photos_argument,
-    planned,
     refuse_stdout,
     run_batch,
 )
+from deshake.cli.file_options import file_options, planned_results
 from deshake.cli.finishing_options import finish_options
 from deshake.cli.options import (
     FILE,
@@ -47,8 +47,9 @@ __all__ = ["command"]
 @photos_argument
 @output_option(
     "PHOTO's name with .deshaken before its ending",
-    metavar="FILE|DIR",
-    note="; for several photos or a folder of them, a folder",
+    metavar="FILE|DIR|NAMES",
+    note="; for several photos or a folder of them, a folder, or a name with the fields {folder}, "
+    "{parent}, {stem} and {ext}, as in 'sharp/{folder}/{stem}_sharp.{ext}'",
 )
 @click.option(
     "--keep-kernels",
@@ -61,6 +62,7 @@ __all__ = ["command"]
 @estimate_options
 @restoration_options
 @finish_options
+@file_options
 @report_options
 @batch_options
 @general_options
@@ -112,7 +114,7 @@ def command(
         needs["mask"] = for_masks(mask, photos)
     if finish.compare:
         extras["sheet"] = Extra(None, comparison_name)
-    jobs = planned(photos, output, batch, extras=extras, needs=needs)
+    jobs = planned_results(photos, output, batch, finish, extras=extras, needs=needs)
     work = Fix(chosen_estimate(camera, **choices), chosen, finish, report.room(len(jobs)))
     return run_batch(context, jobs, work, batch, note=_what_was_done, report=report)
 

@@ -235,7 +235,7 @@ def _commands(ctx: click.Context) -> Callable[[Job], str]:
     def command(job: Job) -> str:
         words = ["deshake", ctx.info_name or "", _argument(job.source)]
         if job.output is not None:
-            words += ["-o", _argument(job.output)]
+            words += ["-o", _doubled(_argument(job.output))]
         for name, path in job.needs.items():
             words += [f"--{name}", _argument(path)]
         if "kernel" in job.others:
@@ -249,6 +249,11 @@ def _argument(path: Path) -> str:
     """Return a path that is not taken for an option."""
     name = str(path)
     return f"./{name}" if name.startswith("-") and name != "-" else name
+
+
+def _doubled(name: str) -> str:
+    """Return a name for -o, where a single brace would begin a field."""
+    return name.replace("{", "{{").replace("}", "}}")
 
 
 def _said(value: Any) -> str:  # noqa: ANN401 - what options convert to

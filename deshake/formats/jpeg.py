@@ -32,7 +32,6 @@ _EXTENDED_XMP: Final = b"http://ns.adobe.com/xmp/extension/\0"
 _RESOURCES: Final = b"Photoshop 3.0\0"
 _ICC: Final = b"ICC_PROFILE\0"
 _GAIN_MAPS: Final = (b"hdrgm:Version", b"HDRGainMap")  # marks in the XMP of the second picture
-_QUALITY: Final = 95  # for photos of other formats
 _MAX_SEGMENT: Final = 65533
 
 Segments = list[tuple[str, bytes]]
@@ -93,7 +92,7 @@ def encode_jpeg(picture: Decoded) -> bytes:
     if encoding.quantisation:
         options["qtables"] = _tables(picture.codes, encoding)
     else:
-        options["quality"] = _QUALITY
+        options["quality"] = encoding.quality
     if metadata.exif:
         options["exif"] = _EXIF + metadata.exif
     if metadata.xmp:

@@ -155,6 +155,14 @@ class Photo:
             raise ValueError(msg)
         return replace(self, pixels=np.asarray(pixels, np.float32), frame=None)
 
+    def with_jpeg_quality(self, quality: int) -> Photo:
+        """Return the photo with another quality, 1..100, for a JPEG; other formats ignore it.
+
+        The JPEG has the tables of this quality, and is encoded also if no pixel changes.
+        """
+        encoding = replace(self.encoding, quality=quality, quantisation=())
+        return replace(self, encoding=encoding, frame=None)
+
     def in_linear_light(self) -> Photo:
         """Return a RAW photo that will be encoded in linear light and in the sensor's colours.
 
@@ -343,8 +351,17 @@ def write_photo(
     write_bytes(path, data, overwrite=overwrite, made_from=inputs)
 
 
-def photo_bytes(path: str | os.PathLike[str], photo: Photo) -> bytes:
+def photo_bytes(path: str | os.PathLike[str], photo: Photo, form: Format | None = None) -> bytes:
     """Return the bytes of a photo's file; warn of metadata that the format cannot hold.
+
+    Parameters
+    ----------
+    path : path
+        Name of the file; `output_format` decides its format.
+    photo : Photo
+        The photo.
+    form : Format, optional
+        A format, whatever the name is.
 
     Raises
     ------
@@ -354,7 +371,7 @@ def photo_bytes(path: str | os.PathLike[str], photo: Photo) -> bytes:
         If the format cannot hold the photo.
 
     """
-    form = output_format(path, photo.source, photo.encoding)
+    form = form or output_format(path, photo.source, photo.encoding)
     for loss in carried(photo.metadata, form, *photo.shape).losses:
         _log.warning("%s: %s", photo.source, loss)
     return encode_photo(photo, form)
