@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from deshake.stages.result_file import ResultFile
 
 __all__ = [
+    "NO_JPEG",
     "check_ending",
     "file_options",
     "format_option",
@@ -31,6 +32,9 @@ __all__ = [
 ]
 
 F = TypeVar("F", bound="Callable[..., Any]")
+
+NO_JPEG = "--jpeg-quality is for JPEGs, and no result is one: add --format jpeg."
+"""A message."""
 
 format_option = click.option(
     "--format",
@@ -154,4 +158,4 @@ def _check_quality(jobs: Sequence[Job], finish: Finish) -> None:
         return
     outputs = [job.output for job in jobs if job.output is not None]
     if outputs and not any(map(finish.file.is_jpeg, outputs)):
-        raise PlanError("--jpeg-quality is for JPEGs, and no result is one", hint="--format jpeg")
+        raise PlanError(NO_JPEG)
