@@ -45,9 +45,9 @@ format_option = click.option(
 quality_option = click.option(
     "--jpeg-quality",
     type=click.IntRange(1, 100),
-    metavar="1-100",
-    help="Quality of results that are JPEGs; others stay as they are.  [default: the photo's "
-    "own tables if it is a JPEG, else 95]",
+    metavar="N",
+    help="Quality of results that are JPEGs; it changes nothing in other formats.  [default: the "
+    "photo's own tables if it is a JPEG, else 95]",
 )
 
 

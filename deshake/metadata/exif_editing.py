@@ -234,20 +234,21 @@ def _set(out: bytearray, directory: exif.Directory, tag: int, number: int) -> No
 def _multiply(
     out: bytearray, directory: exif.Directory, tag: int, factors: tuple[float, ...]
 ) -> None:
-    """Multiply the numbers of a tag by the factors in turn, if they are positive and no floats."""
+    """Multiply the numbers of a tag by the factors in turn, if none of them is negative."""
     numbers = directory.numbers(tag)
     kind = directory.values.get(tag, (0, 0, b""))[0]
-    if kind not in {3, 4, 5} or not all(0 <= number < math.inf for number in numbers):
+    if not numbers or not all(0 <= number < math.inf for number in numbers):
         return
-    products = [number * factors[at % len(factors)] for at, number in enumerate(numbers)]
-    parts = [
-        part
-        for number in products
-        for part in ((round(_FINE * number), _FINE) if kind == 5 else (round(number),))
-    ]
-    code = exif.NUMBERS[kind][0]
+    code = exif.NUMBERS[kind]
+    parts: list[float] = []
+    for at, number in enumerate(numbers):
+        product = number * factors[at % len(factors)]
+        if len(code) == 2:
+            parts += [round(_FINE * product), _FINE]
+        else:
+            parts.append(product if code in "fd" else round(product))
     with contextlib.suppress(struct.error):  # too large for the type
-        raw = struct.pack(f"{directory.order}{len(parts)}{code}", *parts)
+        raw = struct.pack(f"{directory.order}{len(parts)}{code[0]}", *parts)
         place = directory.places[tag]
         out[place : place + len(raw)] = raw
 
