@@ -7,6 +7,7 @@ from functools import partial, wraps
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
+from click.core import ParameterSource
 
 from deshake.cli.batch import planned
 from deshake.cli.values import PhotoFormat
@@ -18,17 +19,19 @@ if TYPE_CHECKING:
     from deshake.batch.name_template import NameTemplate
     from deshake.batch.plan import Job
     from deshake.cli.batch import Batch
+    from deshake.formats.encoding import Format
     from deshake.stages.finishing import Finish
     from deshake.stages.result_file import ResultFile
 
 __all__ = [
     "NO_JPEG",
     "check_ending",
+    "chosen_format",
     "file_options",
     "format_option",
+    "is_typed",
     "planned_results",
     "quality_option",
-    "written_format",
 ]
 
 F = TypeVar("F", bound="Callable[..., Any]")
@@ -59,7 +62,7 @@ def file_options(command: F) -> F:
         from deshake.stages.result_file import ResultFile
 
         file = ResultFile(
-            form=written_format(values.pop("format")),
+            form=chosen_format(values.pop("format"), values["output"]),
             jpeg_quality=values.pop("jpeg_quality"),
             max_size=values.pop("max_size"),
             keeps_time=values.pop("preserve"),
@@ -87,11 +90,23 @@ def file_options(command: F) -> F:
     return cast("F", collected)
 
 
-def written_format(name: str | None) -> Any:  # noqa: ANN401 - a Format, whose module is heavy
-    """Return the format that --format names."""
+def chosen_format(name: str | None, output: Path | None) -> Format | None:
+    """Return the format that --format names.
+
+    If the configuration file or the environment has it, an output with an ending comes first.
+    """
     from deshake.formats.encoding import SUFFIXES
 
-    return None if name is None else SUFFIXES[f".{name}"]
+    if name is None:
+        return None
+    stated = None if output is None or output.is_dir() else SUFFIXES.get(output.suffix.lower())
+    return SUFFIXES[f".{name}"] if stated is None or is_typed("format") else None
+
+
+def is_typed(name: str) -> bool:
+    """Return whether an option stands on the command line."""
+    source = click.get_current_context().get_parameter_source(name)
+    return source is ParameterSource.COMMANDLINE
 
 
 def planned_results(
@@ -154,7 +169,7 @@ def _check_quality(jobs: Sequence[Job], finish: Finish) -> None:
     """Refuse --jpeg-quality where no result is a JPEG."""
     from deshake.batch.plan import PlanError
 
-    if finish.file.jpeg_quality is None:
+    if finish.file.jpeg_quality is None or not is_typed("jpeg_quality"):
         return
     outputs = [job.output for job in jobs if job.output is not None]
     if outputs and not any(map(finish.file.is_jpeg, outputs)):

@@ -9,9 +9,10 @@ import click
 from deshake.cli.file_options import (
     NO_JPEG,
     check_ending,
+    chosen_format,
     format_option,
+    is_typed,
     quality_option,
-    written_format,
 )
 from deshake.cli.options import (
     FILE,
@@ -130,12 +131,12 @@ def command(
     from deshake.simulation.shaken_photo import shaken_name, simulate_file
     from deshake.stages.result_file import ResultFile
 
-    file = ResultFile(form=written_format(options.pop("format")), jpeg_quality=jpeg_quality)
+    file = ResultFile(form=chosen_format(options.pop("format"), output), jpeg_quality=jpeg_quality)
     if output is not None:
         check_ending(output, file)
     sharp_is_jpeg = options["sharp"] is not None and ResultFile().is_jpeg(options["sharp"])
     is_jpeg = file.is_jpeg(output or shaken_name(photo, file.form)) or sharp_is_jpeg
-    if jpeg_quality is not None and not is_jpeg:
+    if jpeg_quality is not None and not is_jpeg and is_typed("jpeg_quality"):
         raise click.UsageError(NO_JPEG)
     with context.bar("shaking") as progress:
         simulate_file(
