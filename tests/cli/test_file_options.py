@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import html
 import io
 import json
 import os
@@ -59,6 +60,13 @@ def tables_of(quality):
     stream = io.BytesIO()
     Image.new("RGB", (8, 8)).save(stream, "JPEG", quality=quality)
     return tables(stream)
+
+
+def commands_of(page):
+    """Return the commands for the photos of a report."""
+    texts = html.unescape(page.read_text("utf-8")).split(">")
+    lines = [text.split("<")[0] for text in texts if text.startswith("deshake deblur")]
+    return [line for line in lines if "--report" not in line]
 
 
 def files(folder):
@@ -318,14 +326,24 @@ def test_doubled_braces_are_braces_also_in_the_command_of_a_report(
     made = tmp_path / "o{2}.jpg"
     bytes_then = made.read_bytes()
     made.unlink()
-    text = page.read_text("utf-8")
-    [command] = {
-        line.split("<")[0]
-        for line in text.replace("&#x27;", "'").replace("&#39;", "'").split(">")
-        if line.startswith("deshake deblur") and "--report" not in line
-    }
+    [command] = commands_of(page)
     assert deshake(*shlex.split(command)[1:]).code == 0, command
     assert made.read_bytes() == bytes_then
+
+
+def test_the_commands_of_a_report_are_right_usage(deblur_all, deshake, tree, tmp_path):
+    page, config = tmp_path / "r.html", tmp_path / "c.toml"
+    words = (tree, "-o", tmp_path / "out", "--report", page, "--jpeg-quality", 15)
+    assert deblur_all(*words).code == 0
+    commands = commands_of(page)
+    assert ["--jpeg-quality" in command for command in commands] == [True, False]
+    for command in commands:
+        assert deshake(*shlex.split(command)[1:], "--overwrite", "--dry-run").code == 0, command
+    config.write_text('[deblur]\nformat = "webp"\n')
+    page.unlink()
+    words = ("deblur", tree / "one.jpg", "--kernel", tmp_path / "none", "-o", tmp_path / "b.png")
+    assert deshake("--config", config, *words, "--report", page).code == 1
+    assert ["--format" in command for command in commands_of(page)] == [False]
 
 
 # --preserve
