@@ -138,7 +138,7 @@ def command(
     is_jpeg = file.is_jpeg(output or shaken_name(photo, file.form)) or sharp_is_jpeg
     if jpeg_quality is not None and not is_jpeg and is_typed("jpeg_quality"):
         raise click.UsageError(NO_JPEG)
-    with context.bar("shaking") as progress:
+    with context.bar("shaking") as bar:
         simulate_file(
             photo,
             output,
@@ -146,6 +146,6 @@ def command(
             blur_px=_BLUR_PX if blur_px is None else blur_px,
             noise_sigma=noise_sigma or 0.0,
             file=file,
-            progress=progress,
+            run=context.run(bar),
             **options,
         )

@@ -25,6 +25,7 @@ from deshake.lens.frame_tags import reframed
 from deshake.lens.lens_warp import LensWarp
 from deshake.operators.filter_flow import reach
 from deshake.operators.warps import Warps
+from deshake.run import Run
 from deshake.simulation.exposure import expose
 from deshake.simulation.shake_path import random_path, read_path
 from deshake.stages.calibration import camera_for
@@ -33,7 +34,6 @@ from deshake.stages.result_file import AS_THE_PHOTO, ResultFile
 from deshake.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
     from deshake.formats.encoding import Format
@@ -85,7 +85,7 @@ def shake(
     photons: float | None = None,
     noise_sigma: float = 0.0,
     seed: int = 0,
-    progress: Callable[[float, str], None] | None = None,
+    run: Run = Run(),
 ) -> Shaken:
     """Blur a photo by a camera path, apply the camera's distortion, and expose the photo.
 
@@ -104,8 +104,8 @@ def shake(
         sides; else the edge pixels continue the photo, and it keeps its size.
     gain, photons, noise_sigma, seed
         As for `expose`.
-    progress : callable, optional
-        Called with the fraction done and the present step in words.
+    run : Run, optional
+        Receives the progress.
 
     Raises
     ------
@@ -137,8 +137,7 @@ def shake(
     for k in range(len(theta)):
         warp = Warps(camera, theta[k : k + 1], margin=margin)
         blurred += warp.blur(latent, weights[k : k + 1])
-        if progress is not None:
-            progress((k + 1) / (len(theta) + 1), "shaking")
+        run.report((k + 1) / (len(theta) + 1), "shaking")
     kernel = path.kernel(camera)
     if not lens.is_pinhole:
         bent = _bent_camera(camera, lens)
@@ -234,7 +233,7 @@ def simulate_file(
     transfer: TransferName | None = None,
     file: ResultFile = AS_THE_PHOTO,
     overwrite: bool = False,
-    progress: Callable[[float, str], None] | None = None,
+    run: Run = Run(),
 ) -> None:
     """Shake a photo file; write the shaken photo and its true kernel.
 
@@ -263,8 +262,8 @@ def simulate_file(
         Format of the shaken photo, and quality of a JPEG.
     overwrite : bool
         Whether existing outputs may be replaced.
-    progress : callable, optional
-        Called with the fraction done and the present step in words.
+    run : Run, optional
+        Receives the progress.
 
     Raises
     ------
@@ -304,7 +303,7 @@ def simulate_file(
             photons=photons,
             noise_sigma=noise_sigma,
             seed=seed,
-            progress=progress,
+            run=run,
         )
     except DeshakeError as error:
         error.file = error.file or str(source)

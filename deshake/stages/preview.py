@@ -11,13 +11,12 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
+from deshake.run import Run
 from deshake.stages.blind_estimate import estimate_blind
 from deshake.stages.fitting import check_region
 from deshake.stages.reducing import reduced
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from deshake.formats.photo import Photo
     from deshake.stages.estimate_options import EstimateOptions
     from deshake.stages.estimate_result import Estimate
@@ -48,8 +47,7 @@ def preview_estimate(
     small: Photo,
     options: EstimateOptions,
     *,
-    threads: int | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    run: Run = Run(),
 ) -> Estimate:
     """Estimate the blur kernel of a reduced photo.
 
@@ -59,10 +57,8 @@ def preview_estimate(
         The photo, and its preview from `preview_photo`.
     options : EstimateOptions
         Options of the estimate, in pixels of the photo.
-    threads : int, optional
-        Threads to use; by default all processors.
-    progress : callable, optional
-        Receives the share of the work done, 0..1, and a text.
+    run : Run, optional
+        Threads to use, and who receives the progress.
 
     Returns
     -------
@@ -77,7 +73,7 @@ def preview_estimate(
     """
     smaller = reduced(small, _ESTIMATE_SIDE)
     scaled = preview_options(options, photo, smaller)
-    estimate = estimate_blind(smaller, scaled, threads=threads, progress=progress)
+    estimate = estimate_blind(smaller, scaled, run=run)
     kernel = estimate.content.kernel.at_size(*small.shape)
     camera = replace(estimate.camera, camera=estimate.camera.camera.scaled(*small.shape))
     return replace(estimate, content=replace(estimate.content, kernel=kernel), camera=camera)
