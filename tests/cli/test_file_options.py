@@ -453,14 +453,17 @@ def test_the_metadata_of_a_smaller_result_are_true(deshake, deblur, make_exif, s
     assert little["focal_px"] == pytest.approx(large["focal_px"] / 2, rel=1e-3)
 
 
-def test_a_format_that_cannot_hold_the_photo_can_hold_the_smaller_one(deblur, photo_of, tmp_path):
-    """JPEG 2000 needs 32 pixels a side: what is checked before the work is the reduced photo."""
-    photo = photo_of("png")
-    outcome = deblur(photo, "-o", tmp_path / "a.jp2", "--max-size", 30)
+def test_what_the_format_can_hold_is_checked_before_the_work(deblur, photo_of, tmp_path):
+    """JPEG 2000 needs 32 pixels a side: the reduced photo counts."""
+    photo, out = photo_of("png"), ("-o", tmp_path / "a.jp2", "-v")
+    outcome = deblur(photo, *out, "--max-size", 30)
     assert outcome.code == 1
     assert "32 pixels" in outcome.err
+    assert "deblurred in" not in outcome.err
     assert not (tmp_path / "a.jp2").exists()
-    assert deblur(photo, "-o", tmp_path / "a.jp2", "--max-size", 45).code == 0
+    outcome = deblur(photo, *out, "--max-size", 45)
+    assert outcome.code == 0
+    assert "deblurred in" in outcome.err
 
 
 def test_fix_gives_the_bytes_of_its_stages(deshake, shaken, tmp_path):
