@@ -1,0 +1,135 @@
+"""Say in a second what blurs a photo: nothing, a shake, a soft lens, or the focus. No kernel.
+
+A shaken photo is blurred more along the shake than across it. A photo out of focus is blurred
+alike in all directions, and a soft one is, too, but little. So the verdict weighs three measures:
+the blur that depends on the direction (`spectrum_fit`), the spread of the sharper edges
+(`edge_spread`), and the sharpness of the steepest edges (`sharpness`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple
+
+from deshake.blind.edge_spread import EdgeSpread, edge_spread
+from deshake.blind.sharpness import looks_sharp, sharpness
+from deshake.blind.spectrum_fit import DirectedBlur, directed_blur
+
+if TYPE_CHECKING:
+    from deshake.signal.pyramid import Pyramid
+
+__all__ = ["BlurKind", "Kind", "Measures", "blur_kind", "judged", "measured"]
+
+Kind = Literal["sharp", "shaken", "soft", "out of focus"]
+
+
+@dataclass(frozen=True)
+class _Settings:
+    """Thresholds, tuned on the 58 cases `tune` of `scripts/benchmark_shakes.py`.
+
+    Parameters
+    ----------
+    shaken, perhaps : float
+        Evidence of a shake, no unit: from the first on a photo is shaken, from the second on it is
+        perhaps shaken.
+    least_sigma : float
+        Px of the photo: a directed blur with a smaller standard deviation is no shake.
+    edges_worth : float
+        Evidence per unit of `round_edges` less the ratio of the edges' two spreads.
+    round_edges : float
+        Ratio of the shorter spread to the longer one; rounder edges give no evidence.
+    spread : float
+        Px of the photo: edges with a smaller longer spread give no evidence.
+    out_of_focus, soft : float
+        Px of the photo: least longer spread of the edges of a photo out of focus, and of a soft
+        one.
+    sharp : float
+        Sharpness at the finest scale: a photo with more is sharp, unless it is shaken.
+    path : float
+        Extent of a hand's path over the standard deviation of the blur along it.
+
+    """
+
+    shaken: float = 0.24
+    perhaps: float = 0.17
+    least_sigma: float = 1.0
+    edges_worth: float = 0.5
+    round_edges: float = 0.75
+    spread: float = 1.2
+    out_of_focus: float = 1.45
+    soft: float = 0.55
+    sharp: float = 0.615
+    path: float = math.sqrt(12)
+
+
+_SETTINGS: Final = _Settings()
+
+
+class Measures(NamedTuple):
+    """What a verdict is made of."""
+
+    sharp: bool
+    sharpness: float
+    directed: DirectedBlur
+    edges: EdgeSpread | None
+
+
+@dataclass(frozen=True)
+class BlurKind:
+    """What blurs a photo.
+
+    Parameters
+    ----------
+    kind : {"sharp", "shaken", "soft", "out of focus"}
+        The verdict.
+    certain : bool
+        Whether the measures leave little doubt.
+    width_px : float, optional
+        Extent of a shake along its direction, in pixels of the photo, in its middle.
+    direction : float, optional
+        Direction of a shake in degrees, 0..180: 0 is level, 90 upright, and 45 rises to the right.
+
+    """
+
+    kind: Kind
+    certain: bool
+    width_px: float | None = None
+    direction: float | None = None
+
+
+def blur_kind(pyramid: Pyramid) -> BlurKind:
+    """Say what blurs a photo, without an estimate of its kernel."""
+    return judged(measured(pyramid))
+
+
+def measured(pyramid: Pyramid) -> Measures:
+    """Take the measures of a photo."""
+    sharp = looks_sharp(pyramid)
+    return Measures(sharp, sharpness(pyramid, 0), directed_blur(pyramid), edge_spread(pyramid))
+
+
+def judged(measures: Measures) -> BlurKind:
+    """Return the verdict on the measures of a photo."""
+    s, directed, edges = _SETTINGS, measures.directed, measures.edges
+    if measures.sharp:
+        return BlurKind("sharp", certain=True)
+    evidence = directed.strength
+    longer = shorter = 0.0
+    if edges is not None:
+        longer, shorter = edges
+    if longer > s.spread:
+        evidence += s.edges_worth * max(0.0, s.round_edges - shorter / longer)
+    if evidence >= s.perhaps and directed.sigma_px >= s.least_sigma:
+        return BlurKind(
+            "shaken",
+            evidence >= s.shaken,
+            s.path * directed.sigma_px,
+            (180 - directed.direction) % 180,
+        )
+    doubtful = directed.sigma_px >= s.least_sigma and evidence > s.perhaps / 2
+    if measures.sharpness > s.sharp or longer < s.soft:
+        return BlurKind("sharp", certain=measures.sharpness > s.sharp and longer < s.out_of_focus)
+    if longer < s.out_of_focus:
+        return BlurKind("soft", certain=not doubtful)
+    return BlurKind("out of focus", certain=not doubtful)
