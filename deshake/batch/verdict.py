@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
     from deshake.geometry.kernel import RotationKernel
 
-__all__ = ["Verdict", "confidence_words", "summary_words", "verdict_figures"]
+__all__ = ["Verdict", "blur_words", "confidence_words", "summary_words", "verdict_figures"]
 
 Verdict = Literal["improved", "left", "doubtful"]
 """Improved: deblurred by a kernel that is trusted; left: as it is; doubtful: by another kernel."""
@@ -54,3 +54,13 @@ def summary_words(figures: Mapping[str, Any]) -> str:
         return f"{_LEFT}: {figures['reason']}"
     extent, words = figures["extent_px"], confidence_words(figures["confidence"])
     return f"shake of {extent:.{0 if extent >= 10 else 1}f} px, {words}"
+
+
+def blur_words(figures: Mapping[str, Any]) -> str:
+    """Say in a few words what blurs a photo, by the figures of `BlurKind.report`."""
+    words = str(figures["verdict"]) if figures["certain"] else f"perhaps {figures['verdict']}"
+    if figures["verdict"] != "shaken":
+        return words
+    width = figures["width_px"]
+    shown = f"{width:.{0 if width >= 10 else 1}f}"
+    return f"{words}, about {shown} px at {figures['direction']:.0f} degrees"

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 from deshake.blind.edge_spread import EdgeSpread, edge_spread
 from deshake.blind.sharpness import looks_sharp, sharpness
@@ -96,6 +96,13 @@ class BlurKind:
     certain: bool
     width_px: float | None = None
     direction: float | None = None
+
+    def report(self) -> dict[str, Any]:
+        """Return the verdict as JSON data."""
+        figures: dict[str, Any] = {"verdict": self.kind, "certain": self.certain}
+        if self.width_px is not None and self.direction is not None:
+            figures |= {"width_px": round(self.width_px, 1), "direction": round(self.direction, 1)}
+        return figures
 
 
 def blur_kind(pyramid: Pyramid) -> BlurKind:

@@ -35,6 +35,7 @@ __all__ = [
     "frame_options",
     "photos_argument",
     "planned",
+    "reading_options",
     "refuse_stdout",
     "run_batch",
 ]
@@ -64,11 +65,9 @@ _SKIP_EXISTING = click.option(
     "sheet, its kernel) is made again, and the result stays.",
 )
 _FRAME_OPTIONS = (_DRY_RUN, _SKIP_EXISTING, overwrite_option, json_option)
-_BATCH_OPTIONS = (
+_READING_OPTIONS = (
     _DRY_RUN,
     _FAIL_FAST,
-    _SKIP_EXISTING,
-    overwrite_option,
     json_option,
     click.option(
         "--scheduler",
@@ -95,6 +94,7 @@ _BATCH_OPTIONS = (
         help="Also take the photos of folders in folders; links to folders are followed.",
     ),
 )
+_BATCH_OPTIONS = (*_READING_OPTIONS[:2], _SKIP_EXISTING, overwrite_option, *_READING_OPTIONS[2:])
 
 
 @dataclass(frozen=True)
@@ -102,9 +102,9 @@ class Batch:
     """The options of the batch frame; those for one photo or pair have the first four."""
 
     as_json: bool
-    overwrite: bool
-    skip_existing: bool
     dry_run: bool
+    overwrite: bool = False
+    skip_existing: bool = False
     recursive: bool = False
     jobs: int | None = None
     memory: int | None = None
@@ -128,6 +128,11 @@ class Batch:
 def frame_options(command: F) -> F:
     """Add the options of `Batch` that one photo has, and hand them over as ``batch``."""
     return _collected(command, _FRAME_OPTIONS)
+
+
+def reading_options(command: F) -> F:
+    """Add the options of `Batch` that a command without results has, as ``batch``."""
+    return _collected(command, _READING_OPTIONS)
 
 
 def batch_options(command: F) -> F:

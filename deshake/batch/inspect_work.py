@@ -1,0 +1,47 @@
+"""What is done with each file by ``inspect``, as `Work`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from deshake.batch.estimate_work import check_inputs
+from deshake.batch.footprint import estimate_memory
+from deshake.stages.inspecting import inspect_file
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from deshake.batch.plan import Job
+    from deshake.formats.picture_size import PictureSize
+
+    Progress = Callable[[float, str], None]
+
+__all__ = ["Inspect"]
+
+
+@dataclass(frozen=True)
+class Inspect:
+    """``inspect``: say what a file is."""
+
+    def __call__(
+        self,
+        job: Job,
+        *,
+        threads: int | None,  # noqa: ARG002
+        progress: Progress | None,  # noqa: ARG002
+    ) -> dict[str, Any]:
+        """Inspect the file of a job."""
+        return inspect_file(job.source)
+
+    def memory(self, job: Job, size: PictureSize, threads: int) -> int:  # noqa: ARG002
+        """Predict the memory of the work, in bytes."""
+        return estimate_memory(size, threads)
+
+    def check(self, job: Job) -> None:
+        """Check that the file is there."""
+        check_inputs(job)
+
+    def origin(self, job: Job) -> dict[str, Any]:  # noqa: ARG002
+        """Return nothing: there is no result."""
+        return {}

@@ -1,0 +1,67 @@
+"""Distinguish deshake's own files by their arrays: kernel, camera and registration files."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from deshake.errors import KernelFileError
+from deshake.files.kernel_file import read_camera, read_kernel
+from deshake.files.registration_file import read_registration
+
+if TYPE_CHECKING:
+    import os
+
+    from deshake.files.kernel_file import CameraFile, KernelFile
+    from deshake.files.registration_file import RegistrationFile
+
+__all__ = ["is_artifact", "read_artifact"]
+
+_ZIP: Final = b"PK"
+_MARKS: Final = {"weights": read_kernel, "scale": read_registration, "source": read_camera}
+"""An array that only one kind of file has, and what reads that kind."""
+
+
+def is_artifact(path: str | os.PathLike[str]) -> bool:
+    """Return whether a file is one of deshake's, by its name or its first bytes."""
+    if Path(path).suffix.lower() == ".npz":
+        return True
+    try:
+        if not Path(path).is_file():
+            return False
+        with Path(path).open("rb") as stream:
+            return stream.read(len(_ZIP)) == _ZIP
+    except OSError:
+        return False
+
+
+def read_artifact(path: str | os.PathLike[str]) -> KernelFile | CameraFile | RegistrationFile:
+    """Read a kernel, camera or registration file.
+
+    Raises
+    ------
+    KernelFileError
+        If it cannot be read, or is none of them.
+
+    """
+    names = _arrays(path)
+    read = next((read for mark, read in _MARKS.items() if f"{mark}.npy" in names), None)
+    if read is not None:
+        return read(path)
+    if names:
+        raise KernelFileError(
+            "no kernel, camera or registration file",
+            hint="docs/kernel-files.md describes what these files hold",
+            file=path,
+        )
+    return read_kernel(path)  # which says what is wrong with it
+
+
+def _arrays(path: str | os.PathLike[str]) -> set[str]:
+    """Return the names of the arrays of a file; none, if it cannot be read."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return set(archive.namelist())
+    except (OSError, ValueError, LookupError, zipfile.BadZipFile, NotImplementedError):
+        return set()
