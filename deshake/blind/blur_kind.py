@@ -33,8 +33,6 @@ class _Settings:
     shaken, perhaps : float
         Evidence of a shake, no unit: from the first on a photo is shaken, from the second on it is
         perhaps shaken.
-    least_sigma : float
-        Px of the photo: a directed blur with a smaller standard deviation is no shake.
     edges_worth : float
         Evidence per unit of `round_edges` less the ratio of the edges' two spreads.
     round_edges : float
@@ -45,32 +43,38 @@ class _Settings:
         Px of the photo: least longer spread of the edges of a photo out of focus, and of a soft
         one.
     sharp : float
-        Sharpness at the finest scale: a photo with more is sharp, unless it is shaken.
+        Sharpness at the finest scale: a photo with more is perhaps sharp, unless it is shaken.
+    sharp_at_half, less_evidence : float
+        Sharpness at half the size. A photo with more has a narrow blur, if any; so it has less
+        evidence of a shake.
     path : float
         Extent of a hand's path over the standard deviation of the blur along it.
 
     """
 
-    shaken: float = 0.24
-    perhaps: float = 0.17
-    least_sigma: float = 1.0
+    shaken: float = 0.27
+    perhaps: float = 0.18
     edges_worth: float = 0.5
     round_edges: float = 0.75
     spread: float = 1.2
     out_of_focus: float = 1.45
     soft: float = 0.55
     sharp: float = 0.615
+    sharp_at_half: float = 0.7
+    less_evidence: float = 0.1
     path: float = math.sqrt(12)
 
 
 _SETTINGS: Final = _Settings()
+_HALF: Final = 2  # index of the scale of half the size
 
 
 class Measures(NamedTuple):
-    """What a verdict is made of."""
+    """What a verdict is made of: `looks_sharp`, `sharpness` at two sizes, and the two fits."""
 
     sharp: bool
     sharpness: float
+    sharpness_at_half: float
     directed: DirectedBlur
     edges: EdgeSpread | None
 
@@ -112,31 +116,30 @@ def blur_kind(pyramid: Pyramid) -> BlurKind:
 
 def measured(pyramid: Pyramid) -> Measures:
     """Take the measures of a photo."""
-    sharp = looks_sharp(pyramid)
-    return Measures(sharp, sharpness(pyramid, 0), directed_blur(pyramid), edge_spread(pyramid))
+    return Measures(
+        looks_sharp(pyramid),
+        sharpness(pyramid, 0),
+        sharpness(pyramid, min(_HALF, pyramid.coarsest)),
+        directed_blur(pyramid),
+        edge_spread(pyramid),
+    )
 
 
 def judged(measures: Measures) -> BlurKind:
     """Return the verdict on the measures of a photo."""
-    s, directed, edges = _SETTINGS, measures.directed, measures.edges
+    s, directed = _SETTINGS, measures.directed
     if measures.sharp:
         return BlurKind("sharp", certain=True)
+    longer, shorter = measures.edges or (0.0, 0.0)
     evidence = directed.strength
-    longer = shorter = 0.0
-    if edges is not None:
-        longer, shorter = edges
     if longer > s.spread:
         evidence += s.edges_worth * max(0.0, s.round_edges - shorter / longer)
-    if evidence >= s.perhaps and directed.sigma_px >= s.least_sigma:
-        return BlurKind(
-            "shaken",
-            evidence >= s.shaken,
-            s.path * directed.sigma_px,
-            (180 - directed.direction) % 180,
-        )
-    doubtful = directed.sigma_px >= s.least_sigma and evidence > s.perhaps / 2
+    if measures.sharpness_at_half > s.sharp_at_half:
+        evidence -= s.less_evidence
+    if evidence >= s.perhaps and directed.sigma_px > 0:
+        direction = (180 - directed.direction) % 180  # y points down
+        return BlurKind("shaken", evidence >= s.shaken, s.path * directed.sigma_px, direction)
     if measures.sharpness > s.sharp or longer < s.soft:
-        return BlurKind("sharp", certain=measures.sharpness > s.sharp and longer < s.out_of_focus)
-    if longer < s.out_of_focus:
-        return BlurKind("soft", certain=not doubtful)
-    return BlurKind("out of focus", certain=not doubtful)
+        return BlurKind("sharp", certain=False)
+    kind: Kind = "soft" if longer < s.out_of_focus else "out of focus"
+    return BlurKind(kind, certain=evidence < s.perhaps / 2)

@@ -57,10 +57,10 @@ def edge_spread(pyramid: Pyramid) -> EdgeSpread | None:
     """Measure the spread of a photo's edges; None: too few edges."""
     scale = pyramid.at(0)
     if min(scale.picture.shape) < _TILE or scale.picture.size <= 1.3 * _TILES * _TILE**2:
-        places = [np.s_[:, :]]
+        size, corners = max(scale.picture.shape), [(0, 0)]
     else:
-        corners = chosen(pyramid, 0, _TILE, _TILES, width=_LONGEST_EDGES)
-        places = [np.s_[y : y + _TILE, x : x + _TILE] for y, x in corners]
+        size, corners = _TILE, chosen(pyramid, 0, _TILE, _TILES, width=_LONGEST_EDGES)
+    places = [np.s_[y : y + size, x : x + size] for y, x in corners]
     blocks = [np.sqrt(np.clip(scale.picture[place], 0, 1)) for place in places]
     usable = [None if scale.usable is None else scale.usable[place] for place in places]
     noise = float(np.median([noise_level(block) for block in blocks])) if blocks else 0.0

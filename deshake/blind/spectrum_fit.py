@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from deshake.blind.tile_choice import chosen, covering
 from deshake.signal.noise import noise_level
+from deshake.signal.pyramid import RATIO
 
 if TYPE_CHECKING:
     from deshake.signal.pyramid import Pyramid
@@ -36,6 +37,7 @@ _BAND = (0.04, 0.3)  # cycles per pixel of the scale: frequencies of the fit
 _MOST_CLIPPED = 0.02  # share of a tile's pixels; clipped lights have spectra of their own
 _LEAST_POWER = 0.1  # share of the power that noise leaves at the least
 _ENOUGH_TILES = 8  # fewer tiles make a fit less certain
+_NARROWEST = 1.0  # px of the photo: a narrower blur is no shake
 _RESOLVED = 0.15  # squared px of the scale: least variance along the blur
 _WIDER = -0.25
 """Squared px of the scale: mean variance over the directions. A blur far wider than a pixel changes
@@ -49,8 +51,7 @@ class DirectedBlur(NamedTuple):
     ----------
     strength : float
         Difference of the variances along and across the blur over two, in squared pixels of the
-        scale that shows it best; 0 for a photo without texture. Shaken photos have 0.13..1, others
-        0..0.26.
+        scale that shows it best; 0 if no scale shows any.
     sigma_px : float
         Standard deviation along the direction, in pixels of the photo.
     direction : float
@@ -66,15 +67,16 @@ class DirectedBlur(NamedTuple):
 def directed_blur(pyramid: Pyramid) -> DirectedBlur:
     """Measure the directed blur of a photo at the scale that shows it best."""
     best = DirectedBlur(0.0, 0.0, 0.0)
-    for level in range(0, max(pyramid.coarsest, 1), 2):
+    for level in range(max(pyramid.coarsest, 1)):
         spectra, noise = _spectra(pyramid, level)
         if not len(spectra):
             continue
         mean, cosine, sine = _fitted(spectra, noise)
         directed = math.hypot(cosine, sine)
         strength = directed * min(1.0, math.sqrt(len(spectra) / _ENOUGH_TILES))
-        if mean + directed > _RESOLVED and mean > _WIDER and strength > best.strength:
-            sigma = math.sqrt(2 * directed) * 2 ** (level / 2)
+        sigma = math.sqrt(2 * directed) * RATIO**level
+        resolved = mean + directed > _RESOLVED and mean > _WIDER and sigma >= _NARROWEST
+        if resolved and strength > best.strength:
             best = DirectedBlur(strength, sigma, math.degrees(math.atan2(sine, cosine)) / 2 % 180)
     return best
 

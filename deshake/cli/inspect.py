@@ -51,7 +51,7 @@ def _described(jobs: Sequence[Job]) -> Callable[[Result], str]:
     if len(jobs) == 1:
         return _in_lines
     width = max(len(str(job.source)) for job in jobs)
-    return lambda result: f"{str(result.job.source):{width}}  {_summary(result.figures)}"
+    return lambda result: f"{result.job.source!s:{width}}  {_summary(result.figures)}"
 
 
 def _in_lines(result: Result) -> str:
@@ -151,7 +151,9 @@ def _option_rows(name: str, options: object) -> list[tuple[str, str]]:
     """Return the options of a stage, without those that are nothing."""
     if not isinstance(options, dict):
         return []
-    given = [f"{key}={_said(value)}" for key, value in options.items() if value not in (None, False)]
+    given = [
+        f"{key}={_said(value)}" for key, value in options.items() if value not in (None, False)
+    ]
     return [(name, ", ".join(given))] if given else []
 
 

@@ -3,40 +3,43 @@
 from __future__ import annotations
 
 import zipfile
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from deshake.errors import KernelFileError
-from deshake.files.kernel_file import read_camera, read_kernel
-from deshake.files.registration_file import read_registration
+from deshake.files.kernel_file import CameraFile, KernelFile, read_camera, read_kernel
+from deshake.files.registration_file import RegistrationFile, read_registration
 
 if TYPE_CHECKING:
-    import os
+    from collections.abc import Callable
+    from pathlib import Path
 
-    from deshake.files.kernel_file import CameraFile, KernelFile
-    from deshake.files.registration_file import RegistrationFile
+__all__ = ["Artifact", "is_artifact", "read_artifact"]
 
-__all__ = ["is_artifact", "read_artifact"]
+Artifact = KernelFile | CameraFile | RegistrationFile
 
 _ZIP: Final = b"PK"
-_MARKS: Final = {"weights": read_kernel, "scale": read_registration, "source": read_camera}
+_MARKS: Final[dict[str, Callable[[Path], Artifact]]] = {
+    "weights": read_kernel,
+    "scale": read_registration,
+    "source": read_camera,
+}
 """An array that only one kind of file has, and what reads that kind."""
 
 
-def is_artifact(path: str | os.PathLike[str]) -> bool:
+def is_artifact(path: Path) -> bool:
     """Return whether a file is one of deshake's, by its name or its first bytes."""
-    if Path(path).suffix.lower() == ".npz":
+    if path.suffix.lower() == ".npz":
         return True
     try:
-        if not Path(path).is_file():
+        if not path.is_file():
             return False
-        with Path(path).open("rb") as stream:
+        with path.open("rb") as stream:
             return stream.read(len(_ZIP)) == _ZIP
     except OSError:
         return False
 
 
-def read_artifact(path: str | os.PathLike[str]) -> KernelFile | CameraFile | RegistrationFile:
+def read_artifact(path: Path) -> Artifact:
     """Read a kernel, camera or registration file.
 
     Raises
@@ -58,7 +61,7 @@ def read_artifact(path: str | os.PathLike[str]) -> KernelFile | CameraFile | Reg
     return read_kernel(path)  # which says what is wrong with it
 
 
-def _arrays(path: str | os.PathLike[str]) -> set[str]:
+def _arrays(path: Path) -> set[str]:
     """Return the names of the arrays of a file; none, if it cannot be read."""
     try:
         with zipfile.ZipFile(path) as archive:

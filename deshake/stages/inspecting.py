@@ -10,7 +10,6 @@ import math
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deshake.blind.blur_kind import blur_kind
 from deshake.blind.bounds import check_size
@@ -29,6 +28,8 @@ from deshake.stages.camera_choice import CameraChoice
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from numpy.typing import NDArray
 
     from deshake.blind.blur_kind import BlurKind
     from deshake.formats.photo import Photo
