@@ -84,7 +84,7 @@ def directed_blur(pyramid: Pyramid) -> DirectedBlur:
 def _spectra(pyramid: Pyramid, level: int) -> tuple[Spectrum, Spectrum]:
     """Return the power spectra of tiles (N, T, T / 2 + 1) and their noise's power (N,)."""
     scale = pyramid.at(level)
-    picture = np.sqrt(np.clip(scale.picture, 0, 1))  # near display values: lights do not dominate
+    picture = scale.picture
     if min(picture.shape) < _TILE:
         return np.zeros((0, 0, 0)), np.zeros(0)
     corners = covering(picture.shape, _TILE)
@@ -101,10 +101,10 @@ def _spectra(pyramid: Pyramid, level: int) -> tuple[Spectrum, Spectrum]:
             tiles.append(picture[place])
     if not tiles:
         return np.zeros((0, 0, 0)), np.zeros(0)
-    block = np.stack(tiles)
-    block = (block - block.mean((1, 2), keepdims=True)) * window
-    power = np.abs(np.fft.rfft2(block)) ** 2 / np.square(window).sum()
-    return power, np.array([noise_level(tile) ** 2 for tile in tiles])
+    block = np.sqrt(np.clip(np.stack(tiles), 0, 1))  # near display values: lights do not dominate
+    centred = block - block.mean((1, 2), keepdims=True)
+    power = np.abs(np.fft.rfft2(centred * window)) ** 2 / np.square(window).sum()
+    return power, np.array([noise_level(tile) ** 2 for tile in block])
 
 
 def _overlapping(shape: tuple[int, int]) -> list[tuple[int, int]]:

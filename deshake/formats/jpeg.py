@@ -41,7 +41,7 @@ Segments = list[tuple[str, bytes]]
 def decode_jpeg(data: bytes, *, luma: bool = False) -> Decoded:
     """Decode a JPEG; of several pictures in one file (MPO, gain maps), the first.
 
-    With `luma` the colours are not decoded: the picture is grey, and takes a third of the time.
+    With `luma` the colours are not decoded: the picture is grey.
 
     Raises
     ------
