@@ -48,14 +48,26 @@ def test_a_motion_has_a_width_and_a_direction(photo, slant, direction) -> None:
 
 def test_edges_are_evidence_beside_the_spectrum() -> None:
     directed = DirectedBlur(0.14, 3.0, 60.0)
-    round_ones = Measures(False, 0.55, 0.55, directed, EdgeSpread(2.0, 1.9))
+    round_ones = Measures(
+        sharp=False,
+        sharpness=0.55,
+        sharpness_at_half=0.55,
+        directed=directed,
+        edges=EdgeSpread(2.0, 1.9),
+    )
     assert judged(round_ones) == BlurKind("out of focus", certain=False)
     flat_ones = judged(round_ones._replace(edges=EdgeSpread(2.0, 0.8)))
     assert (flat_ones.kind, flat_ones.certain, flat_ones.direction) == ("shaken", True, 120)
 
 
 def test_doubt_is_part_of_the_verdict() -> None:
-    at = Measures(False, 0.55, 0.55, DirectedBlur(0.2, 3.0, 0.0), EdgeSpread(2.0, 1.9))
+    at = Measures(
+        sharp=False,
+        sharpness=0.55,
+        sharpness_at_half=0.55,
+        directed=DirectedBlur(0.2, 3.0, 0.0),
+        edges=EdgeSpread(2.0, 1.9),
+    )
     assert judged(at).kind == "shaken"
     assert not judged(at).certain
     assert judged(at._replace(sharpness_at_half=0.8)).kind == "out of focus"
