@@ -48,7 +48,7 @@ def test_the_result_is_that_without_the_option(deshake, folder, tmp_path):
     assert (report["status"], "verdict" in report) == ("skipped", False)
 
 
-def test_one_photo_that_is_not_shaken_is_no_failure(deshake, folder, tmp_path):
+def test_one_photo_that_is_not_shaken_is_no_failure(deshake, folder):
     outcome = deshake("fix", folder / "still.png", "--only-shaken")
     assert (outcome.code, outcome.out) == (0, "")
     assert outcome.err == f"{folder / 'still.png'}: passed over: sharp\n"
