@@ -10,12 +10,9 @@ from deshake.batch.footprint import estimate_memory
 from deshake.stages.inspecting import inspect_file
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from deshake.batch.plan import Job
     from deshake.formats.picture_size import PictureSize
-
-    Progress = Callable[[float, str], None]
+    from deshake.run import Run
 
 __all__ = ["Inspect"]
 
@@ -24,13 +21,7 @@ __all__ = ["Inspect"]
 class Inspect:
     """``inspect``: say what a file is."""
 
-    def __call__(
-        self,
-        job: Job,
-        *,
-        threads: int | None,  # noqa: ARG002
-        progress: Progress | None,  # noqa: ARG002
-    ) -> dict[str, Any]:
+    def __call__(self, job: Job, run: Run) -> dict[str, Any]:  # noqa: ARG002
         """Inspect the file of a job."""
         return inspect_file(job.source)
 

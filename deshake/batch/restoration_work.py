@@ -25,7 +25,6 @@ from deshake.stages.photo_provenance import photo_origin, registration_origin
 from deshake.stages.registering import known_registration
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
     from deshake.batch.plan import Job
@@ -33,9 +32,9 @@ if TYPE_CHECKING:
     from deshake.formats.picture_size import PictureSize
     from deshake.formats.transfer import TransferName
     from deshake.geometry.kernel import RotationKernel
+    from deshake.run import Run
     from deshake.stages.estimate_options import EstimateOptions
 
-    Progress = Callable[[float, str], None]
 
 __all__ = ["Deblur", "Fix"]
 
@@ -65,9 +64,7 @@ class Fix:
     room: int | None = None
     only_shaken: bool = False
 
-    def __call__(
-        self, job: Job, *, threads: int | None, progress: Progress | None
-    ) -> dict[str, Any]:
+    def __call__(self, job: Job, run: Run) -> dict[str, Any]:
         """Fix the photo of a job, or pass it over."""
         passed_over = self.passed_over(job)
         if passed_over is not None:
@@ -85,8 +82,7 @@ class Fix:
             overwrite=job.overwrite,
             overwrite_others=job.overwrite_others,
             keep_result=job.keeps_result,
-            threads=threads,
-            progress=progress,
+            run=run,
         )
         content = result.content
         verdict = verdict_figures(content.kernel, content.confidence, result.notes)
@@ -101,7 +97,7 @@ class Fix:
             If the photo cannot be read, or has no texture.
 
         """
-        if not self.only_shaken:
+        if not self.only_shaken or job.keeps_result:
             return None
         blur = photo_blur(job.source, transfer=self.options.transfer)
         if blur.kind == "shaken":
@@ -173,9 +169,7 @@ class Deblur:
     search_angle: float | None = None
     room: int | None = None
 
-    def __call__(
-        self, job: Job, *, threads: int | None, progress: Progress | None
-    ) -> dict[str, Any]:
+    def __call__(self, job: Job, run: Run) -> dict[str, Any]:
         """Deblur the photo of a job."""
         observed = _Observed(self.room)
         content = deblur_file(
@@ -192,8 +186,7 @@ class Deblur:
             overwrite=job.overwrite,
             overwrite_others=job.overwrite_others,
             keep_result=job.keeps_result,
-            threads=threads,
-            progress=progress,
+            run=run,
         )
         figures = {
             "extent_px": round(content.kernel.extent_px(), 2),

@@ -10,13 +10,14 @@ from deshake.errors import PhotoError
 from deshake.files.kernel_file import CameraFile, write_camera
 from deshake.formats.picture_size import PictureSize
 from deshake.geometry.camera import Camera
+from deshake.run import Run
 
 
 def test_the_work_is_that_of_the_stage(tmp_path):
     write_camera(tmp_path / "c.npz", CameraFile(Camera.from_focal(300.0, 40, 60), "EXIF"))
     work, job = pickle.loads(pickle.dumps((Inspect(), Job(tmp_path / "c.npz", None))))  # noqa: S301
     work.check(job)
-    assert work(job, threads=1, progress=None)["kind"] == "camera"
+    assert work(job, Run(1))["kind"] == "camera"
     assert work.origin(job) == {}
 
 
