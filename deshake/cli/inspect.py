@@ -1,4 +1,4 @@
-"""``deshake inspect``: say what photos and files are, without any work on them."""
+"""``deshake inspect``: say what blurs photos, and what files are."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ __all__ = ["command"]
 @general_options
 @click.pass_obj
 def command(context: Context, /, *, files: tuple[Path, ...], batch: Batch) -> int:
-    """Say what photos and files are, without any work on them.
+    """Say what blurs photos, and what files are.
 
     Of a photo: whether it is sharp, shaken, soft or out of focus, and how sure that is; how wide a
     shake is in pixels of the photo, and its direction (0 degrees is level, 90 upright, 45 rises to

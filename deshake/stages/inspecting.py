@@ -88,12 +88,12 @@ def _photo(path: Path) -> dict[str, Any]:
     """Return the figures of a photo."""
     photo = read_photo(path, luma=True)
     blur = _blur(photo)
-    camera, notes = camera_for(photo, CameraChoice())
+    camera, _ = camera_for(photo, CameraChoice())
     slope, floor = noise_model(luminance(photo.pixels))
     figures: dict[str, Any] = {"kind": "photo"} | blur.report()
     figures["noise"] = round(math.sqrt(slope * _MID_GREY + floor), 5)
     figures |= {"format": photo.encoding.format} | _camera(camera.camera)
-    figures |= {"focal_source": camera.source, "notes": [*photo.notes, *notes]}
+    figures["focal_source"] = camera.source
     provenance = carried_provenance(photo.metadata)
     return figures if provenance is None else figures | {"provenance": provenance}
 
