@@ -4,20 +4,25 @@ A shaken photo is blurred more along the shake than across it. A photo out of fo
 alike in all directions, and a soft one is, too, but little. So the verdict weighs three measures:
 the blur that depends on the direction (`spectrum_fit`), the spread of the sharper edges
 (`edge_spread`), and the sharpness of the steepest edges (`sharpness`).
+
+A camera that turns about a point of the frame leaves that point sharp, and blurs the rest in
+different directions. So the quarters of a photo that is not shaken as a whole are judged, too.
 """
 
 from __future__ import annotations
 
+import contextlib
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, Final, Literal, NamedTuple
+
+import numpy as np
 
 from deshake.blind.edge_spread import EdgeSpread, edge_spread
 from deshake.blind.sharpness import looks_sharp, sharpness
 from deshake.blind.spectrum_fit import DirectedBlur, directed_blur
-
-if TYPE_CHECKING:
-    from deshake.signal.pyramid import Pyramid
+from deshake.errors import EstimationError
+from deshake.signal.pyramid import RATIO, Pyramid
 
 __all__ = ["BlurKind", "Kind", "Measures", "blur_kind", "judged", "measured"]
 
@@ -49,6 +54,10 @@ class _Settings:
         evidence of a shake.
     path : float
         Extent of a hand's path over the standard deviation of the blur along it.
+    quarters : int
+        Least number of clearly shaken quarters in a photo that is perhaps shaken.
+    quarters_pixels : float
+        Largest size of the photo whose quarters are judged; a larger one is reduced first.
 
     """
 
@@ -63,6 +72,8 @@ class _Settings:
     sharp_at_half: float = 0.7
     less_evidence: float = 0.1
     path: float = math.sqrt(12)
+    quarters: int = 2
+    quarters_pixels: float = 3e6
 
 
 _SETTINGS: Final = _Settings()
@@ -90,7 +101,8 @@ class BlurKind:
     certain : bool
         Whether the measures leave little doubt.
     width_px : float, optional
-        Extent of a shake along its direction, in pixels of the photo, in its middle.
+        Extent of a shake along its direction, in pixels of the photo: in its middle, or in the
+        quarter where it is widest.
     direction : float, optional
         Direction of a shake in degrees, 0..180: 0 is level, 90 upright, and 45 rises to the right.
 
@@ -111,7 +123,32 @@ class BlurKind:
 
 def blur_kind(pyramid: Pyramid) -> BlurKind:
     """Say what blurs a photo, without an estimate of its kernel."""
-    return judged(measured(pyramid))
+    measures = measured(pyramid)
+    whole = judged(measures)
+    if measures.sharp or whole.kind == "shaken":
+        return whole
+    return _shaken_quarters(pyramid) or whole
+
+
+def _shaken_quarters(pyramid: Pyramid) -> BlurKind | None:
+    """Return the widest shake of a photo's quarters; None: too few of them are clearly shaken."""
+    level = pyramid.level_of(_SETTINGS.quarters_pixels)
+    scale = pyramid.at(level)
+    height, width = (side // 2 for side in scale.camera.shape)
+    shakes = []
+    for y in (0, scale.camera.height - height):
+        for x in (0, scale.camera.width - width):
+            place = np.s_[y : y + height, x : x + width]
+            usable = None if scale.usable is None else scale.usable[place]
+            camera = scale.camera.cropped(x, y, width, height)
+            with contextlib.suppress(EstimationError):  # a quarter without texture
+                quarter = judged(measured(Pyramid(scale.picture[place], camera, usable)))
+                if quarter.certain and quarter.width_px is not None:
+                    wide = quarter.width_px * RATIO**level
+                    shakes.append(replace(quarter, certain=False, width_px=wide))
+    if len(shakes) < _SETTINGS.quarters:
+        return None
+    return max(shakes, key=lambda shake: shake.width_px or 0)
 
 
 def measured(pyramid: Pyramid) -> Measures:

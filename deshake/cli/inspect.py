@@ -69,14 +69,14 @@ def _summary(figures: Mapping[str, Any]) -> str:
         case "photo":
             more = f"noise {_percent(figures['noise'])}, {_film(figures)}"
             made = ", made by deshake" if "provenance" in figures else ""
-            return f"{_title(figures):42}  {more}{made}"
+            return f"{_title(figures):46}  {more}{made}"
         case "kernel":
             more = f"{figures['extent_px']:g} px, confidence {figures['confidence']:g}"
         case "registration":
             more = f"confidence {figures['confidence']:g}"
         case _:
             more = f"{_film(figures)} ({figures['source']})"
-    return f"{_title(figures):42}  {more}"
+    return f"{_title(figures):46}  {more}"
 
 
 def _title(figures: Mapping[str, Any]) -> str:

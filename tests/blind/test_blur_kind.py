@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from skimage import data
 
-from deshake.blind.blur_kind import BlurKind, Measures, blur_kind, judged
+from deshake.blind.blur_kind import BlurKind, Measures, blur_kind, judged, measured
 from deshake.blind.edge_spread import EdgeSpread
 from deshake.blind.spectrum_fit import DirectedBlur
 from deshake.geometry.camera import Camera
@@ -77,3 +77,20 @@ def test_doubt_is_part_of_the_verdict() -> None:
     assert judged(soft._replace(sharpness=0.7)) == BlurKind("sharp", certain=False)
     assert judged(soft._replace(edges=None)) == BlurKind("sharp", certain=False)
     assert judged(at._replace(sharp=True)) == BlurKind("sharp", certain=True)
+
+
+def test_quarters_that_are_shaken_in_several_directions(photo) -> None:
+    level, upright = cv2.blur(photo, (8, 1)), cv2.blur(photo, (1, 8))
+    half = len(photo) // 2
+    turned = np.vstack(
+        [
+            np.hstack([level[:half, :half], upright[:half, half:]]),
+            np.hstack([upright[half:, :half], level[half:, half:]]),
+        ]
+    )
+    noisy = turned + 0.002 * np.random.default_rng(0).normal(size=turned.shape)
+    pyramid = of(noisy)
+    assert judged(measured(pyramid)).kind != "shaken"
+    blur = blur_kind(pyramid)
+    assert (blur.kind, blur.certain) == ("shaken", False)
+    assert blur.width_px > 4
