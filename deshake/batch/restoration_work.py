@@ -100,7 +100,7 @@ class Fix:
         if not self.only_shaken or job.keeps_result:
             return None
         blur = photo_blur(job.source, transfer=self.options.transfer)
-        if blur.kind == "shaken":
+        if blur.kind in {"shaken", "unclear"}:
             return None
         return {"verdict": UNSHAKEN, "reason": blur_words(blur.report())}
 

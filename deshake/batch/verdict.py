@@ -70,6 +70,8 @@ def summary_words(figures: Mapping[str, Any]) -> str:
 
 def blur_words(figures: Mapping[str, Any]) -> str:
     """Say in a few words what blurs a photo, by the figures of `BlurKind.report`."""
+    if figures["verdict"] == "unclear":
+        return "unclear: too little detail"
     words = str(figures["verdict"]) if figures["certain"] else f"perhaps {figures['verdict']}"
     if figures["verdict"] != "shaken":
         return words

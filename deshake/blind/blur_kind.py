@@ -26,7 +26,8 @@ from deshake.signal.pyramid import RATIO, Pyramid
 
 __all__ = ["BlurKind", "Kind", "Measures", "blur_kind", "judged", "measured"]
 
-Kind = Literal["sharp", "shaken", "soft", "out of focus"]
+Kind = Literal["sharp", "shaken", "soft", "out of focus", "unclear"]
+"""Unclear is a photo with too few edges to judge."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ class BlurKind:
 
     Parameters
     ----------
-    kind : {"sharp", "shaken", "soft", "out of focus"}
+    kind : {"sharp", "shaken", "soft", "out of focus", "unclear"}
         The verdict.
     certain : bool
         Whether the measures leave little doubt.
@@ -176,6 +177,8 @@ def judged(measures: Measures) -> BlurKind:
     if evidence >= s.perhaps and directed.sigma_px > 0:
         direction = (180 - directed.direction) % 180  # y points down
         return BlurKind("shaken", evidence >= s.shaken, s.path * directed.sigma_px, direction)
+    if measures.edges is None:
+        return BlurKind("unclear", certain=False)
     if measures.sharpness > s.sharp or longer < s.soft:
         return BlurKind("sharp", certain=False)
     kind: Kind = "soft" if longer < s.out_of_focus else "out of focus"

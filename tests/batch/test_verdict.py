@@ -57,6 +57,8 @@ def test_what_blurs_a_photo_in_words():
     figures = {"verdict": "out of focus", "certain": True}
     assert blur_words(figures) == "out of focus"
     assert blur_words(figures | {"certain": False}) == "perhaps out of focus"
+    figures = {"verdict": "unclear", "certain": False}
+    assert blur_words(figures) == "unclear: too little detail"
     figures = {"verdict": "shaken", "certain": True, "width_px": 23.4, "direction": 12.3}
     assert blur_words(figures) == "shaken, about 23 px at 12 degrees"
     figures |= {"certain": False, "width_px": 4.56}

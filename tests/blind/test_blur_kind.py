@@ -75,7 +75,7 @@ def test_doubt_is_part_of_the_verdict() -> None:
     soft = at._replace(directed=ROUND, edges=EdgeSpread(1.0, 0.9))
     assert judged(soft) == BlurKind("soft", certain=True)
     assert judged(soft._replace(sharpness=0.7)) == BlurKind("sharp", certain=False)
-    assert judged(soft._replace(edges=None)) == BlurKind("sharp", certain=False)
+    assert judged(soft._replace(edges=None)) == BlurKind("unclear", certain=False)
     assert judged(at._replace(sharp=True)) == BlurKind("sharp", certain=True)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-FAST = ("--blur-size", 8, "--iterations", 2, "-j", 1)
+FAST = ("--blur-size", 8, "--iterations", 2, "--uniform", "--region", "40,30,90,80", "-j", 1)
 
 
 @pytest.fixture
