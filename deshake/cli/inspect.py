@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from deshake.cli.batch import planned, reading_options, run_batch
+from deshake.cli.messages import print_note
 from deshake.cli.options import FILE, general_options, no_stdin
 
 if TYPE_CHECKING:
@@ -43,7 +45,19 @@ def command(context: Context, /, *, files: tuple[Path, ...], batch: Batch) -> in
     from deshake.batch.inspect_work import Inspect
 
     jobs = planned(files, None, batch, beside=False)
-    return run_batch(context, jobs, Inspect(), batch, _described(jobs))
+    describe = _described(jobs)
+    verdicts: Counter[str] = Counter()
+
+    def line(result: Result) -> str:
+        if result.figures["kind"] == "photo":
+            verdicts[_verdict(result.figures)] += 1
+        return describe(result)
+
+    code = run_batch(context, jobs, Inspect(), batch, line)
+    if len(jobs) > 1 and verdicts and context.verbosity >= 0:
+        counts = [f"{count} {verdict}" for verdict, count in verdicts.most_common()]
+        print_note(f"  {', '.join(counts)}")
+    return code
 
 
 def _described(jobs: Sequence[Job]) -> Callable[[Result], str]:
@@ -91,6 +105,12 @@ def _title(figures: Mapping[str, Any]) -> str:
             return f"kernel of {models.get(figures['model'], 'rotations')}"
         case _:
             return f"{figures['kind']} file"
+
+
+def _verdict(figures: Mapping[str, Any]) -> str:
+    """Return the verdict on a photo in a word or two."""
+    doubtful = not figures["certain"] and figures["verdict"] != "unclear"
+    return f"perhaps {figures['verdict']}" if doubtful else str(figures["verdict"])
 
 
 def _own_rows(figures: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -56,7 +56,9 @@ def test_describes_a_folder_in_a_line_each(deshake, folder):
     assert "out of focus" in lines[0]
     assert "shaken, about" in lines[1]
     assert len({line.index("noise") for line in lines}) == 1
-    assert outcome.err.startswith("3 photos: 3 done")
+    summary, counts = outcome.err.splitlines()
+    assert summary.startswith("3 photos: 3 done")
+    assert sorted(counts.strip().split(", ")) == ["1 perhaps out of focus", "1 shaken", "1 sharp"]
 
 
 def test_json_is_an_object_a_line(deshake, folder):
