@@ -155,7 +155,7 @@ def _origin_rows(figures: Mapping[str, Any]) -> list[tuple[str, str]]:
     if not provenance:
         return [("made by", "unknown: it does not say")]
     rows = [("made by", f"deshake {provenance.get('deshake', '')} {provenance.get('command', '')}")]
-    names = {"input_sha256": "from", "noisy_sha256": "noisy photo", "camera": "camera"}
+    names = {"input_sha256": "photo SHA-256", "noisy_sha256": "noisy SHA-256", "camera": "camera"}
     rows += [(text, str(provenance[name])) for name, text in names.items() if name in provenance]
     rows += _option_rows("options", provenance.get("options"))
     kernel = provenance.get("kernel")

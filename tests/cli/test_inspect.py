@@ -104,7 +104,7 @@ def test_describes_a_kernel_and_how_it_was_made(deshake, tmp_path):
         "confidence 0.75",
         "size 60 x 40 px",
         "made by deshake 9.9 estimate-blind",
-        "from abcd",
+        "photo SHA-256 abcd",
         "options blur_px=12",
         "note the kernel is doubtful",
     ):
@@ -121,7 +121,7 @@ def test_describes_a_result_and_how_it_was_made(deshake, shaken, pan):
     assert outcome.code == 0
     rows = [" ".join(row.split()) for row in outcome.out.splitlines()]
     assert any(re.fullmatch(r"made by deshake \S+ deblur", row) for row in rows)
-    assert any(re.fullmatch(r"from [0-9a-f]{64}", row) for row in rows)
+    assert any(re.fullmatch(r"photo SHA-256 [0-9a-f]{64}", row) for row in rows)
     assert any(row.startswith("options ") and "method=" in row for row in rows)
     report = json.loads(deshake("inspect", result, "--json").out)
     assert (report["kind"], report["provenance"]["command"]) == ("photo", "deblur")
