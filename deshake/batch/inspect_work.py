@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from deshake.batch.estimate_work import check_inputs
 from deshake.batch.footprint import estimate_memory
+from deshake.errors import PhotoError
+from deshake.files.disk import check_input
 from deshake.stages.inspecting import inspect_file
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ class Inspect:
 
     def check(self, job: Job) -> None:
         """Check that the file is there."""
-        check_inputs(job)
+        check_input(job.source, PhotoError)
 
     def origin(self, job: Job) -> dict[str, Any]:  # noqa: ARG002
         """Return nothing: there is no result."""
