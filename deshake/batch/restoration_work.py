@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from deshake.batch.estimate_work import check_inputs, kernel_origin
 from deshake.batch.footprint import estimate_memory, restoration_memory, worked_size
-from deshake.batch.verdict import verdict_figures
+from deshake.batch.verdict import UNSHAKEN, blur_words, verdict_figures
 from deshake.errors import DeshakeError
 from deshake.files.disk import STREAM, sha256
 from deshake.files.kernel_file import read_kernel
@@ -19,6 +19,7 @@ from deshake.pictures.report_pictures import ReportPictures, report_pictures
 from deshake.stages.deblurring import deblur_file
 from deshake.stages.finishing import AS_IT_IS, Finish
 from deshake.stages.fixing import fix_file
+from deshake.stages.inspecting import photo_blur
 from deshake.stages.methods import RestorationOptions
 from deshake.stages.photo_provenance import photo_origin, registration_origin
 from deshake.stages.registering import known_registration
@@ -52,6 +53,8 @@ class Fix:
         What is wanted of the result beside it; the ``mask`` is the job's.
     room : int, optional
         Bytes that a report has for the photo's pictures; by default there is no report.
+    only_shaken : bool
+        Whether photos that are sharp, soft or out of focus are passed over.
 
     """
 
@@ -59,9 +62,13 @@ class Fix:
     restoration: RestorationOptions = field(default_factory=RestorationOptions)
     finish: Finish = AS_IT_IS
     room: int | None = None
+    only_shaken: bool = False
 
     def __call__(self, job: Job, run: Run) -> dict[str, Any]:
-        """Fix the photo of a job."""
+        """Fix the photo of a job, or pass it over."""
+        passed_over = self.passed_over(job)
+        if passed_over is not None:
+            return passed_over
         observed = _Observed(self.room)
         result = fix_file(
             job.source,
@@ -80,6 +87,22 @@ class Fix:
         content = result.content
         verdict = verdict_figures(content.kernel, content.confidence, result.notes)
         return result.report() | verdict | self.finish.report() | observed.figures()
+
+    def passed_over(self, job: Job) -> dict[str, Any] | None:
+        """Return the verdict on a photo that is passed over, as JSON data; else None.
+
+        Raises
+        ------
+        PhotoError, EstimationError
+            If the photo cannot be read, or has no texture.
+
+        """
+        if not self.only_shaken or job.keeps_result:
+            return None
+        blur = photo_blur(job.source, transfer=self.options.transfer)
+        if blur.kind in {"shaken", "unclear"}:
+            return None
+        return {"verdict": UNSHAKEN, "reason": blur_words(blur.report())}
 
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:
         """Predict the memory that it takes."""

@@ -31,6 +31,7 @@ F = TypeVar("F", bound="Callable[..., Any]")
 
 _OF_THE_RUN = {
     *("output", "report", "report_images", "open_after", "overwrite", "skip_existing", "dry_run"),
+    "only_shaken",
     *("as_json", "fail_fast", "scheduler", "memory", "jobs", "recursive"),
     *("noisy", "kernel", "registration", "mask", "keep_kernels"),  # named by each job
 }
