@@ -43,6 +43,7 @@ TABLES = {
     "pair-cost": Table("time and memory of a pair"),
     "operators": Table("time and memory of the operators, against their bare FFTs"),
     "cost": Table("time and memory of deblurring and of a blind estimate, by size"),
+    "inspect": Table("verdicts on photos whose blur is known", "--cases that `shakes` rendered"),
     "fix": Table("time and memory of the commands, by size", "no data, or photos of your own"),
     "folders": Table("folders of photos: killed and resumed, photos an hour, memory"),
 }
