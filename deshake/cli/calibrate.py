@@ -8,6 +8,7 @@ import click
 
 from deshake.cli.batch import batch_options, photos_argument, planned, run_batch
 from deshake.cli.json_output import print_json
+from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
     focal_options,
     general_options,
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 
-@click.command("calibrate")
+@click.command("calibrate", cls=GroupedCommand)
 @photos_argument
 @output_option(
     "PHOTO's name with .camera.npz; none with --json",

@@ -14,6 +14,7 @@ from deshake.cli.batch import (
     run_batch,
 )
 from deshake.cli.finishing_options import finish_options
+from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
     FILE,
     general_options,
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 
-@click.command("deblur")
+@click.command("deblur", cls=GroupedCommand)
 @click.argument("photos", type=FILE, nargs=-1, required=True, metavar="PHOTO KERNEL | PHOTO|DIR...")
 @output_option(
     "PHOTO's name with .deshaken before its ending",

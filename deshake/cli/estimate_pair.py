@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from deshake.cli.batch import frame_options, planned, run_batch
+from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
     FILE,
     blur_options,
@@ -35,7 +36,7 @@ __all__ = ["command"]
 _NOT_WITH_REGISTRATION = ("camera", "focal_px", "focal_35mm", "lens", "lens_model", "search_angle")
 
 
-@click.command("estimate-pair")
+@click.command("estimate-pair", cls=GroupedCommand)
 @click.argument("blurred", type=FILE, callback=no_stdin)
 @click.argument("noisy", type=FILE, callback=no_stdin)
 @output_option("BLURRED's name with .kernel.npz", metavar="FILE.npz")

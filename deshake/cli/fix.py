@@ -15,6 +15,7 @@ from deshake.cli.batch import (
     run_batch,
 )
 from deshake.cli.finishing_options import finish_options
+from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
     FILE,
     chosen_estimate,
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 
-@click.command("fix")
+@click.command("fix", cls=GroupedCommand)
 @photos_argument
 @output_option(
     "PHOTO's name with .deshaken before its ending",

@@ -155,7 +155,6 @@ class Reporting:
         self, context: Context, jobs: Sequence[Job], place: ReportPlace | None, *, opens: bool
     ) -> None:
         self.failed = False
-        self._context = context
         self._opens = opens
         self._sheet: Path | None = None
         self._report: Report | None = None
@@ -203,8 +202,7 @@ class Reporting:
             except DeshakeError as error:
                 self._fail(error)
                 return
-            if self._context.verbosity >= 0:
-                print_note(f"report: {shown}")
+            print_note(f"report: {shown}")
         if self._opens and shown is not None and not self.failed:
             _open(shown)
 

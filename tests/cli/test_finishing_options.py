@@ -174,7 +174,7 @@ def test_a_wrong_mask_is_refused(
 def test_a_strength_is_from_0_to_1(deshake, shaken, words, command, share):
     outcome = deshake(command, shaken("a.png"), *words[command], "--strength", share)
     assert outcome.code == 2
-    assert "is not a number from 0 to 1" in outcome.err
+    assert "is not a share: a number from 0 to 1, or 0% to 100%" in outcome.err
 
 
 def test_a_sheet_lies_beside_the_result(deshake, shaken, words, contents, tmp_path):
