@@ -15,6 +15,7 @@ import click
 from deshake.cli.json_output import print_json
 from deshake.cli.messages import print_error, print_note
 from deshake.cli.options import FILE, json_option, no_stdin, only_one_of, overwrite_option
+from deshake.cli.retry import retried, retry_option
 from deshake.cli.values import Count, Size
 
 if TYPE_CHECKING:
@@ -68,6 +69,7 @@ _FRAME_OPTIONS = (_DRY_RUN, _SKIP_EXISTING, overwrite_option, json_option)
 _BATCH_OPTIONS = (
     _DRY_RUN,
     _FAIL_FAST,
+    retry_option,
     _SKIP_EXISTING,
     overwrite_option,
     json_option,
@@ -113,6 +115,7 @@ class Batch:
     memory: int | None = None
     scheduler: str | None = None
     fail_fast: bool = False
+    retry_failed: Path | None = None
 
     @property
     def existing(self) -> Existing:
@@ -169,11 +172,11 @@ def planned(
     batch: Batch,
     **more: Any,  # noqa: ANN401 - what `plan` takes
 ) -> list[Job]:
-    """Plan the jobs; contradictions in what was asked for are wrong usage."""
+    """Plan the jobs, or those that failed before; contradictions are wrong usage."""
     from deshake.batch.plan import PlanError, plan
 
     try:
-        return plan(
+        jobs = plan(
             photos,
             output,
             recursive=batch.recursive,
@@ -184,6 +187,7 @@ def planned(
     except PlanError as error:
         hint = f" ({error.hint})" if error.hint else ""
         raise click.UsageError(f"{error}{hint}") from None
+    return jobs if batch.retry_failed is None else retried(jobs, batch.retry_failed)
 
 
 def run_batch(

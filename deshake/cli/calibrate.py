@@ -81,8 +81,9 @@ def command(
     if board is not None and not chessboard:
         raise click.UsageError("--board needs --chessboard.")
     if chessboard:
-        given = {"focal-px": focal_px, "focal-35mm": focal_35mm, "lens": lens}
-        for name, value in (given | {"lens-model": lens_model}).items():
+        given: dict[str, object] = {"focal-px": focal_px, "focal-35mm": focal_35mm, "lens": lens}
+        given |= {"lens-model": lens_model, "retry-failed": batch.retry_failed}
+        for name, value in given.items():
             if value is not None:
                 raise click.UsageError(f"--chessboard and --{name} cannot both be given.")
         _from_chessboards(context, photos, output, board or (9, 6), batch)

@@ -31,7 +31,7 @@ F = TypeVar("F", bound="Callable[..., Any]")
 
 _OF_THE_RUN = {
     *("output", "report", "report_images", "open_after", "overwrite", "skip_existing", "dry_run"),
-    *("as_json", "fail_fast", "scheduler", "memory", "jobs", "recursive"),
+    *("as_json", "fail_fast", "scheduler", "memory", "jobs", "recursive", "retry_failed"),
     *("noisy", "kernel", "registration", "mask", "keep_kernels"),  # named by each job
 }
 """Options that a command for one photo does not repeat as they are."""
