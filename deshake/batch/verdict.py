@@ -17,7 +17,7 @@ Verdict = Literal["improved", "left", "doubtful"]
 """Improved: deblurred by a kernel that is trusted; left: as it is; doubtful: by another kernel."""
 
 _LEFT: Final = "left as it is"
-_STILL: Final = "the kernel is that of a camera that stood still"
+_STILL: Final = "by its kernel, the camera stood still"
 _WORDS: Final = ((0.9, "confident"), (0.7, "fairly confident"), (TRUSTED, "not quite confident"))
 
 

@@ -151,9 +151,7 @@ def for_masks(mask: Path, photos: Sequence[Path]) -> Callable[[Found], Path | No
     """Return what finds the mask of a photo: the one, or that of its stem in the folder."""
     if not mask.is_dir():
         if len(photos) > 1 or photos[0].is_dir():
-            raise click.UsageError(
-                "one mask goes with one photo; for several, --mask names a folder"
-            )
+            raise click.UsageError("for several photos, --mask names a folder of masks")
         return lambda _: mask
     from deshake.stages.blending import find_mask
 

@@ -115,7 +115,9 @@ def command(
         )
     if kernel is None:
         if len(photos) != 2 or photos[0].is_dir():
-            raise click.UsageError("name one photo and its kernel, or the kernels with --kernel")
+            raise click.UsageError(
+                "name one photo and its kernel file, or the kernels with --kernel"
+            )
         *photos_only, kernel = photos
         photos = tuple(photos_only)
     if "-" in map(str, photos):

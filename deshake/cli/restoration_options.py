@@ -95,7 +95,7 @@ def check_pair(photos: Sequence[Path], noisy: Path) -> None:
 
     """
     if len(photos) > 1 or photos[0].is_dir():
-        raise click.UsageError("one noisy photo goes with one blurred photo: take them in turn")
+        raise click.UsageError("--noisy goes with one photo: run several one by one")
     [photo] = photos
     if noisy == photo or (noisy.exists() and photo.exists() and noisy.samefile(photo)):
         raise click.UsageError(f"{noisy} is the photo itself: name the noisy one with --noisy")

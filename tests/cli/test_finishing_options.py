@@ -129,7 +129,7 @@ def test_a_folder_of_masks_is_for_many_photos(deshake, portrait, mask, tmp_path)
 def test_one_mask_is_not_for_many_photos(deshake, portrait, mask):
     outcome = deshake("fix", portrait("a.png"), portrait("b.png"), "--mask", mask())
     assert outcome.code == 2
-    assert "for several, --mask names a folder" in outcome.err
+    assert "for several photos, --mask names a folder of masks" in outcome.err
 
 
 def test_a_photo_with_two_masks_fails_alone(deshake, portrait, mask, tmp_path):
