@@ -22,6 +22,8 @@ from PIL import Image
 from skimage import data
 
 import deshake
+from deshake.cli.config import Config
+from deshake.cli.context import Context
 from deshake.cli.main import COMMANDS, cli, main
 
 if TYPE_CHECKING:
@@ -163,7 +165,8 @@ def check_usage(example: str) -> None:
     if name.startswith("-"):
         cli.make_context("deshake", [name, *args], resilient_parsing=True)
         return
-    with click.Context(cli, info_name="deshake") as parent:
+    config = Config(presets={"night": {}, "quick": {}})
+    with click.Context(cli, info_name="deshake", obj=Context(config=config)) as parent:
         command = cli.get_command(parent, name)
         assert command is not None
         with command.make_context(name, args, parent=parent):

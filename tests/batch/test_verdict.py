@@ -24,11 +24,8 @@ def test_a_trusted_kernel_improves_and_another_is_doubtful():
         ([SOFT], "the photo is a little soft rather than shaken"),
         (["no focal length: 50 mm is assumed", SHARP], "the photo looks sharp"),
         (
-            [
-                "no estimate of the shake improves it (best confidence 0.05): the photo is left as "
-                "it is; or so"
-            ],
-            "no estimate of the shake improves it (best confidence 0.05)",
+            ["no estimate improves it (best confidence 0.05): the photo is left as it is; or so"],
+            "no estimate improves it (best confidence 0.05)",
         ),
         ([], "by its kernel, the camera stood still"),
         (None, "by its kernel, the camera stood still"),
