@@ -39,7 +39,8 @@ class Run(NamedTuple):
 
 def deshake(*args: object) -> Run:
     """Run the command line in a process of its own, and measure it; leave if it fails."""
-    words = [sys.executable, "-m", "deshake", *map(str, args), "--overwrite", "-q"]
+    words = [sys.executable, "-m", "deshake", "--no-config", *map(str, args)]
+    words += ["--overwrite", "-q"]
     start = time.perf_counter()
     process = subprocess.Popen(words)  # noqa: S603 - our own words
     _, status, usage = os.wait4(process.pid, 0)

@@ -54,7 +54,7 @@ class Run(NamedTuple):
 
 def command(*words: object) -> list[str]:
     """Return the words of a run of fix."""
-    return [sys.executable, "-m", "deshake", "fix", *map(str, words)]
+    return [sys.executable, "-m", "deshake", "--no-config", "fix", *map(str, words)]
 
 
 def run(*words: object) -> Run:

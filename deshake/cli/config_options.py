@@ -85,6 +85,7 @@ def _preset(*, is_eager: bool) -> Callable[[F], F]:
         is_eager=is_eager,
         expose_value=False,
         callback=_choose_preset,
+        shell_complete=_begun_presets,
         help="Take the defaults from this preset of the configuration file.",
     )
 
@@ -133,6 +134,12 @@ def _choose_preset(ctx: click.Context, param: click.Parameter, value: str | None
     else:
         general = {name: each for name, each in defaults.items() if not isinstance(each, dict)}
         ctx.default_map = {**general, **defaults.get(ctx.info_name or "", {})}
+
+
+def _begun_presets(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:  # noqa: ARG001
+    """Return the presets whose names begin so, for the shell."""
+    presets = ctx.ensure_object(Context).config.presets
+    return sorted(name for name in presets if name.startswith(incomplete))
 
 
 def _typed(ctx: click.Context, name: str | None) -> bool:

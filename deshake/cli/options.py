@@ -42,6 +42,7 @@ __all__ = [
     "one_pair",
     "one_to_stdout",
     "only_one_of",
+    "only_with",
     "output_option",
     "overwrite_option",
     "photo_argument",
@@ -131,6 +132,21 @@ def only_one_of(*names: str) -> Callable[[click.Context, click.Parameter, Any], 
             if mine > other:
                 return None if value is not True else False
             ctx.params[name] = None if ctx.params[name] is not True else False
+        return value
+
+    return check
+
+
+def only_with(*names: str) -> Callable[[click.Context, click.Parameter, Any], Any]:
+    """Make a callback that leaves out a value of the configuration file that has no use.
+
+    It has one where one of the named options is given. What is typed is left to the command.
+    """
+
+    def check(ctx: click.Context, param: click.Parameter, value: Any) -> Any:  # noqa: ANN401
+        by_file = ctx.get_parameter_source(param.name or "") is ParameterSource.DEFAULT_MAP
+        if by_file and not any(ctx.params.get(name) for name in names):
+            return None if value is not True else False
         return value
 
     return check
@@ -331,6 +347,7 @@ json_option = click.option(
 search_angle_option = click.option(
     "--search-angle",
     type=Number("DEGREES", most=45),
+    callback=only_with("noisy"),
     help="Largest rotation about any axis between the two photos that the registration looks for.  "
     "[default: 10]",
 )

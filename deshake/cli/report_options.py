@@ -12,7 +12,7 @@ import click
 from click.core import ParameterSource
 
 from deshake.cli.messages import print_exception, print_note
-from deshake.cli.options import FILE
+from deshake.cli.options import FILE, only_with
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -55,11 +55,13 @@ def report_options(command: F) -> F:
             "--open",
             "open_after",
             is_flag=True,
+            callback=only_with("report", "compare"),
             help="Open the report, or the sheet of --compare, when it is written.",
         ),
         click.option(
             "--report-images",
             is_flag=True,
+            callback=only_with("report"),
             help="Write the report's pictures into a folder beside it, larger than they are in "
             "the page.",
         ),

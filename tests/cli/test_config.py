@@ -305,3 +305,24 @@ def test_two_contrary_options_of_one_place_are_wrong_usage(deshake, config):
     outcome = deshake("fix", "a.jpg", "--overwrite", "--skip-existing")
     assert outcome.code == 2
     assert "--overwrite and --skip-existing cannot both be given" in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "needs"),
+    [
+        ("search-angle", 5, ("--noisy", "b.jpg")),
+        ("report-images", True, ("--report", "look.html")),
+        ("open", True, ("--compare",)),
+    ],
+)
+def test_what_the_file_says_counts_only_where_it_has_a_use(
+    real, config, deshake, *, name, value, needs
+):
+    path = config(f"[fix]\n{name} = {str(value).lower()}\n")
+    key = {"open": "open_after"}.get(name, name.replace("-", "_"))
+    assert not real("fix", "a.jpg", config=path)[key]
+    assert real("fix", "a.jpg", *needs, config=path)[key] == value
+    typed = (f"--{name}",) if value is True else (f"--{name}", value)
+    outcome = deshake("fix", "a.jpg", *typed)
+    assert outcome.code == 2
+    assert f"--{name} needs {needs[0]}" in outcome.err or "--open needs --report" in outcome.err
