@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-__all__ = ["Config", "read_config"]
+__all__ = ["Config", "ConfigError", "read_config"]
 
 _LONGEST = 40
 """Characters of a value that a message repeats."""
@@ -38,6 +38,11 @@ _PRESETS = "preset"
 """The table of presets."""
 _BEFORE_THE_FILE = {"config", "no_config", "preset", "version"}
 """General options that a file cannot set."""
+
+
+class ConfigError(click.UsageError):
+    """A configuration file is not what it should be."""
+
 
 Defaults = dict[str, Any]
 """What click takes as ``default_map``: general options, and a table for each command."""
@@ -109,7 +114,7 @@ def read_config(ctx: click.Context, path: Path) -> Config:
 
     Raises
     ------
-    click.UsageError
+    ConfigError
         If the file cannot be read, is not TOML, or has a key that is no option, or whose value is
         no value of that option.
 
@@ -117,15 +122,15 @@ def read_config(ctx: click.Context, path: Path) -> Config:
     try:
         content = tomllib.loads(path.read_text("utf-8-sig"))
     except OSError as error:
-        raise click.UsageError(f"{path}: {(error.strerror or str(error)).lower()}", ctx) from None
+        raise ConfigError(f"{path}: {(error.strerror or str(error)).lower()}", ctx) from None
     except UnicodeDecodeError:
-        raise click.UsageError(f"{path}: not a text file in UTF-8", ctx) from None
+        raise ConfigError(f"{path}: not a text file in UTF-8", ctx) from None
     except tomllib.TOMLDecodeError as error:
-        raise click.UsageError(f"{path}: not TOML: {error}", ctx) from None
+        raise ConfigError(f"{path}: not TOML: {error}", ctx) from None
     except ValueError:
-        raise click.UsageError(f"{path}: a number in it has too many digits", ctx) from None
+        raise ConfigError(f"{path}: a number in it has too many digits", ctx) from None
     except RecursionError:
-        raise click.UsageError(f"{path}: too many brackets within brackets", ctx) from None
+        raise ConfigError(f"{path}: too many brackets within brackets", ctx) from None
     reader = _Reader(ctx, path)
     presets = content.pop(_PRESETS, {})
     if not isinstance(presets, dict) or not all(
@@ -159,9 +164,9 @@ class _Reader:
         self._group = ctx.command
         self._path = path
 
-    def error(self, where: str, what: str) -> click.UsageError:
+    def error(self, where: str, what: str) -> ConfigError:
         """Return the error that something is wrong at a place of the file."""
-        return click.UsageError(f"{self._path}: {where}{what}", self._ctx)
+        return ConfigError(f"{self._path}: {where}{what}", self._ctx)
 
     def defaults(self, content: Mapping[str, Any]) -> Defaults:
         """Return the defaults of the general options and of the commands."""

@@ -17,6 +17,7 @@ import click
 from click.exceptions import NoArgsIsHelpError, NoSuchOption
 
 from deshake import errors
+from deshake.cli.config import ConfigError
 from deshake.cli.log_file import LogFile, open_log
 
 if TYPE_CHECKING:
@@ -76,6 +77,8 @@ def print_exception(error: Exception) -> None:
 def describe(error: Exception) -> tuple[str, str | None]:
     """Return what went wrong, and what to try."""
     match error:
+        case ConfigError():
+            return error.format_message(), "mend the file, or run without it: deshake --no-config"
         case NoSuchOption(option_name="--config" | "--no-config" as name):
             file = " FILE" if name == "--config" else ""
             return error.format_message(), f"it comes first, as in: deshake {name}{file} fix"

@@ -44,7 +44,7 @@ def test_a_killed_process_takes_down_one_photo(run, jobs, tmp_path):
     status = [found[number].status for number in range(6)]
     assert status == ["done", "failed", "done", "failed", "done", "done"]
     assert f"{made[1].source}: its process was killed" in found[1].error
-    assert "--jobs" in found[1].hint
+    assert "-j 1" in found[1].hint
     assert "SIGSEGV" in found[3].error
     outputs = sorted(job.output for n, job in enumerate(made) if n not in {1, 3})
     assert sorted(set(tmp_path.iterdir()) - {job.source for job in made}) == outputs

@@ -318,11 +318,11 @@ def test_two_contrary_options_of_one_place_are_wrong_usage(deshake, config):
 def test_what_the_file_says_counts_only_where_it_has_a_use(
     real, config, deshake, *, name, value, needs
 ):
+    typed = (f"--{name}",) if value is True else (f"--{name}", value)
+    outcome = deshake("fix", "a.jpg", *typed)
+    assert outcome.code == 2
+    assert f"--{name} needs --" in outcome.err
     path = config(f"[fix]\n{name} = {str(value).lower()}\n")
     key = {"open": "open_after"}.get(name, name.replace("-", "_"))
     assert not real("fix", "a.jpg", config=path)[key]
     assert real("fix", "a.jpg", *needs, config=path)[key] == value
-    typed = (f"--{name}",) if value is True else (f"--{name}", value)
-    outcome = deshake("fix", "a.jpg", *typed)
-    assert outcome.code == 2
-    assert f"--{name} needs {needs[0]}" in outcome.err or "--open needs --report" in outcome.err

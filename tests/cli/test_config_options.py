@@ -93,7 +93,9 @@ def test_a_malformed_file_of_the_user_is_named(deshake, own, seen, text):
     path = own(text)
     outcome = deshake("trial")
     assert outcome.code == 2
-    assert outcome.err.startswith(f"error: {path}: ")
+    error, hint = outcome.err.splitlines()
+    assert error.startswith(f"error: {path}: ")
+    assert hint == "hint: mend the file, or run without it: deshake --no-config"
     assert not seen
     assert deshake("--no-config", "trial").code == 0
     assert deshake("--version").code == 0
