@@ -37,7 +37,7 @@ ALLOWED = {
     "api": {"simulation", "stages", *STAGES},
     "cli": {"batch", "simulation", "stages", *STAGES},
 }
-ANYWHERE = {"errors", "version", ""}
+ANYWHERE = {"errors", "run", "version", ""}
 # Modules that name a value or a type and nothing else.
 NO_CODE = {"version", "quality"}
 

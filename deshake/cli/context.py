@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Never, Self
 
 from deshake.cli.config import Config
 from deshake.cli.messages import log_to_file
+from deshake.run import Progress, Run
 from deshake.version import __version__
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
     from tqdm import tqdm
 
-__all__ = ["Context", "Progress"]
+__all__ = ["Context", "ProgressBar"]
 
 _log = logging.getLogger(__name__)
 
@@ -84,12 +85,16 @@ class Context:
             preset = "" if self.preset is None else f", preset {self.preset}"
             _log.info("options are read from %s%s", self.config.path, preset)
 
-    def bar(self, text: str = "") -> Progress:
+    def bar(self, text: str = "") -> ProgressBar:
         """Make a progress bar, which shows nothing where none is wanted."""
-        return Progress(text, shown=self.progress and self.verbosity >= 0)
+        return ProgressBar(text, shown=self.progress and self.verbosity >= 0)
+
+    def run(self, progress: Progress) -> Run:
+        """Return the run of a command: the threads that the user wants, and its progress."""
+        return Run(self.threads, progress)
 
 
-class Progress:
+class ProgressBar:
     """A progress bar on stderr, as a context manager and a function.
 
     Call it with the fraction done, from 0 to 1, and a word or two on what is being done. It

@@ -11,6 +11,7 @@ from deshake.batch.plan import Job
 from deshake.batch.restoration_work import Deblur, Fix
 from deshake.batch.resume import differences, doubt
 from deshake.batch.task import run_job
+from deshake.run import Run
 from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.estimate_options import EstimateOptions
 from deshake.stages.finishing import Finish
@@ -29,7 +30,7 @@ def job(tmp_path):
     Image.fromarray(codes).resize((100, 80), Image.Resampling.BICUBIC).save(path)
     outputs = tmp_path / "out.jpg", tmp_path / "a.kernel.npz"
     job = Job(path, outputs[0], {"kernel": outputs[1]}, existing="skip")
-    assert run_job(job, FIX, threads=1).status == "done"
+    assert run_job(job, FIX, run=Run(1)).status == "done"
     return job
 
 
@@ -72,9 +73,7 @@ def test_another_input_and_another_kernel_are_said(job, tmp_path):
     assert "options" not in doubt(job, FIX)
     other = tmp_path / "other.npz"
     again = replace(job, output=other, others={})
-    EstimateKernel(replace(OPTIONS, blur_size=4))(
-        replace(again, source=job.output), threads=1, progress=None
-    )
+    EstimateKernel(replace(OPTIONS, blur_size=4))(replace(again, source=job.output), Run(1))
     found = doubt(replace(job, needs={"kernel": other}), Deblur())
     assert "from another input and with other options (blur_size 3, now 4)" in found
     assert doubt(replace(job, output=kernel), EstimateKernel(OPTIONS)).endswith("another input")

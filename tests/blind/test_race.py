@@ -6,6 +6,7 @@ from deshake.blind.agreement import agreement
 from deshake.blind.race import race
 from deshake.blind.spot import is_spot
 from deshake.geometry.camera import Camera
+from deshake.run import Run
 from deshake.signal.pyramid import Pyramid
 
 
@@ -58,7 +59,7 @@ def test_a_photo_of_one_scale_has_a_race_of_one(shake) -> None:
 
 
 def test_threads_change_no_byte(ended, shaken) -> None:
-    two = race(shaken.pyramid, threads=2)
+    two = race(shaken.pyramid, run=Run(2))
     assert two.winner.kernel.theta.tobytes() == ended.winner.kernel.theta.tobytes()
     assert two.winner.kernel.weights.tobytes() == ended.winner.kernel.weights.tobytes()
     assert two.winner.name == ended.winner.name

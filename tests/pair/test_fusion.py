@@ -10,6 +10,7 @@ from deshake.pair.denoising import noisy_photo
 from deshake.pair.fusion import fuse
 from deshake.pair.residual import residual_richardson_lucy
 from deshake.restore.sparse_gradients import sparse_gradients
+from deshake.run import Run
 
 
 @pytest.fixture(scope="module")
@@ -127,7 +128,7 @@ def test_the_smallest_photos_pass():
 def test_threads_do_not_change_a_byte(lab, pair):
     _, g, f_N, valid = pair(0.05)
     results = {
-        fused_with(g, f_N, valid, lab.all_axes, threads=n, iterations=2).pixels.tobytes()
+        fused_with(g, f_N, valid, lab.all_axes, run=Run(n), iterations=2).pixels.tobytes()
         for n in (1, 4)
     }
     assert len(results) == 1
@@ -147,7 +148,11 @@ def test_progress_is_reported(lab, pair):
     _, g, f_N, valid = pair(0.05)
     reports = []
     fused_with(
-        g, f_N, valid, lab.all_axes, progress=lambda part, text: reports.append((part, text))
+        g,
+        f_N,
+        valid,
+        lab.all_axes,
+        run=Run(progress=lambda part, text: reports.append((part, text))),
     )
     parts = [part for part, _ in reports]
     assert parts == sorted(parts)

@@ -14,6 +14,7 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.operators.shake_blur import ShakeBlur
 from deshake.restore.richardson_lucy import richardson_lucy
+from deshake.run import Run
 
 if TYPE_CHECKING:
     from deshake.blind.result import BlindEstimate
@@ -60,7 +61,7 @@ def small(sharp: np.ndarray) -> Shot:
 def estimates(shots: dict[str, Shot]) -> dict[str, BlindEstimate]:
     return {
         name: estimate_variational(
-            shot.photo, shot.true.camera, blur_px=BOUND, roll_rate=RATES[name], threads=2
+            shot.photo, shot.true.camera, blur_px=BOUND, roll_rate=RATES[name], run=Run(2)
         )
         for name, shot in shots.items()
     }
@@ -81,8 +82,7 @@ def watched(small: Shot) -> Watched:
         small.photo,
         small.true.camera,
         blur_px=8,
-        threads=2,
-        progress=lambda share, text: reports.append((share, text)),
+        run=Run(2, lambda share, text: reports.append((share, text))),
     )
     return Watched(result, [share for share, _ in reports], [text for _, text in reports])
 
@@ -100,7 +100,7 @@ def psnr(restored: np.ndarray, sharp: np.ndarray) -> float:
 
 def gain(shot: Shot, kernel: RotationKernel) -> float:
     """How much nearer to the sharp photo a kernel brings the shaken one, in dB."""
-    done = richardson_lucy(shot.photo, kernel, iterations=25, accelerated=False, threads=2)
+    done = richardson_lucy(shot.photo, kernel, iterations=25, accelerated=False, run=Run(2))
     return psnr(done.pixels, shot.sharp) - psnr(shot.photo, shot.sharp)
 
 
@@ -132,7 +132,7 @@ def test_strong_noise_leaves_the_kernel_right(shots: dict[str, Shot]) -> None:
     display = photo ** (1 / 2.2)
     display = display + np.random.default_rng(1).normal(0, 10 / 255, photo.shape)
     noisy = ((np.rint(255 * np.clip(display, 0, 1)) / 255) ** 2.2).astype(np.float32)
-    result = estimate_variational(noisy, true.camera, blur_px=BOUND, threads=2)
+    result = estimate_variational(noisy, true.camera, blur_px=BOUND, run=Run(2))
     assert cosine(true, result.kernel) > 0.7
 
 
@@ -154,7 +154,7 @@ def test_scales_are_reported_from_coarse_to_fine(estimates: dict[str, BlindEstim
 def test_a_uniform_kernel_is_recovered_by_the_uniform_model(sharp: np.ndarray) -> None:
     camera = Camera.from_focal(260.0, *sharp.shape)
     shot = shoot(sharp, Camera.uniform(*sharp.shape), (4, 8, 0))
-    result = estimate_variational(shot.photo, camera, blur_px=10, uniform=True, threads=2)
+    result = estimate_variational(shot.photo, camera, blur_px=10, uniform=True, run=Run(2))
     assert np.all(np.abs(result.kernel.theta[:, 2]) < 1e-9)
     assert result.kernel.camera.is_uniform
     assert cosine(shot.true, result.kernel) > 0.85
@@ -162,7 +162,7 @@ def test_a_uniform_kernel_is_recovered_by_the_uniform_model(sharp: np.ndarray) -
 
 
 def test_threads_do_not_change_a_byte(small: Shot, watched: Watched) -> None:
-    alone = estimate_variational(small.photo, small.true.camera, blur_px=8, threads=1)
+    alone = estimate_variational(small.photo, small.true.camera, blur_px=8, run=Run(1))
     for name in ("theta", "weights", "steps"):
         assert (
             getattr(alone.kernel, name).tobytes() == getattr(watched.result.kernel, name).tobytes()
@@ -176,7 +176,7 @@ def test_the_kernel_of_a_reduced_photo_belongs_to_the_whole(
 ) -> None:
     monkeypatch.setattr(estimate, "_LONGEST_SIDE", 156)
     shot = shots["Y"]
-    result = estimate_variational(shot.photo, shot.true.camera, blur_px=BOUND, threads=2)
+    result = estimate_variational(shot.photo, shot.true.camera, blur_px=BOUND, run=Run(2))
     assert result.scales[-1].width == 156
     assert result.kernel.camera is shot.true.camera
     spread = [np.sqrt(k.weights @ k.theta[:, 1] ** 2) for k in (result.kernel, shot.true)]
@@ -190,9 +190,11 @@ def test_a_region_speaks_for_the_whole_photo(shots: dict[str, Shot]) -> None:
     spoilt = shot.photo.copy()
     spoilt[:, :70] = np.random.default_rng(0).random((150, 70))
     region = (82, 30, 90, 90)
-    result = estimate_variational(spoilt, shot.true.camera, blur_px=BOUND, region=region, threads=2)
+    result = estimate_variational(
+        spoilt, shot.true.camera, blur_px=BOUND, region=region, run=Run(2)
+    )
     same = estimate_variational(
-        shot.photo, shot.true.camera, blur_px=BOUND, region=region, threads=2
+        shot.photo, shot.true.camera, blur_px=BOUND, region=region, run=Run(2)
     )
     assert result.kernel.camera is shot.true.camera
     assert result.scales == same.scales
@@ -204,8 +206,8 @@ def test_clipped_pixels_are_not_believed(small: Shot) -> None:
     clipped = np.zeros(small.photo.shape, bool)
     clipped[30:50, 50:75] = True
     photo = np.where(clipped, np.float32(1), small.photo)
-    masked = estimate_variational(photo, small.true.camera, clipped=clipped, blur_px=8, threads=2)
-    plain = estimate_variational(photo, small.true.camera, blur_px=8, threads=2)
+    masked = estimate_variational(photo, small.true.camera, clipped=clipped, blur_px=8, run=Run(2))
+    plain = estimate_variational(photo, small.true.camera, blur_px=8, run=Run(2))
     assert cosine(small.true, masked.kernel) > 0.7
     assert cosine(small.true, masked.kernel) > cosine(small.true, plain.kernel)
 
@@ -215,8 +217,7 @@ def test_the_bound_is_chosen_where_none_is_given(small: Shot) -> None:
     result = estimate_variational(
         small.photo,
         small.true.camera,
-        threads=2,
-        progress=lambda share, _text: shares.append(share),
+        run=Run(2, lambda share, _text: shares.append(share)),
     )
     assert cosine(small.true, result.kernel) > 0.75
     assert shares == sorted(shares)
@@ -229,7 +230,7 @@ def test_the_prior_on_rolls_takes_them_away(sharp: np.ndarray) -> None:
     spreads = []
     for rate in (0.0, 1.0):
         result = estimate_variational(
-            shot.photo, shot.true.camera, blur_px=8, roll_rate=rate, threads=2
+            shot.photo, shot.true.camera, blur_px=8, roll_rate=rate, run=Run(2)
         )
         spreads.append(float(np.sqrt(result.kernel.weights @ result.kernel.theta[:, 2] ** 2)))
     assert spreads[0] > 0.6 * np.sqrt(shot.true.weights @ shot.true.theta[:, 2] ** 2)
@@ -247,7 +248,9 @@ def test_progress_rises_to_one(watched: Watched) -> None:
 def test_a_bound_too_small_is_noted(shots: dict[str, Shot]) -> None:
     shot = shots["Z"]
     region = (110, 10, 80, 80)
-    result = estimate_variational(shot.photo, shot.true.camera, blur_px=1, region=region, threads=2)
+    result = estimate_variational(
+        shot.photo, shot.true.camera, blur_px=1, region=region, run=Run(2)
+    )
     assert any("--blur-size" in note for note in result.notes)
 
 
