@@ -12,6 +12,7 @@ from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
     focal_options,
     general_options,
+    left_out,
     lens_options,
     one_to_stdout,
     output_option,
@@ -84,7 +85,7 @@ def command(
         given: dict[str, object] = {"focal-px": focal_px, "focal-35mm": focal_35mm, "lens": lens}
         given |= {"lens-model": lens_model, "retry-failed": batch.retry_failed}
         for name, value in given.items():
-            if value is not None:
+            if value is not None and not left_out(name.replace("-", "_"), "chessboard"):
                 raise click.UsageError(f"--chessboard and --{name} cannot both be given.")
         _from_chessboards(context, photos, output, board or (9, 6), batch)
         return 0

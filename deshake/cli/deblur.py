@@ -18,6 +18,7 @@ from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
     FILE,
     general_options,
+    left_out,
     output_option,
     search_angle_option,
     transfer_option,
@@ -107,6 +108,8 @@ def command(
 
     if noisy is None and registration is not None:
         raise click.UsageError("--registration needs --noisy.")
+    if registration is not None and left_out("search_angle", "registration"):
+        search_angle = None
     if search_angle is not None and (noisy is None or registration is not None):
         raise click.UsageError(
             "--search-angle needs --noisy."

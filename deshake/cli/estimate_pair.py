@@ -15,6 +15,7 @@ from deshake.cli.options import (
     chosen_estimate,
     focal_options,
     general_options,
+    left_out,
     lens_options,
     no_stdin,
     one_pair,
@@ -81,8 +82,13 @@ def command(
 
     one_to_stdout(as_json=batch.as_json, output=output)
     one_pair(blurred, noisy)
-    for name, value in {"camera": camera, **choices}.items():
-        if registration is not None and name in _NOT_WITH_REGISTRATION and value is not None:
+    choices["camera"] = camera
+    for name in _NOT_WITH_REGISTRATION:
+        if registration is None or choices[name] is None:
+            continue
+        if left_out(name, "registration"):
+            choices[name] = None
+        else:
             option = "--" + name.replace("_", "-")
             raise click.UsageError(f"--registration and {option} cannot both be given.")
     jobs = planned(
@@ -92,4 +98,4 @@ def command(
         name=kernel_name,
         needs={"noisy": lambda _: noisy, "registration": lambda _: registration},
     )
-    return run_batch(context, jobs, EstimateKernel(chosen_estimate(camera, **choices)), batch)
+    return run_batch(context, jobs, EstimateKernel(chosen_estimate(**choices)), batch)

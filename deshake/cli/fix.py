@@ -21,6 +21,7 @@ from deshake.cli.options import (
     chosen_estimate,
     estimate_options,
     general_options,
+    left_out,
     output_option,
     search_angle_option,
 )
@@ -101,7 +102,7 @@ def command(
 
     chosen = restoration(noisy, method=method, quality=quality, iterations=iterations)
     if noisy is not None:
-        _check_estimate(**choices)
+        choices |= _for_pair(**choices)
         check_pair(photos, noisy)
     elif choices["search_angle"] is not None:
         raise click.UsageError("--search-angle needs --noisy.")
@@ -125,9 +126,10 @@ def _what_was_done(result: Result) -> str:
     return f"{result.job.source} -> {result.job.output}: {summary_words(result.figures)}"
 
 
-def _check_estimate(*, region: object, estimator: str, focal: object, **_: object) -> None:
-    """Refuse options that only a blind estimate uses."""
+def _for_pair(*, region: object, estimator: str, focal: object, **_: object) -> dict[str, Any]:
+    """Refuse options that only a blind estimate uses, or return those that give way to --noisy."""
     chosen = {"region": region is not None, "estimator": estimator != "edges", "focal": focal}
-    for name, given in chosen.items():
-        if given:
+    for name in [name for name, given in chosen.items() if given]:
+        if not left_out(name, "noisy"):
             raise click.UsageError(f"--{name} does not go with --noisy.")
+    return {"region": None, "estimator": "edges", "focal": None}

@@ -37,6 +37,7 @@ __all__ = [
     "given_by",
     "json_option",
     "kernel_argument",
+    "left_out",
     "lens_options",
     "no_stdin",
     "one_pair",
@@ -150,6 +151,12 @@ def only_with(*names: str) -> Callable[[click.Context, click.Parameter, Any], An
         return value
 
     return check
+
+
+def left_out(name: str, against: str) -> bool:
+    """Return whether an option gives way to one against it that comes from an earlier place."""
+    ctx = click.get_current_context()
+    return given_by(ctx, name) > given_by(ctx, against)
 
 
 def given_by(ctx: click.Context, name: str) -> int:

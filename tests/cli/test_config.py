@@ -3,6 +3,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from deshake.cli import main
 
@@ -326,3 +327,38 @@ def test_what_the_file_says_counts_only_where_it_has_a_use(
     key = {"open": "open_after"}.get(name, name.replace("-", "_"))
     assert not real("fix", "a.jpg", config=path)[key]
     assert real("fix", "a.jpg", *needs, config=path)[key] == value
+
+
+def test_what_is_typed_puts_aside_what_the_file_says_in_the_commands_too(
+    deshake, config, pair, boards, tmp_path
+):
+    path = config(
+        "[fix]\nregion = [0, 0, 5, 5]\nestimator = 'variational'\nfocal = 'auto'\n"
+        "[estimate-pair]\nsearch-angle = 5\nfocal-px = 150\n"
+        "[deblur]\nsearch-angle = 5\n"
+        "[calibrate]\nfocal-px = 150\n"
+    )
+    own, out = ("--config", path), tmp_path / "out.png"
+    blurred, noisy = pair
+    dry = ("--noisy", noisy, "-o", out, "--dry-run")
+    assert deshake(*own, "fix", blurred, *dry).code == 0
+    outcome = deshake(*own, "fix", blurred, *dry, "--region", "0,0,5,5")
+    assert outcome.code == 2
+    assert "--region does not go with --noisy" in outcome.err
+    registration, kernel = tmp_path / "pair.npz", tmp_path / "kernel.npz"
+    assert deshake("register", *pair, "--focal-px", 150, "-o", registration).code == 0
+    known = ("--registration", registration)
+    estimate = ("estimate-pair", *pair, *known, "-o", kernel, "--blur-size", 8)
+    assert deshake(*own, *estimate, "--dry-run").code == 0
+    outcome = deshake(*own, *estimate, "--dry-run", "--focal-px", 150)
+    assert outcome.code == 2
+    assert "--registration and --focal-px cannot both be given" in outcome.err
+    assert deshake(*own, *estimate).code == 0
+    assert deshake(*own, "deblur", blurred, kernel, *dry, *known).code == 0
+    photos = []
+    for number, board in enumerate(boards[0]):
+        photos.append(tmp_path / f"{number}.png")
+        Image.fromarray(board).save(photos[-1])
+    chessboard = ("calibrate", *photos, "--chessboard", "--board", "7x5", "--json")
+    assert deshake(*own, *chessboard).code == 0
+    assert deshake(*own, *chessboard, "--focal-px", 150).code == 2
