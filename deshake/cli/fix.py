@@ -10,10 +10,10 @@ from deshake.cli.batch import (
     batch_options,
     for_masks,
     photos_argument,
-    planned,
     refuse_stdout,
     run_batch,
 )
+from deshake.cli.file_options import file_options, planned_results
 from deshake.cli.finishing_options import finish_options
 from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
@@ -49,8 +49,9 @@ __all__ = ["command"]
 @photos_argument
 @output_option(
     "PHOTO's name with .deshaken before its ending",
-    metavar="FILE|DIR",
-    note="; for several photos or a folder of them, a folder",
+    metavar="FILE|DIR|NAMES",
+    note="; for several photos or a folder of them, a folder, or a name with the fields {folder}, "
+    "{parent}, {stem} and {ext}, as in 'sharp/{folder}/{stem}_sharp.{ext}'",
 )
 @click.option(
     "--keep-kernels",
@@ -58,11 +59,17 @@ __all__ = ["command"]
     metavar="DIR",
     help="Write each photo's kernel file into this folder.",
 )
+@click.option(
+    "--only-shaken",
+    is_flag=True,
+    help="Pass over the photos that inspect calls sharp, soft or out of focus.",
+)
 @noisy_option
 @search_angle_option
 @estimate_options
 @restoration_options
 @finish_options
+@file_options
 @report_options
 @batch_options
 @general_options
@@ -74,6 +81,7 @@ def command(
     photos: tuple[Path, ...],
     output: Path | None,
     keep_kernels: Path | None,
+    only_shaken: bool,
     camera: Path | None,
     noisy: Path | None,
     method: str | None,
@@ -102,7 +110,8 @@ def command(
 
     chosen = restoration(noisy, method=method, quality=quality, iterations=iterations)
     if noisy is not None:
-        choices |= _for_pair(**choices)
+        choices |= _for_pair(only_shaken=only_shaken, **choices)
+        only_shaken = False
         check_pair(photos, noisy)
     elif choices["search_angle"] is not None:
         raise click.UsageError("--search-angle needs --noisy.")
@@ -114,22 +123,36 @@ def command(
         needs["mask"] = for_masks(mask, photos)
     if finish.compare:
         extras["sheet"] = Extra(None, comparison_name)
-    jobs = planned(photos, output, batch, extras=extras, needs=needs)
-    work = Fix(chosen_estimate(camera, **choices), chosen, finish, report.room(len(jobs)))
-    return run_batch(context, jobs, work, batch, note=_what_was_done, report=report)
+    jobs = planned_results(photos, output, batch, finish, extras=extras, needs=needs)
+    estimate, room = chosen_estimate(camera, **choices), report.room(len(jobs))
+    work = Fix(estimate, chosen, finish, room, only_shaken)
+    return run_batch(
+        context,
+        jobs,
+        work,
+        batch,
+        note=_what_was_done,
+        report=report,
+        passed_over=work.passed_over if only_shaken else None,
+    )
 
 
 def _what_was_done(result: Result) -> str:
     """Say in a line what was written for a photo, and what was done to it."""
     from deshake.batch.verdict import summary_words
 
-    return f"{result.job.source} -> {result.job.output}: {summary_words(result.figures)}"
+    to = "" if result.status == "skipped" else f" -> {result.job.output}"
+    return f"{result.job.source}{to}: {summary_words(result.figures)}"
 
 
-def _for_pair(*, region: object, estimator: str, focal: object, **_: object) -> dict[str, Any]:
+def _for_pair(
+    *, region: object, estimator: str, focal: object, only_shaken: bool, **_: object
+) -> dict[str, Any]:
     """Refuse options that only a blind estimate uses, or return those that give way to --noisy."""
     chosen = {"region": region is not None, "estimator": estimator != "edges", "focal": focal}
+    chosen["only_shaken"] = only_shaken
     for name in [name for name, given in chosen.items() if given]:
         if not left_out(name, "noisy"):
-            raise click.UsageError(f"--{name} does not go with --noisy.")
+            option = name.replace("_", "-")
+            raise click.UsageError(f"--{option} does not go with --noisy.")
     return {"region": None, "estimator": "edges", "focal": None}

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import re
-from typing import TypeVar
+from typing import Final, TypeVar
 
 import click
 
-__all__ = ["Count", "Grid", "Number", "Region", "Share", "Size"]
+__all__ = ["Count", "Grid", "Number", "PhotoFormat", "Region", "Share", "Size"]
 
 T = TypeVar("T")
 
@@ -103,6 +103,20 @@ class Share(_Typed[float]):
                 f"{_short(text)!r} is not a share: a number from 0 to 1, or 0% to 100%", param, ctx
             )
         return share
+
+
+class PhotoFormat(click.Choice[str]):
+    """A format in which photos are written; jpg and tif are other words for jpeg and tiff."""
+
+    _SHORT: Final = {"jpg": "jpeg", "tif": "tiff"}
+
+    def __init__(self) -> None:
+        super().__init__(["jpeg", "png", "tiff", "webp", "avif", "jp2"], case_sensitive=False)
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Read the name."""
+        name = value.lower()
+        return super().convert(self._SHORT.get(name, name), param, ctx)
 
 
 class Region(_Typed[tuple[int, int, int, int]]):

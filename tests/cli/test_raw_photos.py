@@ -189,7 +189,7 @@ def test_wrong_use(refused, raw, kernel, args, what):
 
 
 def test_linear_light_is_for_raw_files(refused, shaken):
-    assert "no RAW file" in refused("deblur", shaken("a.jpg"), "--linear")
+    assert "--linear is for RAW files" in refused("deblur", shaken("a.jpg"), "--linear")
 
 
 @pytest.mark.parametrize("keep", [20, 300, 5000])
