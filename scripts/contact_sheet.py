@@ -10,8 +10,6 @@ kernel, the confidence and the extent, then the notes. A photo that fails has it
 
 from __future__ import annotations
 
-import argparse
-import os
 import sys
 import textwrap
 import time
@@ -21,7 +19,8 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from arguments import at_least
+from bench.arguments import add_jobs, at_least
+from bench.program import check_sheet_name, explained, guarded, use_one_thread
 
 from deshake.batch.folders import find_photos
 from deshake.errors import DeshakeError, OutputError
@@ -37,6 +36,7 @@ from deshake.stages.estimate_options import EstimateOptions
 from deshake.stages.estimating import kernel_name
 
 if TYPE_CHECKING:
+    import argparse
     from collections.abc import Sequence
 
     from deshake.formats.photo import Photo
@@ -85,8 +85,7 @@ def fixed(source: Path, width: int, folder: Path | None) -> Line:
 
 def checked(photos: Sequence[Path], output: Path, folder: Path | None) -> list[Path]:
     """Check what can be checked before the work, and list the photos."""
-    if output.suffix.lower() not in {".png", ".jpg", ".jpeg"}:
-        raise OutputError("the sheet's name must end in .png or .jpg", file=output)
+    check_sheet_name(output)
     paths = [paths.path for paths in find_photos(photos)]
     for source in paths:
         check_output(output, source, overwrite=True)
@@ -101,11 +100,21 @@ def checked(photos: Sequence[Path], output: Path, folder: Path | None) -> list[P
     return paths
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def run(args: argparse.Namespace) -> int:
     """Fix the photos and draw the sheet."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    photos = checked(args.photos, args.output, args.keep)
+    lines = []
+    with ProcessPoolExecutor(args.jobs, mp_context=get_context("spawn")) as pool:
+        for line in pool.map(partial(fixed, width=args.width, folder=args.keep), photos):
+            print(line.caption[0], flush=True)
+            lines.append(line)
+    sheet(lines, 5 * args.width + 6 * GAP).save(args.output)
+    return int(any(line.failed for line in lines))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Read the command line, and run."""
+    parser = explained(__doc__)
     parser.add_argument("photos", nargs="+", type=Path, metavar="PHOTO", help="or a folder of them")
     parser.add_argument("-o", "--output", type=Path, required=True, help="the sheet, PNG or JPEG")
     parser.add_argument(
@@ -114,27 +123,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         default=WIDTH,
         help=f"of each picture on the sheet, in pixels; default: {WIDTH}",
     )
-    parser.add_argument(
-        "--jobs", type=partial(at_least, 1), default=1, help="photos at once; default: 1"
-    )
+    add_jobs(parser, 1, "photos")
     parser.add_argument("--keep", type=Path, help="folder for the results and their kernels")
     args = parser.parse_args(argv)
-    # one thread a photo, before the processes that do the work load their libraries
-    os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    try:
-        photos = checked(args.photos, args.output, args.keep)
-        lines = []
-        with ProcessPoolExecutor(args.jobs, mp_context=get_context("spawn")) as pool:
-            for line in pool.map(partial(fixed, width=args.width, folder=args.keep), photos):
-                print(line.caption[0], flush=True)
-                lines.append(line)
-        sheet(lines, 5 * args.width + 6 * GAP).save(args.output)
-    except (DeshakeError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        if hint := getattr(error, "hint", None):
-            print(f"hint: {hint}", file=sys.stderr)
-        return 1
-    return int(any(line.failed for line in lines))
+    use_one_thread()  # before the processes that do the work load their libraries
+    return guarded(partial(run, args))
 
 
 if __name__ == "__main__":

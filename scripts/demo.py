@@ -14,6 +14,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from bench.cases.shipped import SHIPPED
+from bench.metrics import motion_between, psnr
 from PIL import Image, ImageDraw, ImageFont, ImageOps
 
 from deshake import read_kernel, render_comparison, render_filters, render_kernel
@@ -45,14 +47,8 @@ def deshake(*args: object) -> None:
 
 
 def shipped_photo(name: str) -> Image.Image:
-    """Return a photo from scikit-image's or scikit-learn's wheel."""
-    if name in {"china", "flower"}:
-        from sklearn.datasets import load_sample_image  # noqa: PLC0415
-
-        return Image.fromarray(load_sample_image(f"{name}.jpg"))
-    from skimage import data  # noqa: PLC0415
-
-    return Image.fromarray(getattr(data, name)())
+    """Return a photo that a development dependency ships."""
+    return Image.fromarray(SHIPPED[name]())
 
 
 def save_with_lens(photo: Image.Image, path: Path) -> None:
@@ -76,16 +72,16 @@ def aligned_psnr(photo: np.ndarray, truth: np.ndarray) -> float:
     The truth is first shifted and turned as a whole, to fractions of a pixel, to where it fits
     the photo best: no blind method can know where the camera pointed on average.
     """
-    motion = np.eye(2, 3, dtype=np.float32)
-    stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-7)
-    greys = [cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY) for picture in (photo, truth)]
-    _, motion = cv2.findTransformECC(*greys, motion, cv2.MOTION_EUCLIDEAN, stop, None, 5)
+    still = np.eye(2, 3, dtype=np.float32)
+    grey, sharp = (cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY) for picture in (photo, truth))
+    motion = motion_between(sharp, grey, still, iterations=200, precision=1e-7)
+    if motion is None:  # nothing fits
+        motion = still
     size = photo.shape[1::-1]
     way = cv2.INTER_LANCZOS4 | cv2.WARP_INVERSE_MAP
     moved = cv2.warpAffine(truth, motion, size, flags=way, borderMode=cv2.BORDER_REPLICATE)
     inner = (slice(BORDER, -BORDER), slice(BORDER, -BORDER))
-    error = photo[inner].astype(np.float64) - np.clip(moved, 0, 1)[inner]
-    return float(-10 * np.log10(np.mean(error**2)))
+    return psnr(photo[inner].astype(np.float64), np.clip(moved, 0, 1)[inner])
 
 
 def crop_side(picture: np.ndarray) -> int:

@@ -22,13 +22,17 @@ import argparse
 import re
 import sys
 import time
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
+from bench.arguments import add_jobs, names
+from bench.errors import MissingDataError
+from bench.markdown import head, row
+from bench.processes import completed
+from bench.program import explained, guarded
 from numpy.typing import NDArray
 
 from deshake.blind.variational.estimate import estimate_variational
@@ -87,7 +91,7 @@ class Cell(NamedTuple):
 CELLS = [Cell(axis, extent, sigma) for axis in AXES for sigma in SIGMAS for extent in EXTENTS]
 
 
-class Score(NamedTuple):
+class Errors(NamedTuple):
     """RMS errors of 255 with the estimated kernel, the true one, and none; seconds it took."""
 
     estimated: float
@@ -106,15 +110,6 @@ def parse_cells(text: str) -> list[Cell]:
             raise argparse.ArgumentTypeError(message)
         cells.append(Cell(match[1], int(match[2]), int(match[3])))
     return cells
-
-
-def parse_models(text: str) -> list[str]:
-    """Read names of models, ``R,U``."""
-    models = [name.strip() for name in text.split(",")]
-    if not set(models) <= set(MODELS):
-        message = f"{text!r} is not R, U or R,U"
-        raise argparse.ArgumentTypeError(message)
-    return models
 
 
 def shaken(sharp: Image, cell: Cell, seed: int) -> tuple[Image, RotationKernel]:
@@ -167,7 +162,7 @@ def aligned_rms(restored: Image, sharp: Image) -> float:
     return float(np.sqrt((error(angles, 0.0) ** 2).mean()))
 
 
-def score(sharp: Image, cell: Cell, model: str, seed: int) -> Score:
+def score(sharp: Image, cell: Cell, model: str, seed: int) -> Errors:
     """Shake the photo, estimate the kernel, and compare what the two kernels restore."""
     start = time.perf_counter()
     photo, true = shaken(sharp, cell, seed)
@@ -187,7 +182,7 @@ def score(sharp: Image, cell: Cell, model: str, seed: int) -> Score:
         clipped: Image = np.clip(done.pixels, 0, 1) * np.float32(255)
         return clipped
 
-    return Score(
+    return Errors(
         aligned_rms(restored(blind_estimate.kernel), sharp),
         aligned_rms(restored(true), sharp),
         aligned_rms(photo, sharp),
@@ -195,13 +190,13 @@ def score(sharp: Image, cell: Cell, model: str, seed: int) -> Score:
     )
 
 
-def table(scores: dict[tuple[Cell, str], Score], model: str) -> str:
+def table(scores: dict[tuple[Cell, str], Errors], model: str) -> str:
     """Write one model's part of the paper's table, in Markdown, beside the paper's numbers."""
-    head = "".join(f" {extent} px | paper |" for extent in EXTENTS)
-    lines = [f"| {MODELS[model]} |{head}", "|---|" + "---|" * (2 * len(EXTENTS))]
+    titles = [title for extent in EXTENTS for title in (f"{extent} px", "paper")]
+    lines = [head([MODELS[model], *titles])]
     for axis in AXES:
         for sigma in SIGMAS:
-            line = f"| {axis}, sigma {sigma} |"
+            cells = [f"{axis}, sigma {sigma}"]
             for extent, (rms, ratio) in zip(EXTENTS, PAPER[axis, sigma, model], strict=True):
                 scored = scores.get((Cell(axis, extent, sigma), model))
                 ours = (
@@ -209,54 +204,58 @@ def table(scores: dict[tuple[Cell, str], Score], model: str) -> str:
                     if scored
                     else ""
                 )
-                line += f" {ours} | {rms:.1f} ({ratio:.1f}) |"
-            lines.append(line)
+                cells += [ours, f"{rms:.1f} ({ratio:.1f})"]
+            lines.append(row(cells))
     return "\n".join(lines)
 
 
-def run(sharp: Image, args: argparse.Namespace) -> dict[tuple[Cell, str], Score]:
+def score_all(sharp: Image, args: argparse.Namespace) -> dict[tuple[Cell, str], Errors]:
     """Score all cells, some at once, and print each as it is done."""
-    scores: dict[tuple[Cell, str], Score] = {}
-    with ProcessPoolExecutor(args.jobs, mp_context=get_context("spawn")) as pool:
-        works = {
-            pool.submit(score, sharp, cell, model, args.seed): (cell, model)
-            for model in args.models
-            for cell in args.cells
-        }
-        for work in as_completed(works):
-            cell, model = works[work]
-            scores[cell, model] = scored = work.result()
-            print(
-                f"{cell} {model}: {scored.estimated:.2f} ({scored.estimated / scored.true:.3f}), "
-                f"true kernel {scored.true:.2f}, blurred {scored.blurred:.2f}, "
-                f"{scored.seconds:.0f} s",
-                file=sys.stderr,
-                flush=True,
-            )
+    scores: dict[tuple[Cell, str], Errors] = {}
+    tasks = {
+        (cell, model): (sharp, cell, model, args.seed)
+        for model in args.models
+        for cell in args.cells
+    }
+    for (cell, model), scored in completed(score, tasks, args.jobs):
+        scores[cell, model] = scored
+        print(
+            f"{cell} {model}: {scored.estimated:.2f} ({scored.estimated / scored.true:.3f}), "
+            f"true kernel {scored.true:.2f}, blurred {scored.blurred:.2f}, "
+            f"{scored.seconds:.0f} s",
+            file=sys.stderr,
+            flush=True,
+        )
     return scores
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the protocol."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--data", type=Path, required=True, help=f"folder that holds {PHOTO}")
-    parser.add_argument("--cells", type=parse_cells, default=CELLS, help="default: all 18")
-    parser.add_argument("--models", type=parse_models, default=list(MODELS), help="default: R,U")
-    parser.add_argument("--jobs", type=int, default=2, help="cells at once; default: 2")
-    parser.add_argument("--seed", type=int, default=0, help="of the noise; default: 0")
-    args = parser.parse_args(argv)
-    path = args.data / PHOTO
+def read_photo(folder: Path) -> Image:
+    """Read the photo, 0..255; raise MissingDataError where it is not there."""
+    path = folder / PHOTO
     sharp = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
     if sharp is None:
-        print(f"error: {path}: no such photo", file=sys.stderr)
-        print("hint: --data names the folder of the authors' test photo", file=sys.stderr)
-        return 1
-    scores = run(sharp.astype(np.float32), args)
+        raise MissingDataError(f"{path}: no such photo; --data names the folder of {PHOTO}")
+    return sharp.astype(np.float32)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the protocol, and print the tables."""
+    scores = score_all(read_photo(args.data), args)
     for model in args.models:
         print(table(scores, model), end="\n\n")
     return 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Read the command line, and run the protocol."""
+    parser = explained(__doc__)
+    parser.add_argument("--data", type=Path, required=True, help=f"folder that holds {PHOTO}")
+    parser.add_argument("--cells", type=parse_cells, default=CELLS, help="default: all 18")
+    models = partial(names, known=tuple(MODELS))
+    parser.add_argument("--models", type=models, default=list(MODELS), help="default: R,U")
+    add_jobs(parser, 2, "cells")
+    parser.add_argument("--seed", type=int, default=0, help="of the noise; default: 0")
+    return guarded(partial(run, parser.parse_args(argv)))
 
 
 if __name__ == "__main__":

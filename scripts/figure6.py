@@ -19,17 +19,20 @@ true one.
 
 from __future__ import annotations
 
-import argparse
 import sys
-import time
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from fnmatch import fnmatch
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, get_args
 
 import cv2
 import numpy as np
+from bench.arguments import add_jobs, names
+from bench.errors import MissingDataError
+from bench.markdown import head, row
+from bench.metrics import decibels
+from bench.processes import completed, measured
+from bench.program import explained, guarded
 from numpy.typing import NDArray
 from scipy.io import loadmat
 
@@ -41,6 +44,7 @@ from deshake.restore.sparse_gradients import sparse_gradients
 from deshake.run import Run
 
 if TYPE_CHECKING:
+    import argparse
     from collections.abc import Sequence
 
 Image = NDArray[np.float32]
@@ -53,12 +57,23 @@ RATIOS = (2, 3)  # that cases are counted by
 PUBLISHED = "Fergus 29.46, Cho & Lee 30.79, Levin 2011 31.14, Xu & Jia 31.36, dark channel 31.73"
 
 
-class Case(NamedTuple):
+class LevinPhoto(NamedTuple):
     """A photo, what it should look like, and the kernel (rows, columns) it is correlated with."""
 
     blurred: Image
     sharp: Image
     filter: NDArray[np.float64]
+
+
+class Way(NamedTuple):
+    """How a kernel is estimated: the estimator, and whether the camera may also roll."""
+
+    estimator: Estimator
+    free: bool = False
+
+    def __str__(self) -> str:
+        """Name it."""
+        return self.estimator + ", roll free" * self.free
 
 
 class Error(NamedTuple):
@@ -69,10 +84,10 @@ class Error(NamedTuple):
 
     def __str__(self) -> str:
         """Show it as PSNR in dB, that of whole pixels in brackets."""
-        return f"{psnr(self.quarters):.2f} ({psnr(self.whole):.2f})"
+        return f"{decibels(self.quarters):.2f} ({decibels(self.whole):.2f})"
 
 
-class Score(NamedTuple):
+class Errors(NamedTuple):
     """Errors with the estimated kernel, the true one, and none; which kernel; seconds it took."""
 
     estimated: Error
@@ -87,22 +102,7 @@ class Score(NamedTuple):
         return self.estimated.quarters / self.true.quarters
 
 
-def psnr(squared: float) -> float:
-    """Return the PSNR in dB of a mean squared error, the peak being 1."""
-    return float(-10 * np.log10(squared))
-
-
-def parse_estimators(text: str) -> list[Estimator]:
-    """Read names of estimators, ``edges,variational``."""
-    known: dict[str, Estimator] = {name: name for name in get_args(Estimator)}
-    names = [name.strip() for name in text.split(",")]
-    if not set(names) <= set(known):
-        message = f"{text!r} is not among {','.join(known)}"
-        raise argparse.ArgumentTypeError(message)
-    return [known[name] for name in names]
-
-
-def found_cases(folder: Path, patterns: str) -> list[Path]:
+def matching_files(folder: Path, patterns: str) -> list[Path]:
     """Find the files whose names, less the suffix, match one of the patterns, ``im05*,im06_*``."""
     wanted = [pattern.strip() for pattern in patterns.split(",")]
     return [
@@ -110,11 +110,11 @@ def found_cases(folder: Path, patterns: str) -> list[Path]:
     ]
 
 
-def read_case(path: Path) -> Case:
+def read_case(path: Path) -> LevinPhoto:
     """Read a case."""
     fields = loadmat(path)
     blurred, sharp = (np.ascontiguousarray(fields[name], np.float32) for name in "yx")
-    return Case(blurred, sharp, np.asarray(fields["f"], np.float64))
+    return LevinPhoto(blurred, sharp, np.asarray(fields["f"], np.float64))
 
 
 def true_kernel(correlated: NDArray[np.float64], camera: Camera) -> RotationKernel:
@@ -147,111 +147,99 @@ def shifted_error(restored: Image, sharp: Image) -> Error:
     return Error(min(errors.values()), errors[0, 0])
 
 
-def score(path: Path, estimator: Estimator, *, free: bool) -> Score:
+def score(path: Path, way: Way) -> Errors:
     """Estimate the kernel of a case, and compare what it and the true one restore."""
     cv2.setNumThreads(1)
     case = read_case(path)
     height, width = case.blurred.shape
     long = Camera.from_focal(LONG_LENS * max(height, width), height, width)
-    start = time.perf_counter()
-    blind_estimate = estimate_kernel(
-        case.blurred, long, estimator=estimator, uniform=not free, run=Run(1)
-    )
-    seconds = time.perf_counter() - start
+    work = partial(estimate_kernel, case.blurred, long, estimator=way.estimator, run=Run(1))
+    blind_estimate, cost = measured(partial(work, uniform=not way.free))
 
     def error(kernel: RotationKernel) -> Error:
         restored = sparse_gradients(case.blurred, kernel, run=Run(1)).pixels
         return shifted_error(np.clip(restored, 0, 1), case.sharp)
 
     true = true_kernel(case.filter, Camera.uniform(height, width))
-    return Score(
+    return Errors(
         error(blind_estimate.kernel),
         error(true),
         shifted_error(case.blurred, case.sharp),
         blind_estimate.name,
-        seconds,
+        cost.seconds,
     )
 
 
-def summary(scores: Sequence[Score]) -> str:
+def mean_cells(scores: Sequence[Errors]) -> list[str]:
     """Sum up the scores of an estimator: means of the PSNR, ratios, seconds."""
     columns = []
     for errors in zip(*((s.estimated, s.true, s.blurred) for s in scores), strict=True):
         quarters, whole = (
-            np.mean([psnr(getattr(e, way)) for e in errors]) for way in Error._fields
+            np.mean([decibels(getattr(e, way)) for e in errors]) for way in Error._fields
         )
         columns.append(f"{quarters:.2f} ({whole:.2f})")
     ratios = np.array([s.ratio for s in scores])
     counts = ", ".join(f"{int((ratios <= most).sum())} <= {most}" for most in RATIOS)
     seconds = np.mean([s.seconds for s in scores])
-    return " | ".join([*columns, f"{counts} of {len(ratios)}", "", f"{seconds:.1f}"])
+    return [*columns, f"{counts} of {len(ratios)}", "", f"{seconds:.1f}"]
 
 
-def table(scores: dict[str, Score], title: str) -> str:
+def table(scores: dict[str, Errors], title: str) -> str:
     """Write the scores of one estimator by case, and their means, in Markdown."""
+    titles = ["estimated", "true kernel", "blurred", "error ratio", "kernel", "seconds"]
     lines = [
-        f"| {title} | estimated | true kernel | blurred | error ratio | kernel | seconds |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    lines += [
-        f"| {case} | {s.estimated} | {s.true} | {s.blurred} | {s.ratio:.2f} | {s.name} "
-        f"| {s.seconds:.1f} |"
+        row([case, s.estimated, s.true, s.blurred, f"{s.ratio:.2f}", s.name, f"{s.seconds:.1f}"])
         for case, s in sorted(scores.items())
     ]
-    return "\n".join([*lines, f"| mean | {summary(list(scores.values()))} |"])
+    return "\n".join(
+        [head([title, *titles]), *lines, row(["mean", *mean_cells(list(scores.values()))])]
+    )
 
 
-def run(
-    paths: Sequence[Path], args: argparse.Namespace
-) -> dict[tuple[Estimator, bool], dict[str, Score]]:
+def score_all(paths: Sequence[Path], args: argparse.Namespace) -> dict[Way, dict[str, Errors]]:
     """Score all cases, some at once, and print each as it is done."""
     models = (False, True) if args.free else (False,)
-    scores: dict[tuple[Estimator, bool], dict[str, Score]] = {
-        (estimator, free): {} for estimator in args.estimators for free in models
+    scores: dict[Way, dict[str, Errors]] = {
+        Way(estimator, free): {} for estimator in args.estimators for free in models
     }
-    with ProcessPoolExecutor(args.jobs, mp_context=get_context("spawn")) as pool:
-        works = {
-            pool.submit(score, path, estimator, free=free): (path.stem, estimator, free)
-            for estimator, free in scores
-            for path in paths
-        }
-        for work in as_completed(works):
-            case, estimator, free = works[work]
-            scores[estimator, free][case] = scored = work.result()
-            print(
-                f"{case} {estimator}{' free' * free}: {scored.estimated}, "
-                f"ratio {scored.ratio:.2f}, {scored.seconds:.0f} s",
-                file=sys.stderr,
-                flush=True,
-            )
+    tasks = {(path.stem, way): (path, way) for way in scores for path in paths}
+    for (case, way), scored in completed(score, tasks, args.jobs):
+        scores[way][case] = scored
+        print(
+            f"{case} {way}: {scored.estimated}, ratio {scored.ratio:.2f}, {scored.seconds:.0f} s",
+            file=sys.stderr,
+            flush=True,
+        )
     return scores
 
 
+def run(args: argparse.Namespace) -> int:
+    """Run the protocol, and print the tables."""
+    paths = matching_files(args.data, args.cases)
+    if not paths:
+        raise MissingDataError(
+            f"{args.data}: no case {args.cases}; --data names the folder of {FILES}"
+        )
+    for way, scores in score_all(paths, args).items():
+        print(table(scores, str(way)), end="\n\n")
+    print(f"Published means, of 32 photos: {PUBLISHED}.")
+    return 0
+
+
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the protocol."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    """Read the command line, and run the protocol."""
+    parser = explained(__doc__)
     parser.add_argument("--data", type=Path, required=True, help=f"folder that holds {FILES}")
     parser.add_argument("--cases", default="*", help="such as im06_flit02 or im05*; default: all")
     parser.add_argument(
         "--estimators",
-        type=parse_estimators,
+        type=partial(names, known=get_args(Estimator)),
         default=["edges"],
         help="of edges,variational; default: edges",
     )
     parser.add_argument("--free", action="store_true", help="score the rotational model, too")
-    parser.add_argument("--jobs", type=int, default=2, help="cases at once; default: 2")
-    args = parser.parse_args(argv)
-    paths = found_cases(args.data, args.cases)
-    if not paths:
-        print(f"error: {args.data}: no case {args.cases}", file=sys.stderr)
-        print(f"hint: --data names the folder of {FILES}", file=sys.stderr)
-        return 1
-    for (estimator, free), scores in run(paths, args).items():
-        print(table(scores, estimator + ", roll free" * free), end="\n\n")
-    print(f"Published means, of 32 photos: {PUBLISHED}.")
-    return 0
+    add_jobs(parser, 2)
+    return guarded(partial(run, parser.parse_args(argv)))
 
 
 if __name__ == "__main__":

@@ -8,13 +8,12 @@ The sheet has the blurred photo, the noisy one (registered, and as bright), and 
 makes of them by the uniform and by the rotational model; below, the parts with most detail at twice
 the size; then both kernels as cuboids, and as local filters over the frame.
 
-A case is a simulated pair (`shaken_pairs`), whose truth stands at the end; DIR, or its folder
-nexus5, holds orientation logs of a hand-held phone (`hand_shakes`).
+A case is a simulated pair (`bench.cases.pairs`), whose truth stands at the end; DIR, or its folder
+nexus5, holds orientation logs of a hand-held phone (`bench.hands`).
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
 import textwrap
 import time
@@ -24,14 +23,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
-from arguments import at_least
-from hand_shakes import find_logs
+from bench.arguments import add_threads, at_least
+from bench.cases.pairs import PAIRS, shaken_pair
+from bench.hands import find_logs
+from bench.metrics import Score, display
+from bench.program import check_sheet_name, explained, guarded
 from numpy.typing import NDArray
 from PIL import Image
-from shaken_pairs import PAIRS, shaken_pair
-from shaken_photos import display, psnr, ssim
 
-from deshake.errors import DeshakeError, OutputError
 from deshake.files.disk import check_output
 from deshake.files.kernel_file import CameraFile
 from deshake.formats.photo import Photo, read_photo
@@ -50,6 +49,7 @@ from deshake.stages.pair_estimate import estimate_pair
 from deshake.stages.registering import find_registration
 
 if TYPE_CHECKING:
+    import argparse
     from collections.abc import Callable, Sequence
 
     from deshake.geometry.kernel import RotationKernel
@@ -148,8 +148,8 @@ def caption(pair: PairToShow, done: Shown, columns: int) -> list[str]:
 
 def score(photo: Photo, truth: Photo) -> str:
     """PSNR and SSIM of display values."""
-    one, other = display(photo.pixels), display(truth.pixels)
-    return f"  {psnr(one, other):.2f} dB, {ssim(one, other):.3f}"
+    likeness = Score.of(display(photo.pixels), display(truth.pixels))
+    return f"  {likeness.psnr:.2f} dB, {likeness.ssim:.3f}"
 
 
 def lay_out(pair: PairToShow, done: Shown, beside: Sequence[Path], width: int) -> list[Line]:
@@ -224,9 +224,7 @@ def chosen(parser: argparse.ArgumentParser, args: argparse.Namespace) -> PairToS
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Deblur the pair and draw the sheet."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = explained(__doc__)
     parser.add_argument("photos", nargs="*", type=Path, metavar="PHOTO", help="blurred, then noisy")
     parser.add_argument("-o", "--output", type=Path, required=True, help="the sheet, PNG or JPEG")
     parser.add_argument("--case", choices=PAIRS, metavar="CASE", help="a simulated pair instead")
@@ -242,22 +240,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--width", type=least, default=WIDTH, help=f"of a picture on the sheet; default: {WIDTH}"
     )
-    parser.add_argument(
-        "--threads", type=partial(at_least, 1), default=1, help="of the work; default: 1"
-    )
+    add_threads(parser, 1)
     args = parser.parse_args(argv)
-    try:
-        if args.output.suffix.lower() not in {".png", ".jpg", ".jpeg"}:
-            raise OutputError("the sheet's name must end in .png or .jpg", file=args.output)
+
+    def run() -> int:
+        check_sheet_name(args.output)
         pair = chosen(parser, args)
         done = deblurred(pair, args.threads)
         sheet(lay_out(pair, done, args.beside, args.width)).save(args.output)
-    except (DeshakeError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        if hint := getattr(error, "hint", None):
-            print(f"hint: {hint}", file=sys.stderr)
-        return 1
-    return 0
+        return 0
+
+    return guarded(run)
 
 
 if __name__ == "__main__":

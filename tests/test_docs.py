@@ -61,8 +61,9 @@ def shell_examples(text: str) -> list[str]:
 
 
 def script_runs(text: str) -> list[str]:
-    """Runs of scripts that a document names, in shell blocks, tables and sentences."""
-    return [run.strip() for run in re.findall(r"python (scripts/[^`|\n#]+)", text)]
+    """Runs of our programs that a document names, in shell blocks, tables and sentences."""
+    programs = r"python ((?:scripts/|-m tests\.)[^`|\n#]+)"
+    return [run.strip() for run in re.findall(programs, text)]
 
 
 def anchors(text: str) -> set[str]:
@@ -210,9 +211,14 @@ def parse(run: str, monkeypatch: pytest.MonkeyPatch) -> None:
         raise ParsedError
 
     monkeypatch.setattr(argparse.ArgumentParser, "parse_args", parse_only)
-    monkeypatch.setattr(sys, "argv", [name, *args])
+    monkeypatch.setattr(sys, "argv", [name, *args[name == "-m" :]])
     monkeypatch.syspath_prepend(str(ROOT / "scripts"))
-    runpy.run_path(str(ROOT / name), run_name="__main__")
+    if name == "-m":
+        module = args[0].removeprefix("tests.")
+        monkeypatch.delitem(sys.modules, module, raising=False)  # another test may have imported it
+        runpy.run_module(module, run_name="__main__")
+    else:
+        runpy.run_path(str(ROOT / name), run_name="__main__")
 
 
 @pytest.mark.parametrize("run", sorted({run for _, run in RUNS}))
@@ -237,11 +243,15 @@ def test_a_wrong_run_of_a_script_would_be_seen(monkeypatch: pytest.MonkeyPatch) 
         parse(missing, monkeypatch)
 
 
-def test_every_benchmark_and_figure_is_documented() -> None:
-    measured = [*(ROOT / "scripts").glob("benchmark_*.py"), *(ROOT / "scripts").glob("figure*.py")]
-    known = {run.split()[0] for _, run in RUNS}
-    assert measured
-    assert {f"scripts/{path.name}" for path in measured} <= known
+def test_every_table_and_figure_is_documented() -> None:
+    scripts = ROOT / "scripts"
+    modules = [path.stem for path in (scripts / "bench" / "tables").glob("[a-z]*.py")]
+    tables = {f"scripts/bench.py {name.replace('_', '-')}" for name in modules}
+    figures = {f"scripts/{path.name}" for path in scripts.glob("figure*.py")}
+    assert tables
+    assert figures
+    assert tables <= {" ".join(run.split()[:2]) for _, run in RUNS}
+    assert figures <= {run.split()[0] for _, run in RUNS}
 
 
 @pytest.fixture

@@ -32,7 +32,7 @@ Kind = Literal["sharp", "shaken", "soft", "out of focus", "unclear"]
 
 @dataclass(frozen=True)
 class _Settings:
-    """Thresholds, tuned on the 63 cases `tune` of `scripts/benchmark_shakes.py`.
+    """Thresholds, tuned on the 63 cases `tune` of `bench.py shakes`.
 
     Parameters
     ----------

@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 import pytest
 import tifffile
-from crafted_photos import CITY, HEIGHT, ICC, KINDS, NOTE, TITLE, WIDTH, codes, photo
 from PIL import Image
 from support import metadata_readers
+from support.crafted_photos import CITY, HEIGHT, ICC, KINDS, NOTE, TITLE, WIDTH, codes, photo
 
 from deshake.files.kernel_file import KernelFile, write_kernel
 from deshake.geometry.camera import Camera

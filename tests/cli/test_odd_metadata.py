@@ -8,8 +8,8 @@ import struct
 import zlib
 
 import pytest
-from crafted_photos import HEIGHT, ICC, WIDTH, codes, photo
 from PIL import Image, ImageCms
+from support.crafted_photos import HEIGHT, ICC, WIDTH, codes, photo
 
 from deshake.files.kernel_file import KernelFile, write_kernel
 from deshake.geometry.camera import Camera

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 import tifffile
-from heic_writer import heic
 from PIL import Image
+from support.heic_writer import heic
 
 from deshake.files.kernel_file import KernelFile, write_kernel
 from deshake.geometry.camera import Camera

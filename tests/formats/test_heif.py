@@ -4,7 +4,7 @@ import sys
 
 import numpy as np
 import pytest
-from heic_writer import heic
+from support.heic_writer import heic
 
 from deshake.errors import PhotoError
 from deshake.formats.heif import decode_heif

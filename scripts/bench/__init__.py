@@ -1,0 +1,1 @@
+"""What the benchmark program and the figures share: cases, metrics, processes, tables."""

@@ -1,0 +1,1 @@
+"""The tables of `bench.py`, one module each: `add_arguments(parser)` and `run(args)`."""
