@@ -317,7 +317,7 @@ def _staying(job: Job, tops: Sequence[Path]) -> Job:
         real = os.path.realpath(path.parent)
         if os.path.commonpath([real, os.path.realpath(top)]) != os.path.realpath(top):
             problem = OutputError(
-                f"a link leads from here out of {top}, to {real}",
+                f"lies behind a link that leads out of {top}, to {real}",
                 hint="remove the link, or name that folder with -o",
                 file=path.parent,
             )
