@@ -118,8 +118,8 @@ def estimate_kernel(
     check_size(h, w, 1.0 if blur_px is None else blur_px)
     part = np.s_[y : y + h, x : x + w]
     if clipped is not None and not (~clipped[part]).mean() > _LEAST_USABLE:
-        msg = "nearly all pixels are clipped: there is nothing to estimate a blur kernel from"
-        raise EstimationError(msg, hint="a --region that is not clipped may do")
+        msg = "nearly all pixels are clipped: there is no detail to estimate the shake from"
+        raise EstimationError(msg, hint="name a part with detail: --region X,Y,W,H")
     whole = Camera.uniform(height, width) if uniform else camera
     pyramid = Pyramid(
         grey[part], whole.cropped(x, y, w, h), None if clipped is None else ~clipped[part]
@@ -153,15 +153,16 @@ def _concluded(
     scattered = trust < _CHANCE and SCATTERED in notes
     if trust < _HOPELESS or scattered:
         note = (
-            f"no kernel betters the photo, the best one is doubtful (confidence {trust:.2f}): "
-            "the photo is left as it is"
+            f"no estimate of the shake improves it (best confidence {trust:.2f}): the photo is "
+            "left as it is"
         )
         return _unchanged(pyramid, whole, min(trust, _HOPELESS), note)
     if FILLED in notes and trust < 1:
         trust = min(trust, 0.9)
     if trust < _DOUBTFUL:
         notes.append(
-            f"the kernel is doubtful (confidence {trust:.2f}): compare the result with the photo"
+            f"the estimate of the shake is doubtful (confidence {trust:.2f}): compare the result "
+            "with the photo"
         )
     latent = latent_gradients(pyramid, kernel)
     final = filled_path(kernel).for_camera(whole)

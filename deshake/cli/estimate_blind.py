@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from deshake.cli.batch import batch_options, photos_argument, planned, run_batch
+from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
     FILE,
     chosen_estimate,
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 
-@click.command("estimate-blind")
+@click.command("estimate-blind", cls=GroupedCommand)
 @photos_argument
 @output_option(
     "PHOTO's name with .kernel.npz",

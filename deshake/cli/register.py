@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from deshake.cli.batch import frame_options, planned, run_batch
+from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
     FILE,
     camera_option,
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 
-@click.command("register")
+@click.command("register", cls=GroupedCommand)
 @click.argument("blurred", type=FILE, callback=no_stdin)
 @click.argument("noisy", type=FILE, callback=no_stdin)
 @output_option("BLURRED's name with .registration.npz", metavar="FILE.npz")

@@ -174,4 +174,4 @@ def test_usage(photos):
     folder, _ = photos
     for more in (("-j", 2), ("--memory", "1G")):
         code, _, err = deshake("fix", folder, "--scheduler", "tcp://127.0.0.1:9", *more)
-        assert (code, "do not go with --scheduler" in err) == (2, True)
+        assert (code, "cannot both be given" in err) == (2, True)

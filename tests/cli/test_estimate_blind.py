@@ -83,7 +83,7 @@ def test_an_assumed_lens_is_said(deshake, shaken, tmp_path):
     photo = shaken("a.jpg")
     outcome = deshake("estimate-blind", photo, *EDGES)
     assert outcome.code == 0
-    assert f"warning: {photo}: its metadata state no focal length; a 50 mm-equ" in outcome.err
+    assert f"warning: {photo}: no focal length in its metadata; a 50 mm-equ" in outcome.err
     camera = read_kernel(tmp_path / "a.kernel.npz").kernel.camera
     assert camera.focal_px == pytest.approx(148, abs=1)
 
@@ -123,7 +123,7 @@ def _here(tmp_path, monkeypatch):
         (("--region", "50,0,60,80"), "the region 50,0,60,80 reaches beyond its 100 x 80 pixels"),
         (("--region", "0,0,20,20"), "20x20 pixels are too few"),
         (("--blur-size", 90), "a blur of 90 px does not fit"),
-        (("--focal-px", 1), "--focal-px 1 makes a focal length"),
+        (("--focal-px", 1), "a focal length of 1 pixels (--focal-px 1) cannot be right"),
         (("--camera", "other.npz"), "is for pictures of 100 x 100 pixels, and"),
         (("--camera", "turned.npz"), "is for pictures of 160 x 200 pixels, and"),
         (("--camera", "none.npz"), "none.npz: no such file"),

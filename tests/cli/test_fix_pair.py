@@ -114,8 +114,11 @@ def _here(pair, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("args", "what"),
     [
-        (("blurred.png", "noisy.png", "--noisy", "noisy.png"), "one noisy photo goes with one"),
-        ((".", "--noisy", "noisy.png"), "one noisy photo goes with one"),
+        (
+            ("blurred.png", "noisy.png", "--noisy", "noisy.png"),
+            "--noisy goes with one photo: run several one by one",
+        ),
+        ((".", "--noisy", "noisy.png"), "--noisy goes with one photo: run several one by one"),
         (("blurred.png", "--noisy", "./blurred.png"), "is the photo itself"),
         (("blurred.png", "--noisy", "link.png"), "is the photo itself"),
         (("blurred.png", "--noisy", "noisy.png", "--region", "0,0,9,9"), "--region does not go"),

@@ -114,7 +114,8 @@ def test_a_bug_is_one_line_and_its_traceback_needs_vv(deshake, trial):
     outcome = deshake("trial")
     assert outcome.code == 1
     assert outcome.err == (
-        "error: ZeroDivisionError: division by zero\nhint: this is a bug; run again with -vv\n"
+        "error: ZeroDivisionError: division by zero\n"
+        "hint: this is a bug in deshake: report it with what -vv prints\n"
     )
     for args in (("-vv", "trial"), ("trial", "-vv"), ("-v", "trial", "-v")):
         assert "Traceback (most recent call last)" in deshake(*args).err

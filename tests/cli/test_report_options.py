@@ -268,7 +268,11 @@ def test_open_opens_the_page_or_the_sheet(folder, tmp_path, args, name):
 
 def test_what_was_done_stands_on_a_line_unless_quiet(deshake, shaken, tmp_path):
     for large, size, words in (
-        (False, 3, r"(left as it is: no kernel betters the photo|shake of [\d.]+ px, doubtful).*"),
+        (
+            False,
+            3,
+            r"(left as it is: no estimate of the shake improves it|shake of [\d.]+ px, doubtful).*",
+        ),
         (True, 10, r"shake of [\d.]+ px, \w.*"),
     ):
         photo = shaken(f"{size}.png", large=large)

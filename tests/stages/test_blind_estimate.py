@@ -107,7 +107,7 @@ def test_dark_halos_do_not_fall_to_black(shaken):
 def test_what_cannot_be_estimated_names_the_photo(shaken):
     photo, _, _ = shaken
     flat = replace(photo, pixels=np.full_like(photo.pixels, 0.5))
-    with pytest.raises(EstimationError, match="no texture") as caught:
+    with pytest.raises(EstimationError, match="no detail") as caught:
         estimate_blind(flat, EstimateOptions(blur_size=3))
     assert caught.value.file == str(photo.source)
 

@@ -273,7 +273,7 @@ def test_photos_and_bounds_must_fit(shape: tuple[int, int], blur: float, words: 
 @pytest.mark.parametrize("value", [0.0, 0.5, 1.0])
 def test_a_flat_photo_has_nothing_to_go_by(value: float) -> None:
     photo = np.full((100, 120), value, np.float32)
-    with pytest.raises(EstimationError, match="no texture"):
+    with pytest.raises(EstimationError, match="no detail"):
         estimate_variational(photo, Camera.from_focal(120.0, 100, 120), blur_px=8)
 
 
