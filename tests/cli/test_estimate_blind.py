@@ -60,17 +60,6 @@ def test_writes_a_kernel_with_its_provenance(deshake, shaken, tmp_path):
         assert f"warning: {photo}: {note}" in outcome.err
 
 
-def test_runs_and_threads_do_not_change_a_byte(deshake, shaken, tmp_path):
-    photo = shaken("a.jpg", large=True)
-    found = set()
-    for number, threads in enumerate((1, 3)):
-        out = tmp_path / f"{number}.npz"
-        args = ("--blur-size", 10, *LENS, "--threads", threads, "-q")
-        assert deshake("estimate-blind", photo, "-o", out, *args).code == 0
-        found.add(out.read_bytes())
-    assert len(found) == 1
-
-
 def test_a_camera_file_stands_for_the_options(deshake, shaken, tmp_path):
     photo = shaken("a.jpg")
     deshake("calibrate", photo, *LENS, "-o", tmp_path / "c.npz")

@@ -24,7 +24,7 @@ QUIET = ("--threads", 1, "-q")
     ("chosen", "how"),
     [((), ()), (("--uniform",), ("--method", "residual", "--iterations", 4))],
 )
-def test_gives_the_bytes_of_its_stages(deshake, pair, tmp_path, chosen, how):
+def test_gives_the_bytes_of_its_stages_with_any_threads(deshake, pair, tmp_path, chosen, how):
     blurred, noisy = pair
     known, kernel, sharp = (tmp_path / name for name in ("r.npz", "k.npz", "sharp.png"))
     told = ("--registration", known, *QUIET)
