@@ -48,8 +48,8 @@ from deshake.geometry.rotations import grid_steps
 from deshake.operators.filter_flow import FilterFlow
 from deshake.operators.local_filters import LocalFilters
 from deshake.operators.patch_inverse import PatchInverse
-from deshake.operators.strips import available_threads
 from deshake.restore.sparse_gradients import sparse_gradients
+from deshake.run import Run, available_threads
 from deshake.simulation.shake_path import random_path
 
 if TYPE_CHECKING:
@@ -136,7 +136,7 @@ def deblur(case: Case, file: Path, quality: str, threads: int) -> Cost:
     """Deblur the photo of a file, in a process that has done nothing else."""
     kernel, photo = case.kernel(), np.load(file)
     start, start_cpu = time.perf_counter(), time.process_time()
-    sparse_gradients(photo, kernel, quality=quality, threads=threads)
+    sparse_gradients(photo, kernel, quality=quality, run=Run(threads))
     seconds, cpu = time.perf_counter() - start, time.process_time() - start_cpu
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * BYTES / 1e9
     return Cost(photo.shape, kernel.extent_px(), len(kernel.weights), seconds, cpu, peak)
@@ -167,7 +167,7 @@ def deblur_counted(case: Case, file: Path, quality: str, threads: int) -> Share:
 
     def time_ffts() -> None:
         for channels, times in took.items():
-            flow = FilterFlow(kernel.camera, kernel.theta, channels=channels, threads=threads)
+            flow = FilterFlow(kernel.camera, kernel.theta, channels=channels, run=Run(threads))
             run = bare_ffts(flow, channels)
             run()  # the first run fills caches
             for _ in range(REPEATS):
@@ -258,7 +258,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         case = base._replace(megapixels=args.fft)
         print_share(alone(deblur_counted, case, args.quality, args.threads))
         return 0
-    measured = cache(partial(alone, deblur, how=args.quality, threads=args.threads))
+    measured = cache(partial(alone, deblur, how=args.quality, run=Run(args.threads)))
     for title, cases in {
         "by megapixels": [base._replace(megapixels=size) for size in args.megapixels],
         "by extent of the blur": [base._replace(extent=extent) for extent in args.extents],

@@ -24,7 +24,7 @@ import numpy as np
 from benchmark_cost import BYTES, Case, alone
 
 from deshake.blind.estimate import estimate_kernel
-from deshake.operators.strips import available_threads
+from deshake.run import Run, available_threads
 from deshake.signal.noise import mean_light
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def estimate(case: Case, file: Path, estimator: str, threads: int) -> Cost:
     """Estimate the kernel of the photo of a file, in a process that has done nothing else."""
     kernel, grey = case.kernel(), mean_light(np.load(file))
     start, start_cpu = time.perf_counter(), time.process_time()
-    estimate_result = estimate_kernel(grey, kernel.camera, estimator=estimator, threads=threads)
+    estimate_result = estimate_kernel(grey, kernel.camera, estimator=estimator, run=Run(threads))
     seconds, cpu = time.perf_counter() - start, time.process_time() - start_cpu
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * BYTES / 1e9
     extents = kernel.extent_px(), estimate_result.kernel.extent_px()

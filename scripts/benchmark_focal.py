@@ -31,6 +31,7 @@ from deshake.blind.estimate import estimate_kernel
 from deshake.errors import DeshakeError, EstimationError
 from deshake.geometry.camera import Camera
 from deshake.restore.dark_halos import without_dark_halos
+from deshake.run import Run
 from deshake.signal.luminance import luminance
 from deshake.stages.methods import restore
 
@@ -105,7 +106,7 @@ def score(case: Case, folder: Path, factors: Sequence[float], seed: int) -> Scor
     def gain(kernel: RotationKernel) -> float:
         if not kernel.theta[kernel.weights > 0].any():
             return 0.0
-        done = restore(pixels, kernel, clipped=clipped, threads=1)
+        done = restore(pixels, kernel, clipped=clipped, run=Run(1))
         ours = display(without_dark_halos(done.pixels, pixels, kernel))
         return max(psnr(one[inner], sharp[inner]) for one in (ours, aligned(ours, sharp))) - blurred
 
@@ -114,7 +115,7 @@ def score(case: Case, folder: Path, factors: Sequence[float], seed: int) -> Scor
         camera = true.camera
         camera = Camera.from_focal(factor * camera.focal_px, camera.height, camera.width)
         try:
-            kernel_estimate = estimate_kernel(grey, camera, clipped=clipped, threads=1)
+            kernel_estimate = estimate_kernel(grey, camera, clipped=clipped, run=Run(1))
         except EstimationError:
             trials.append(Trial(0.0, 0.0))
         else:

@@ -31,6 +31,7 @@ from deshake.geometry.distortion import distorted, pinhole
 from deshake.lens.lens_profiles import find_profile
 from deshake.lens.lens_warp import LensWarp
 from deshake.metadata.metadata import CameraTags
+from deshake.run import Run
 from deshake.simulation.shake_path import random_path
 from deshake.simulation.shaken_photo import shake
 from deshake.stages.methods import restore
@@ -97,11 +98,11 @@ def deblurred(shaken: Shaken, *, undone: bool) -> Image:
     kernel, camera = shaken.kernel, shaken.kernel.camera
     if not undone:
         plain = Camera(camera.matrix, camera.height, camera.width)
-        return restore(shaken.pixels, kernel.for_camera(plain), threads=1).pixels
+        return restore(shaken.pixels, kernel.for_camera(plain), run=Run(1)).pixels
     straight_camera = pinhole(camera, whole=True)
     warp = LensWarp(camera, straight_camera)
     straight = warp.straighten(shaken.pixels)
-    return warp.bend(restore(straight, kernel.for_camera(straight_camera), threads=1).pixels)
+    return warp.bend(restore(straight, kernel.for_camera(straight_camera), run=Run(1)).pixels)
 
 
 def bends(camera: Camera) -> tuple[float, float]:

@@ -27,10 +27,11 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.operators.filter_flow import FilterFlow
 from deshake.operators.patch_inverse import PatchInverse
-from deshake.operators.strips import Strip, available_threads
 from deshake.operators.warps import Warps
+from deshake.run import Run, available_threads
 
 if TYPE_CHECKING:
+    from deshake.operators.strips import Strip
     from deshake.operators.transforms import Transforms
 
 Image = NDArray[np.float32]
@@ -90,7 +91,7 @@ def print_maps(
     camera: Camera, kernel: RotationKernel, channels: int, args: argparse.Namespace
 ) -> None:
     """Time A f, A^T g, P f and B^T r against the FFTs of their blocks."""
-    flow = FilterFlow(camera, kernel.theta, channels=channels, threads=args.threads)
+    flow = FilterFlow(camera, kernel.theta, channels=channels, run=Run(args.threads))
     rng = np.random.default_rng(0)
     tail = () if channels == 1 else (channels,)
     f = rng.random((*flow.latent_shape, *tail), np.float32)
@@ -180,7 +181,7 @@ def print_gram(camera: Camera, count: int, args: argparse.Namespace) -> None:
             margin=0,
             hop=hop,
             channels=2,
-            threads=args.threads,
+            run=Run(args.threads),
         )
         works[f"hop {hop}"] = lambda flow=flow: flow.gram(f)
     seconds = best_of(works, min(args.repeats, 3))

@@ -54,6 +54,7 @@ from deshake.pair.denoising import noisy_photo
 from deshake.pair.registered_pair import RegisteredPair
 from deshake.pair.registration import Registration, registered
 from deshake.pictures.sheets import detailed_part
+from deshake.run import Run
 from deshake.stages.blind_estimate import estimate_blind
 from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.deblurring import deblur
@@ -96,7 +97,7 @@ def own_frame(
     else:
         turned = RegisteredPair(blurred.with_pixels(g), noisy, back, noisy.pixels, valid)
         f_N = turned.on_curves().f_reg
-    own, _ = noisy_photo(g, f_N, lambda image: (image, np.ones_like(valid)), threads=1)
+    own, _ = noisy_photo(g, f_N, lambda image: (image, np.ones_like(valid)), run=Run(1))
     return f_N, np.ascontiguousarray(np.moveaxis(own.denoised, 0, -1)), valid
 
 
@@ -104,8 +105,8 @@ def blind(case: PairCase, logs: Sequence[Path]) -> Score:
     """Score the blurred photo alone, deblurred blindly."""
     pair = shaken_pair(case, logs)
     photo, _ = pair.photos()
-    kernel = estimate_blind(photo, options_of(pair), threads=1).content.kernel
-    shown = display(deblur(photo, kernel, threads=1).pixels)
+    kernel = estimate_blind(photo, options_of(pair), run=Run(1)).content.kernel
+    shown = display(deblur(photo, kernel, run=Run(1)).pixels)
     truth = display(pair.sharp(pair.kernel.centroid))
     return max(Score(psnr(one, truth), ssim(one, truth)) for one in (shown, aligned(shown, truth)))
 
@@ -140,7 +141,7 @@ def compare(
         return done
 
     options = options_of(pair)
-    registering = timed("register", partial(find_registration, blurred, noisy, options, threads=1))
+    registering = timed("register", partial(find_registration, blurred, noisy, options, run=Run(1)))
     registration = registering.registration
     frame = compose(pair.theta, -registration.theta)
     kernels = {
@@ -152,7 +153,7 @@ def compare(
                 noisy,
                 options_of(pair, uniform=what == "uniform kernel"),
                 registration=registration,
-                threads=1,
+                run=Run(1),
             ),
         ).content
         for what in ("kernel", "uniform kernel")
@@ -169,7 +170,7 @@ def compare(
         "denoised": (f_D, noise),
     }
     if "single" in wanted:
-        results["single"] = (deblur(blurred, true, threads=1).pixels, centred)
+        results["single"] = (deblur(blurred, true, run=Run(1)).pixels, centred)
     ways = {
         "uniform": (kernels.get("uniform kernel", kernel).kernel, RestorationOptions("fusion")),
         "residual": (kernel.kernel, RESIDUAL),
@@ -179,11 +180,11 @@ def compare(
     for what in (way for way in ways if way in wanted):
         chosen, how = ways[what]
         work = partial(
-            deblur, blurred, chosen, how, noisy=noisy, registration=registration, threads=1
+            deblur, blurred, chosen, how, noisy=noisy, registration=registration, run=Run(1)
         )
         results[what] = (timed(what, work).pixels, there)
     known = partial(
-        deblur, blurred, kernel.kernel, noisy=noisy, registration=registration, threads=1
+        deblur, blurred, kernel.kernel, noisy=noisy, registration=registration, run=Run(1)
     )
     if "stopped" in wanted:
         light = known(options=RESIDUAL).pixels

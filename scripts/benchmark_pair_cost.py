@@ -33,10 +33,10 @@ from deshake.formats.transfer import LINEAR
 from deshake.geometry.rotations import grid_steps
 from deshake.metadata.metadata import Metadata
 from deshake.operators.filter_flow import FilterFlow
-from deshake.operators.strips import available_threads
 from deshake.pair.pair_pixels import PairPictures, derivatives, drawn_pixels, usable_pixels
 from deshake.pair.pair_rows import PairRows
 from deshake.pair.simplex import least_on_simplex
+from deshake.run import Run, available_threads
 from deshake.signal.noise import mean_light
 from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.deblurring import deblur
@@ -111,9 +111,9 @@ def stages(case: Case, file: Path, quality: Quality, threads: int) -> list[Stage
         return done
 
     registering = timed(
-        "register", lambda: find_registration(blurred, noisy, options, threads=threads)
+        "register", lambda: find_registration(blurred, noisy, options, run=Run(threads))
     )
-    known = {"registration": registering.registration, "threads": threads}
+    known = {"registration": registering.registration, "run": Run(threads)}
     pair = timed("estimate-pair", lambda: estimate_pair(blurred, noisy, options, **known))
     how = RestorationOptions("fusion", quality=quality)
     timed(
@@ -136,7 +136,7 @@ def solved(case: Case, file: Path, count: str, threads: int) -> list[Stage]:
     edges = derivatives(pictures.g)
     drawn = drawn_pixels(edges, usable_pixels(pictures, camera, theta), 0)
     start, start_cpu = time.perf_counter(), time.process_time()
-    rows = PairRows(camera, theta, derivatives(pictures.f), edges, drawn.fitted, threads=threads)
+    rows = PairRows(camera, theta, derivatives(pictures.f), edges, drawn.fitted, run=Run(threads))
     w = least_on_simplex(rows, np.ones(len(theta)), ridge=RIDGE)
     seconds, cpu = time.perf_counter() - start, time.process_time() - start_cpu
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * BYTES / 1e9

@@ -36,6 +36,7 @@ from shaken_photos import CASES, Case, display, psnr, shaken, ssim, wrong
 from deshake.errors import DeshakeError
 from deshake.restore.richardson_lucy import richardson_lucy, richardson_lucy_tv
 from deshake.restore.sparse_gradients import sparse_gradients
+from deshake.run import Run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -130,11 +131,11 @@ def compare(
     truth = display(photo.sharp(kernel.centroid))
     before = display(photo.pixels)
     as_is = display(photo.sharp(np.zeros(3)))
-    known = partial(richardson_lucy, photo.pixels, kernel, threads=1)
+    known = partial(richardson_lucy, photo.pixels, kernel, run=Run(1))
     count, best, timed = best_plain(lambda n: known(iterations=n, accelerated=False), truth)
     done = {
         name: restore(
-            partial(METHODS[name], photo.pixels, kernel, clipped=photo.clipped, threads=1), truth
+            partial(METHODS[name], photo.pixels, kernel, clipped=photo.clipped, run=Run(1)), truth
         )
         for name in methods
     }

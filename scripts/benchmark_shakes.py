@@ -50,6 +50,7 @@ from deshake.formats.transfer import Srgb, encode
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import displacements, grid_steps, homographies
+from deshake.run import Run
 from deshake.stages.blind_estimate import estimate_blind
 from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.deblurring import deblur
@@ -264,7 +265,7 @@ def score(
         part = part_of(photo, wide)
         if kernel is not None:
             camera = kernel.camera.cropped(*wide)
-            part = deblur(part, kernel.for_camera(camera), threads=1)
+            part = deblur(part, kernel.for_camera(camera), run=Run(1))
         ours = in_display(part.pixels[box.within(wide).slices])
         truth = np.ascontiguousarray(sharp[box.slices])
         errors.append(squared_error(ours, truth))
@@ -348,7 +349,7 @@ def measure(case: Case, folder: Path) -> Row:
     kernel, confidence, notes, verdict = None, 0.0, [], "left"
     start = time.process_time()
     try:
-        blind_estimate = estimate_blind(photo, options, threads=1)
+        blind_estimate = estimate_blind(photo, options, run=Run(1))
         kernel, confidence, notes = (
             blind_estimate.content.kernel,
             blind_estimate.content.confidence,

@@ -36,6 +36,7 @@ from sklearn.datasets import load_sample_image
 from deshake.errors import DeshakeError
 from deshake.formats.photo import Photo, read_photo
 from deshake.formats.transfer import Srgb, decode, encode
+from deshake.run import Run
 from deshake.stages.blind_estimate import estimate_blind
 from deshake.stages.deblurring import deblur
 from deshake.stages.estimate_options import EstimateOptions
@@ -198,8 +199,8 @@ def measure(case: Case, folder: Path | None) -> Result:
         path, truth = prepare(case, folder, Path(scratch) / "photo")
         photo = read_photo(path)
         start = time.process_time()
-        blind_estimate = estimate_blind(photo, EstimateOptions(), threads=1)
-        result = deblur(photo, blind_estimate.content.kernel, threads=1)
+        blind_estimate = estimate_blind(photo, EstimateOptions(), run=Run(1))
+        result = deblur(photo, blind_estimate.content.kernel, run=Run(1))
     seconds = time.process_time() - start
     one, other = (encode(item.pixels, Srgb(), 8).astype(np.float32) for item in (photo, result))
     rms = float(np.sqrt(np.square(one - other).mean()) / 255)

@@ -37,6 +37,7 @@ from deshake.operators.planes import channels_first, image_like
 from deshake.restore.richardson_lucy import richardson_lucy
 from deshake.restore.sparse_gradients import sparse_gradients
 from deshake.restore.wiener import point_spread
+from deshake.run import Run
 from deshake.simulation.shake_path import CameraPath, random_path
 
 if TYPE_CHECKING:
@@ -172,7 +173,7 @@ def print_iterations(photo: Photo, truth: Truth, repeats: int) -> dict[str, Scor
     theirs, ours = [], []
     for count in COUNTS:
         works = [partial(by_library, rl_of(count), g, h, way) for way in WAYS]
-        plain = partial(richardson_lucy, g, photo.kernel, accelerated=False, threads=1)
+        plain = partial(richardson_lucy, g, photo.kernel, accelerated=False, run=Run(1))
         mine = partial(plain, iterations=count)
         seconds = fastest([*works, mine], repeats)
         scores = [
@@ -197,7 +198,7 @@ def compare(photo: Photo, truth: Truth, repeats: int) -> None:
     rows["unsupervised Wiener, scikit-image"] = best_of(
         {"its own balance": unsupervised}, photo, truth, repeats
     )
-    default = partial(sparse_gradients, photo.pixels, photo.kernel, threads=1)
+    default = partial(sparse_gradients, photo.pixels, photo.kernel, run=Run(1))
     [seconds] = fastest([default], repeats)
     rows["default, ours"] = truth.score(default().pixels)._replace(seconds=seconds)
     print("| method | PSNR, dB (inner) | best setting | seconds |\n|---|---|---|---|")

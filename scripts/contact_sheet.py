@@ -30,6 +30,7 @@ from deshake.files.kernel_file import write_kernel
 from deshake.formats.photo import read_photo, write_photo
 from deshake.pictures.comparison import before_and_after
 from deshake.pictures.sheets import CHARACTER, GAP, Line, sheet
+from deshake.run import Run
 from deshake.stages.blind_estimate import estimate_blind
 from deshake.stages.deblurring import deblur
 from deshake.stages.estimate_options import EstimateOptions
@@ -70,8 +71,8 @@ def fixed(source: Path, width: int, folder: Path | None) -> Line:
     start = time.perf_counter()
     try:
         photo = read_photo(source)
-        blind_estimate = estimate_blind(photo, EstimateOptions(), threads=1)
-        result = deblur(photo, blind_estimate.content.kernel, threads=1)
+        blind_estimate = estimate_blind(photo, EstimateOptions(), run=Run(1))
+        result = deblur(photo, blind_estimate.content.kernel, run=Run(1))
         seconds = time.perf_counter() - start
         if folder is not None:
             keep(folder, blind_estimate, result)

@@ -37,6 +37,7 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps, homographies
 from deshake.operators.warps import Warps
 from deshake.restore.richardson_lucy import richardson_lucy
+from deshake.run import Run
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -178,11 +179,11 @@ def score(sharp: Image, cell: Cell, model: str, seed: int) -> Score:
         uniform=model == "U",
         finest=True,
         roll_rate=0,
-        threads=1,
+        run=Run(1),
     )
 
     def restored(kernel: RotationKernel) -> Image:
-        done = richardson_lucy(light, kernel, iterations=ITERATIONS, accelerated=False, threads=1)
+        done = richardson_lucy(light, kernel, iterations=ITERATIONS, accelerated=False, run=Run(1))
         clipped: Image = np.clip(done.pixels, 0, 1) * np.float32(255)
         return clipped
 

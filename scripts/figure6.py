@@ -38,6 +38,7 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.restore.sparse_gradients import sparse_gradients
+from deshake.run import Run
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -154,12 +155,12 @@ def score(path: Path, estimator: Estimator, *, free: bool) -> Score:
     long = Camera.from_focal(LONG_LENS * max(height, width), height, width)
     start = time.perf_counter()
     blind_estimate = estimate_kernel(
-        case.blurred, long, estimator=estimator, uniform=not free, threads=1
+        case.blurred, long, estimator=estimator, uniform=not free, run=Run(1)
     )
     seconds = time.perf_counter() - start
 
     def error(kernel: RotationKernel) -> Error:
-        restored = sparse_gradients(case.blurred, kernel, threads=1).pixels
+        restored = sparse_gradients(case.blurred, kernel, run=Run(1)).pixels
         return shifted_error(np.clip(restored, 0, 1), case.sharp)
 
     true = true_kernel(case.filter, Camera.uniform(height, width))

@@ -40,6 +40,7 @@ from deshake.geometry.rotations import compose
 from deshake.pair.registration import registered
 from deshake.pictures.render import render_filters, render_kernel
 from deshake.pictures.sheets import CHARACTER, GAP, Line, detailed_part, resized, sheet, shown
+from deshake.run import Run
 from deshake.signal.luminance import luminance
 from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.deblurring import deblur
@@ -101,12 +102,12 @@ def deblurred(pair: PairToShow, threads: int) -> Shown:
     """Run the stages of `fix --noisy` on a pair, with both models."""
     start = time.perf_counter()
     g, f_N = pair.blurred, pair.noisy
-    registering = find_registration(g, f_N, pair.options, threads=threads)
+    registering = find_registration(g, f_N, pair.options, run=Run(threads))
     registration = registering.registration
     kernels, results = {}, {}
     for model in MODELS:
         options = EstimateOptions(**vars(pair.options) | {"uniform": model == "uniform"})
-        known = {"registration": registration, "threads": threads}
+        known = {"registration": registration, "run": Run(threads)}
         kernels[model] = estimate_pair(g, f_N, options, **known)
         kernel = kernels[model].content.kernel
         results[model] = deblur(g, kernel, RestorationOptions("fusion"), noisy=f_N, **known)

@@ -37,7 +37,7 @@ ALLOWED = {
     "api": {"simulation", "stages", *STAGES},
     "cli": {"batch", "simulation", "stages", *STAGES},
 }
-ANYWHERE = {"errors", "version", ""}
+ANYWHERE = {"errors", "run", "version", ""}
 
 
 def imported(source: str, home: tuple[str, ...]) -> set[str]:

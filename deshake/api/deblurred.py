@@ -10,20 +10,18 @@ from deshake.files.kernel_file import KernelFile
 from deshake.formats.photo import Photo, balanced
 from deshake.geometry.kernel import RotationKernel
 from deshake.pair.registration import Registration
+from deshake.run import Progress, Run
 from deshake.stages.deblurring import deblur as deblur_photo
 from deshake.stages.fitting import check_registration, fitting_kernel
 from deshake.stages.methods import RestorationOptions, default_method
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     import numpy as np
     from numpy.typing import NDArray
 
     from deshake.api.pictures_in import Array, Picture
     from deshake.restore.quality import Quality
 
-    Progress = Callable[[float, str], None]
 
 __all__ = ["deblur"]
 
@@ -173,7 +171,6 @@ def deblur(
         registration=registration,
         search_angle=search_angle,
         keep_geometry=keep_geometry,
-        threads=threads,
-        progress=progress,
+        run=Run(threads, progress),
     )
     return result if isinstance(photo, Photo) else pixels_of(result, photo)

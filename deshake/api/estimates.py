@@ -12,20 +12,20 @@ from deshake.api.pictures_in import NOISY_ARRAY, as_photo
 from deshake.blind.estimate import Estimator
 from deshake.formats.photo import balanced
 from deshake.pair.registration import Registration
+from deshake.run import Progress, Run
 from deshake.stages.blind_estimate import estimate_blind as estimate_from_photo
 from deshake.stages.estimate_options import EstimateOptions
 from deshake.stages.pair_estimate import estimate_pair as estimate_from_photos
 from deshake.stages.registering import find_registration
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from deshake.api.pictures_in import Picture
     from deshake.formats.photo import Photo
     from deshake.geometry.camera import Camera
     from deshake.stages.estimate_result import Estimate
 
-    Progress = Callable[[float, str], None]
 
 __all__ = ["estimate_blind", "estimate_pair", "register"]
 
@@ -121,7 +121,7 @@ def estimate_blind(
         uniform=uniform,
         estimator=estimator,
     )
-    return estimate_from_photo(as_photo(photo), options, threads=threads, progress=progress)
+    return estimate_from_photo(as_photo(photo), options, run=Run(threads, progress))
 
 
 def register(
@@ -194,8 +194,7 @@ def register(
         long_exposure,
         short_exposure,
         EstimateOptions(chosen_camera(camera), search_angle=search_angle),
-        threads=threads,
-        progress=progress,
+        run=Run(threads, progress),
     )
     for note in match.notes:
         _log.warning("%s: %s", long_exposure.source, note)
@@ -296,8 +295,7 @@ def estimate_pair(
         *_pair(blurred, noisy),
         options,
         registration=registration,
-        threads=threads,
-        progress=progress,
+        run=Run(threads, progress),
     )
 
 

@@ -13,20 +13,18 @@ from deshake.api.cameras import chosen_camera
 from deshake.api.pictures_in import as_photo
 from deshake.errors import DeshakeError
 from deshake.formats.photo import Photo
+from deshake.run import Progress, Run
 from deshake.simulation.shake_path import CameraPath, random_path
 from deshake.simulation.shaken_photo import shake_photo
 from deshake.stages.calibration import camera_for
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import ArrayLike, NDArray
 
     from deshake.api.pictures_in import Array, Picture
     from deshake.geometry.camera import Camera
     from deshake.geometry.kernel import RotationKernel
 
-    Progress = Callable[[float, str], None]
 
 __all__ = ["Simulation", "simulate"]
 
@@ -184,7 +182,7 @@ def simulate(
             photons=photons,
             noise_sigma=noise_sigma,
             seed=seed,
-            progress=progress,
+            run=Run(progress=progress),
         )
     except DeshakeError as error:
         error.file = error.file or str(given.source)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, cast
 from deshake.batch.task import Result, failure, run_job
 from deshake.batch.worker import bind_opencv
 from deshake.errors import DeshakeError, PhotoError
+from deshake.run import Run
 from deshake.version import __version__
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ def run_on_cluster(
 def _task(job: Job, work: Work, threads: int) -> Result:
     """Do the work on one photo, on a worker."""
     bind_opencv(threads)
-    return run_job(job, work, threads=threads)
+    return run_job(job, work, Run(threads))
 
 
 def _anywhere(job: Job) -> Job:

@@ -16,13 +16,11 @@ from deshake.stages.estimating import estimate_file
 from deshake.stages.registering import known_registration, register_file, register_options
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from deshake.batch.plan import Job
     from deshake.formats.picture_size import PictureSize
+    from deshake.run import Run
     from deshake.stages.estimate_options import EstimateOptions
 
-    Progress = Callable[[float, str], None]
 
 __all__ = ["Calibrate", "EstimateKernel", "Register", "check_inputs", "kernel_origin"]
 
@@ -45,9 +43,7 @@ class EstimateKernel:
 
     options: EstimateOptions
 
-    def __call__(
-        self, job: Job, *, threads: int | None, progress: Progress | None
-    ) -> dict[str, Any]:
+    def __call__(self, job: Job, run: Run) -> dict[str, Any]:
         """Estimate the kernel of a job."""
         return estimate_file(
             job.source,
@@ -60,8 +56,7 @@ class EstimateKernel:
             overwrite=job.overwrite,
             overwrite_others=job.overwrite_others,
             keep_result=job.keeps_result,
-            threads=threads,
-            progress=progress,
+            run=run,
         ).report()
 
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:
@@ -103,9 +98,7 @@ class Register:
 
     options: EstimateOptions
 
-    def __call__(
-        self, job: Job, *, threads: int | None, progress: Progress | None
-    ) -> dict[str, Any]:
+    def __call__(self, job: Job, run: Run) -> dict[str, Any]:
         """Register the photos of a job."""
         return register_file(
             job.source,
@@ -116,8 +109,7 @@ class Register:
             overwrite=job.overwrite,
             overwrite_others=job.overwrite_others,
             keep_result=job.keeps_result,
-            threads=threads,
-            progress=progress,
+            run=run,
         ).report()
 
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:  # noqa: ARG002
@@ -156,9 +148,7 @@ class Calibrate:
     def __call__(
         self,
         job: Job,
-        *,
-        threads: int | None,  # noqa: ARG002
-        progress: Progress | None,  # noqa: ARG002
+        run: Run,  # noqa: ARG002
     ) -> dict[str, Any]:
         """Calibrate the photo of a job."""
         calibration = calibrate_file(

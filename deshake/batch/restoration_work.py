@@ -24,7 +24,6 @@ from deshake.stages.photo_provenance import photo_origin, registration_origin
 from deshake.stages.registering import known_registration
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
     from deshake.batch.plan import Job
@@ -32,9 +31,9 @@ if TYPE_CHECKING:
     from deshake.formats.picture_size import PictureSize
     from deshake.formats.transfer import TransferName
     from deshake.geometry.kernel import RotationKernel
+    from deshake.run import Run
     from deshake.stages.estimate_options import EstimateOptions
 
-    Progress = Callable[[float, str], None]
 
 __all__ = ["Deblur", "Fix"]
 
@@ -61,9 +60,7 @@ class Fix:
     finish: Finish = AS_IT_IS
     room: int | None = None
 
-    def __call__(
-        self, job: Job, *, threads: int | None, progress: Progress | None
-    ) -> dict[str, Any]:
+    def __call__(self, job: Job, run: Run) -> dict[str, Any]:
         """Fix the photo of a job."""
         observed = _Observed(self.room)
         result = fix_file(
@@ -78,8 +75,7 @@ class Fix:
             overwrite=job.overwrite,
             overwrite_others=job.overwrite_others,
             keep_result=job.keeps_result,
-            threads=threads,
-            progress=progress,
+            run=run,
         )
         content = result.content
         verdict = verdict_figures(content.kernel, content.confidence, result.notes)
@@ -150,9 +146,7 @@ class Deblur:
     search_angle: float | None = None
     room: int | None = None
 
-    def __call__(
-        self, job: Job, *, threads: int | None, progress: Progress | None
-    ) -> dict[str, Any]:
+    def __call__(self, job: Job, run: Run) -> dict[str, Any]:
         """Deblur the photo of a job."""
         observed = _Observed(self.room)
         content = deblur_file(
@@ -169,8 +163,7 @@ class Deblur:
             overwrite=job.overwrite,
             overwrite_others=job.overwrite_others,
             keep_result=job.keeps_result,
-            threads=threads,
-            progress=progress,
+            run=run,
         )
         figures = {
             "extent_px": round(content.kernel.extent_px(), 2),

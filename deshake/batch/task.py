@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from deshake.batch.resume import doubt, made_by
 from deshake.errors import DeshakeError, OutputError, describe
+from deshake.run import Run
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     from deshake.batch.plan import Job
     from deshake.batch.work import Work
     from deshake.pictures.report_pictures import ReportPictures
 
-    Progress = Callable[[float, str], None]
 
 __all__ = ["Result", "failure", "problem", "run_job"]
 
@@ -71,9 +71,7 @@ class Result:
         return report
 
 
-def run_job(
-    job: Job, work: Work, *, threads: int | None = None, progress: Progress | None = None
-) -> Result:
+def run_job(job: Job, work: Work, run: Run = Run()) -> Result:
     """Do the work on one photo; the result reports any failure.
 
     Parameters
@@ -82,10 +80,8 @@ def run_job(
         The photo.
     work : Work
         The work to do with it.
-    threads : int, optional
-        Threads to use; by default all processors.
-    progress : callable, optional
-        Receives the share of the work done, 0..1, and a text.
+    run : Run, optional
+        Threads to use, and who receives the progress.
 
     """
     start = time.perf_counter()
@@ -97,7 +93,7 @@ def run_job(
             if there and (job.skipped or not made_by(job, work)):
                 _log_skipped(job, work)
                 return Result(job, "skipped", time.perf_counter() - start, {}, tuple(warnings))
-            figures = work(job, threads=threads, progress=progress)
+            figures = work(job, run)
         except Exception as error:  # noqa: BLE001  one bad photo never stops the rest
             if isinstance(error, OutputError) and job.keeps_result and not there:
                 # Another run made the result in the meantime.

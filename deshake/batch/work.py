@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from deshake.batch.plan import Job
     from deshake.formats.picture_size import PictureSize
+    from deshake.run import Run
 
-    Progress = Callable[[float, str], None]
 
 __all__ = ["Work"]
 
@@ -18,9 +16,7 @@ __all__ = ["Work"]
 class Work(Protocol):
     """What is done with one photo."""
 
-    def __call__(
-        self, job: Job, *, threads: int | None, progress: Progress | None
-    ) -> dict[str, Any]:
+    def __call__(self, job: Job, run: Run) -> dict[str, Any]:
         """Do it, write the outputs, and return its figures as JSON data.
 
         Raises

@@ -14,6 +14,7 @@ from multiprocessing import connection, parent_process
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from deshake.batch.task import Result, run_job
+from deshake.run import Run
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
@@ -73,7 +74,7 @@ def serve(line: Connection, work: Work, threads: int, levels: LogLevels) -> None
             job: Job = line.recv()
         except (EOFError, OSError):
             return
-        result = run_job(job, work, threads=threads, progress=_Shower(send))
+        result = run_job(job, work, Run(threads, _Shower(send)))
         with contextlib.suppress(OSError):  # nobody listens any more
             send(result)
 

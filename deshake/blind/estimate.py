@@ -26,12 +26,10 @@ from deshake.errors import EstimationError
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
-from deshake.operators.strips import available_threads
+from deshake.run import Run
 from deshake.signal.pyramid import Pyramid
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from deshake.blind.race import Finish
 
 __all__ = ["STILL", "Estimator", "Region", "estimate_kernel"]
@@ -65,8 +63,7 @@ def estimate_kernel(
     region: Region | None = None,
     uniform: bool = False,
     quick: bool = False,
-    threads: int | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    run: Run = Run(),
 ) -> BlindEstimate:
     """Estimate the blur kernel of one photo and its confidence.
 
@@ -89,10 +86,8 @@ def estimate_kernel(
         Whether to use the uniform model: theta_Z = 0 and a very long focal length.
     quick : bool
         Whether to return the first good kernel, for a preview.
-    threads : int, optional
-        Threads to use; by default all processors. The result does not depend on it.
-    progress : callable, optional
-        Called with the share of the work done, 0..1, and a text.
+    run : Run, optional
+        Threads to use, and who receives the progress.
 
     Returns
     -------
@@ -115,11 +110,9 @@ def estimate_kernel(
             blur_px=blur_px,
             region=region,
             uniform=uniform,
-            threads=threads,
-            progress=progress,
+            run=run,
         )
-    report = progress or (lambda _share, _text: None)
-    report(0.0, "looking at the photo")
+    run.report(0.0, "looking at the photo")
     height, width = grey.shape
     x, y, w, h = region or (0, 0, width, height)
     check_size(h, w, 1.0 if blur_px is None else blur_px)
@@ -132,7 +125,7 @@ def estimate_kernel(
         grey[part], whole.cropped(x, y, w, h), None if clipped is None else ~clipped[part]
     )
     if looks_sharp(pyramid):
-        report(1.0, "the photo looks sharp")
+        run.report(1.0, "the photo looks sharp")
         return _unchanged(pyramid, whole, _HOPELESS, SHARP)
     result = race(
         pyramid,
@@ -140,11 +133,10 @@ def estimate_kernel(
         bound=blur_px,
         quick=quick,
         may_rest=sharpness(pyramid, 0) > _FAIRLY_SHARP,
-        threads=threads or available_threads(),
-        progress=lambda share, text: report(_RACE_SHARE * share, text),
+        run=run.part(0, _RACE_SHARE),
     )
     estimate = _concluded(pyramid, whole, result, blur_px)
-    report(1.0, "kernel estimated")
+    run.report(1.0, "kernel estimated")
     return estimate
 
 

@@ -25,6 +25,7 @@ from deshake.blind.spot import is_spot
 from deshake.blind.trimming import heaviest
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
 from deshake.operators.strips import in_order
+from deshake.run import Run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -109,8 +110,7 @@ def race(
     bound: float | None = None,
     quick: bool = False,
     may_rest: bool = True,
-    threads: int = 1,
-    progress: Callable[[float, str], None] | None = None,
+    run: Run = Run(),
 ) -> Finish:
     """Estimate a kernel from several first scales, and keep the best.
 
@@ -127,19 +127,17 @@ def race(
     may_rest : bool
         Whether the race may stop early if the finest starts end in a spot. A wide shake may end in
         a spot, too. So this is only safe if the photo looks fairly sharp.
-    threads : int
-        Threads to use. The result does not depend on it.
-    progress : callable, optional
-        Called with the share of the work done, 0..1, and a text.
+    run : Run, optional
+        Threads to use, and who receives the progress.
 
     """
-    course = _Course(pyramid, axes, bound, threads, progress or (lambda _share, _text: None))
+    course = _Course(pyramid, axes, bound)
     starts = list(range(min(pyramid.coarsest, _COARSEST_START), 0, -2))[::-1] or [0]
-    entries = course.run(starts[:2], 0.0, 0.15)
+    entries = course.started(starts[:2], run.part(0.0, 0.15))
     if may_rest and all(is_spot(e.kernel) and e.level == 0 for e in _last(entries)):
-        course.progress(1.0, "the photo is not shaken")
+        run.report(1.0, "the photo is not shaken")
         return Finish(_last(entries)[0], 0.0, 1.0, at_rest=True)
-    entries += course.run(starts[2:], 0.15, 0.5)
+    entries += course.started(starts[2:], run.part(0.15, 0.5))
     chances = course.chances(entries, entries)
     order = [entries[i] for i in np.argsort(-chances, kind="stable")]
     winner = order[0]
@@ -148,7 +146,7 @@ def race(
         ends = _last(entries)
         taken = [e for e in ends if e.start in list(best)[:_REFINED]]
         taken = [e for e in taken if not is_spot(e.kernel)] or taken
-        finals = course.refined(taken, 0.5, 0.85)
+        finals = course.refined(taken, run.part(0.5, 0.85))
         finals += [e for e in entries if e.start in {one.start for one in taken}]
         entries += finals
         chances = course.chances(finals, entries)
@@ -162,7 +160,7 @@ def race(
             margins = compare(entries)
         winner = course.polished(finals[int(np.argmax(chances + margins))], ends, compare)
     margin = float(course.margins([winner])[0])
-    course.progress(1.0, "kernel estimated")
+    run.report(1.0, "kernel estimated")
     return Finish(winner, margin, _nearest(winner, entries), at_rest=False)
 
 
@@ -174,21 +172,17 @@ class _Course:
         pyramid: Pyramid,
         axes: Axes,
         bound: float | None,
-        threads: int,
-        progress: Callable[[float, str], None],
     ) -> None:
         self.pyramid = pyramid
         self.axes = (axes[0], axes[1], axes[2] and not pyramid.camera.is_uniform)
         self.bound = bound
-        self.threads = threads
-        self.progress = progress
 
-    def run(self, starts: Sequence[int], since: float, until: float) -> list[Entry]:
+    def started(self, starts: Sequence[int], run: Run) -> list[Entry]:
         """Run candidates to their finest scales; return the kernels of their last scales."""
         entries: list[Entry] = []
-        for done, (_, new) in enumerate(in_order(self._run, starts, self.threads), 1):
+        for done, (_, new) in enumerate(in_order(self._started, starts, run), 1):
             entries += new
-            self.progress(since + (until - since) * done / len(starts), "starts")
+            run.report(done / len(starts), "starts")
         return entries
 
     def chances(self, entries: Sequence[Entry], known: Sequence[Entry]) -> NDArray[np.float64]:
@@ -200,7 +194,7 @@ class _Course:
         )
         return chances
 
-    def refined(self, entries: Sequence[Entry], since: float, until: float) -> list[Entry]:
+    def refined(self, entries: Sequence[Entry], run: Run) -> list[Entry]:
         """Refine kernels, with roll and without."""
         uniform = self.pyramid.camera.is_uniform
         ways = (_REFINEMENT, _UNIFORM_REFINEMENT) if uniform else (_REFINEMENT,)
@@ -209,10 +203,10 @@ class _Course:
             flat = (self.axes[0], self.axes[1], False)
             jobs += [(entry, how, flat) for entry in entries for how in ways]
         results = []
-        work = in_order(lambda job: self._refined(*job), jobs, self.threads)
+        work = in_order(lambda job: self._refined(*job), jobs, run)
         for done, (_, entry) in enumerate(work, 1):
             results.append(entry)
-            self.progress(since + (until - since) * done / len(jobs), "refinement")
+            run.report(done / len(jobs), "refinement")
         return results
 
     def margins(self, entries: Sequence[Entry]) -> NDArray[np.float64]:
@@ -292,13 +286,13 @@ class _Course:
         entries = [winner, _thin(winner), other, _thin(other), path, _thin(path)]
         return entries[int(np.argmax(compare(entries)))]
 
-    def _run(self, start: int) -> list[Entry]:
+    def _started(self, start: int) -> list[Entry]:
         """Run one start to its finest scale; return the kernels of its last scales."""
-        run = Candidate(self.pyramid, start, axes=self.axes, bound=self.bound)
+        candidate = Candidate(self.pyramid, start, axes=self.axes, bound=self.bound)
         entries = []
-        while run.advance():
-            name = f"start {start}, scale {run.level}"
-            entries.append(Entry(name, start, run.level, run.kernel))
+        while candidate.advance():
+            name = f"start {start}, scale {candidate.level}"
+            entries.append(Entry(name, start, candidate.level, candidate.kernel))
         return entries[-_SNAPSHOTS:]
 
     def _refined(self, entry: Entry, how: Refinement, axes: Axes) -> Entry:

@@ -221,7 +221,7 @@ def run_batch(
         Options of the report.
 
     """
-    from deshake.batch.run import Resources, run_jobs
+    from deshake.batch.jobs import Resources, run_jobs
     from deshake.cli.report_options import ReportOptions
 
     reporting = (report or ReportOptions()).begun(
@@ -232,23 +232,25 @@ def run_batch(
     start = time.monotonic()
     if batch.scheduler is not None:
         _check_files(jobs)
-    resources = Resources(batch.jobs, context.threads, batch.memory, batch.scheduler)
+    resources = Resources(batch.jobs, batch.memory, batch.scheduler)
     results: list[Result] = []
     title = jobs[0].source.name if len(jobs) == 1 else f"0 of {len(jobs)} photos"
 
     def progress(share: float, text: str) -> None:
         bar(share, f"{title}: {text}" if len(jobs) == 1 else text)
 
-    with reporting, ExitStack() as run:
-        bar = run.enter_context(context.bar(title))
-        running = run.enter_context(closing(run_jobs(jobs, work, resources, progress)))
+    with reporting, ExitStack() as stack:
+        bar = stack.enter_context(context.bar(title))
+        running = stack.enter_context(
+            closing(run_jobs(jobs, work, resources, context.run(progress)))
+        )
         for done in running:
             result = reporting.add(done)
             results.append(result)
             _print_result(result, batch, context, line, note)
             if result.status == "failed" and batch.fail_fast:
                 break
-        run.close()  # ends the bar and all processes
+        stack.close()  # ends the bar and all processes
         reporting.end()
     if len(jobs) > 1 and context.verbosity >= 0:
         _print_summary(results, len(jobs), time.monotonic() - start)

@@ -114,7 +114,7 @@ def _from_chessboards(
     paths = [found.path for found in find_photos(photos, recursive=batch.recursive)]
     with context.bar("chessboard") as bar:
         result = calibrate_from_chessboards(
-            paths, output, board, overwrite=batch.overwrite, progress=bar
+            paths, output, board, overwrite=batch.overwrite, run=context.run(bar)
         )
     fit = result.fit
     if batch.as_json:

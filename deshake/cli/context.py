@@ -7,13 +7,15 @@ import sys
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Never, Self
 
+from deshake.run import Progress, Run
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from types import TracebackType
 
     from tqdm import tqdm
 
-__all__ = ["Context", "Progress"]
+__all__ = ["Context", "ProgressBar"]
 
 
 def _stderr_is_terminal() -> bool:
@@ -50,12 +52,16 @@ class Context:
     progress: bool = field(default_factory=_stderr_is_terminal)
     arguments: Sequence[str] = ()
 
-    def bar(self, text: str = "") -> Progress:
+    def bar(self, text: str = "") -> ProgressBar:
         """Make a progress bar, which shows nothing where none is wanted."""
-        return Progress(text, shown=self.progress and self.verbosity >= 0)
+        return ProgressBar(text, shown=self.progress and self.verbosity >= 0)
+
+    def run(self, progress: Progress) -> Run:
+        """Return the run of a command: the threads that the user wants, and its progress."""
+        return Run(self.threads, progress)
 
 
-class Progress:
+class ProgressBar:
     """A progress bar on stderr, as a context manager and a function.
 
     Call it with the fraction done, from 0 to 1, and a word or two on what is being done. It

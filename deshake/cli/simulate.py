@@ -119,13 +119,13 @@ def command(
         raise click.UsageError("--path and --blur-size cannot both be given.")
     from deshake.simulation.shaken_photo import simulate_file
 
-    with context.bar("shaking") as progress:
+    with context.bar("shaking") as bar:
         simulate_file(
             photo,
             output,
             path=path,
             blur_px=_BLUR_PX if blur_px is None else blur_px,
             noise_sigma=noise_sigma or 0.0,
-            progress=progress,
+            run=context.run(bar),
             **options,
         )

@@ -14,10 +14,11 @@ from deshake.files.kernel_file import CameraFile, write_camera
 from deshake.formats.photo import read_photo
 from deshake.formats.transfer import SRGB, encode
 from deshake.lens.chessboard import BoardCamera, Corners, board_camera, find_board
+from deshake.run import Run
 from deshake.signal.luminance import luminance
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
     from pathlib import Path
 
 __all__ = ["ChessboardCalibration", "calibrate_from_chessboards"]
@@ -74,7 +75,7 @@ def calibrate_from_chessboards(
     board: tuple[int, int],
     *,
     overwrite: bool = False,
-    progress: Callable[[float, str], None] | None = None,
+    run: Run = Run(),
 ) -> ChessboardCalibration:
     """Estimate a camera from photos of a printed board; write its file if `output` is given.
 
@@ -88,8 +89,8 @@ def calibrate_from_chessboards(
         Inner corners along and across the board.
     overwrite : bool
         Whether an existing file may be replaced.
-    progress : callable, optional
-        Called with the fraction done and the present step in words.
+    run : Run, optional
+        Receives the progress.
 
     Raises
     ------
@@ -103,7 +104,7 @@ def calibrate_from_chessboards(
     """
     if output is not None:
         check_output(output, *photos, overwrite=overwrite)
-    boards, shape = _corners(photos, board, progress)
+    boards, shape = _corners(photos, board, run)
     try:
         fit = board_camera(boards, board, *shape)
     except DeshakeError as error:
@@ -131,15 +132,14 @@ def calibrate_from_chessboards(
 
 
 def _corners(
-    photos: Sequence[Path], board: tuple[int, int], progress: Callable[[float, str], None] | None
+    photos: Sequence[Path], board: tuple[int, int], run: Run
 ) -> tuple[list[Corners], tuple[int, int]]:
     """Detect the board in all photos; return its corners, and the size of the photos."""
-    report_progress = progress or (lambda _share, _text: None)
     boards: list[Corners] = []
     missing: list[Path] = []
     first: tuple[int, int] | None = None
     for number, path in enumerate(photos):
-        report_progress(number / len(photos), f"looking for the board in {path.name}")
+        run.report(number / len(photos), f"looking for the board in {path.name}")
         photo = read_photo(path)
         first = first or photo.shape
         if photo.shape != first:

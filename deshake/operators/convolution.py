@@ -16,7 +16,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from deshake.operators.planes import check_size
-from deshake.operators.strips import available_threads
+from deshake.run import Run
 
 __all__ = ["Convolution"]
 
@@ -35,17 +35,15 @@ class Convolution:
         Height and width of the observed frame in pixels.
     margin : int
         Pixels by which latent images are larger on every side. Beyond them all is zero.
-    threads : int, optional
-        Threads to use; by default all processors. The result does not depend on it.
+    run : Run, optional
+        Threads to use. The result does not depend on them.
 
     """
 
-    def __init__(
-        self, h: Image, shape: tuple[int, int], margin: int, *, threads: int | None = None
-    ) -> None:
+    def __init__(self, h: Image, shape: tuple[int, int], margin: int, *, run: Run = Run()) -> None:
         self.shape = shape
         self.margin = margin
-        self.threads = threads or available_threads()
+        self.run = run
         radius = len(h) // 2
         wide = margin + max(margin, radius)
         self.torus: tuple[int, int] = (
@@ -101,13 +99,13 @@ class Convolution:
         n, m = self.torus
         spectrum: Spectrum
         if conjugate:  # transforms of the other sign: cheaper than to conjugate afterwards
-            rows = scipy.fft.ihfft(plane, m, norm="forward", workers=self.threads)
+            rows = scipy.fft.ihfft(plane, m, norm="forward", workers=self.run.workers)
             spectrum = scipy.fft.ifft(
-                rows, n, axis=0, norm="forward", overwrite_x=True, workers=self.threads
+                rows, n, axis=0, norm="forward", overwrite_x=True, workers=self.run.workers
             )
         else:
-            rows = scipy.fft.rfft(plane, m, workers=self.threads)
-            spectrum = scipy.fft.fft(rows, n, axis=0, overwrite_x=True, workers=self.threads)
+            rows = scipy.fft.rfft(plane, m, workers=self.run.workers)
+            spectrum = scipy.fft.fft(rows, n, axis=0, overwrite_x=True, workers=self.run.workers)
         return spectrum
 
     def irfft(
@@ -119,10 +117,10 @@ class Convolution:
         plane: Image
         if conjugate:
             rows = scipy.fft.fft(
-                spectrum, axis=0, norm="forward", overwrite_x=True, workers=self.threads
+                spectrum, axis=0, norm="forward", overwrite_x=True, workers=self.run.workers
             )
-            plane = scipy.fft.hfft(rows[:height], m, norm="forward", workers=self.threads)
+            plane = scipy.fft.hfft(rows[:height], m, norm="forward", workers=self.run.workers)
         else:
-            rows = scipy.fft.ifft(spectrum, axis=0, overwrite_x=True, workers=self.threads)
-            plane = scipy.fft.irfft(rows[:height], m, workers=self.threads)
+            rows = scipy.fft.ifft(spectrum, axis=0, overwrite_x=True, workers=self.run.workers)
+            plane = scipy.fft.irfft(rows[:height], m, workers=self.run.workers)
         return plane[:, :width]

@@ -23,6 +23,7 @@ from deshake.operators.local_filters import LocalFilters
 from deshake.operators.patches import PatchGrid
 from deshake.operators.planes import channels_first, check_size, image_like
 from deshake.operators.transforms import transforms
+from deshake.run import Run
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -125,8 +126,8 @@ class FilterFlow:
         Distance between patches in pixels; by default `patch_hop`.
     channels : int
         Expected number of channels (sizes the work, limits nothing).
-    threads : int, optional
-        Threads to use; by default all processors.
+    run : Run, optional
+        Threads to use. The result does not depend on them.
 
     Raises
     ------
@@ -148,7 +149,7 @@ class FilterFlow:
         margin: int | None = None,
         hop: int | None = None,
         channels: int = 1,
-        threads: int | None = None,
+        run: Run = Run(),
     ) -> None:
         self.camera = camera
         self.theta = checked_rotations(theta)
@@ -161,7 +162,7 @@ class FilterFlow:
             patch_hop(camera, self.theta) if hop is None else hop,
             self.margin,
             channels=channels,
-            threads=threads,
+            run=run,
         )
         pairs = self.grid.rows * self.grid.columns * len(self.theta)
         self._taps: dict[Strip, tuple[NDArray[np.int32], Image]] | None = (

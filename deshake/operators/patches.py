@@ -26,8 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake.operators.planes import add_at, channels_first, check_size, image_like, window_of
-from deshake.operators.strips import Strip, available_threads, in_order
+from deshake.operators.strips import Strip, in_order
 from deshake.operators.transforms import transforms
+from deshake.run import Run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
 __all__ = [
     "PatchGrid",
     "Strip",
-    "available_threads",
     "channels_first",
     "image_like",
 ]
@@ -76,8 +76,8 @@ class PatchGrid:
         Pixels m by which the latent image is larger on every side.
     channels : int
         Expected number of channels, for the size of the batches.
-    threads : int, optional
-        How many strips are worked on at once; by default all processors.
+    run : Run, optional
+        Threads to use. The result does not depend on them.
 
     """
 
@@ -89,7 +89,7 @@ class PatchGrid:
         margin: int,
         *,
         channels: int = 1,
-        threads: int | None = None,
+        run: Run = Run(),
     ) -> None:
         self.shape = shape
         self.radius = radius
@@ -101,7 +101,7 @@ class PatchGrid:
         self.reach = 2 * radius + 1
         self.rows = -(-shape[0] // hop) + 1
         self.columns = -(-shape[1] // hop) + 1
-        self.threads = threads or available_threads()
+        self.run = run
         ramp = (1 - np.abs(np.arange(self.patch) + 0.5 - hop) / hop).astype(np.float32)
         self.window = np.outer(ramp, ramp)
         block_bytes = 4 * self.block * self.block
@@ -129,7 +129,7 @@ class PatchGrid:
 
         The order makes sums over strips independent of the number of threads.
         """
-        return in_order(work, self.strips, self.threads)
+        return in_order(work, self.strips, self.run)
 
     def batches(self, strip: Strip) -> Iterator[slice]:
         """Cut a strip into batches of patches that stay in the cache."""

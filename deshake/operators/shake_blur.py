@@ -20,6 +20,7 @@ from deshake.operators.local_filters import LocalFilters
 from deshake.operators.planes import channels_first, image_like
 from deshake.operators.strips import Strip
 from deshake.operators.warps import Warps
+from deshake.run import Run
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -78,8 +79,8 @@ class ShakeBlur:
         Fast (by `blur_filters`) or exact.
     channels : int
         Expected number of channels (sizes the work, limits nothing).
-    threads : int, optional
-        Threads to use; by default all processors.
+    run : Run, optional
+        Threads to use. The result does not depend on them.
 
     """
 
@@ -91,7 +92,7 @@ class ShakeBlur:
         mask: Image | None = None,
         kind: Literal["filter_flow", "warps"] = "filter_flow",
         channels: int = 1,
-        threads: int | None = None,
+        run: Run = Run(),
     ) -> None:
         self._forward: Callable[[Image], Image]
         self._adjoint: Callable[[Image], Image]
@@ -104,7 +105,7 @@ class ShakeBlur:
             self._forward = lambda f: warps.blur(f, weights)
             self._adjoint = lambda g: warps.adjoint(g, weights)
         else:
-            filters = blur_filters(kernel, margin=self.margin, channels=channels, threads=threads)
+            filters = blur_filters(kernel, margin=self.margin, channels=channels, run=run)
             self._forward = lambda f: image_like(filters.forward(channels_first(f)), f)
             self._adjoint = lambda g: image_like(filters.adjoint(channels_first(g)), g)
 
@@ -139,7 +140,7 @@ def blur_filters(
     *,
     margin: int | None = None,
     channels: int = 1,
-    threads: int | None = None,
+    run: Run = Run(),
 ) -> Filters:
     """Return the filters of a kernel: one for the whole frame if the blur is uniform.
 
@@ -151,8 +152,8 @@ def blur_filters(
         Pixels by which latent images are larger on every side; by default the reach of the kernel.
     channels : int
         Expected number of channels (sizes the work, limits nothing).
-    threads : int, optional
-        Threads to use; by default all processors. The result does not depend on it.
+    run : Run, optional
+        Threads to use. The result does not depend on them.
 
     Returns
     -------
@@ -162,14 +163,14 @@ def blur_filters(
     """
     camera = kernel.camera
     theta, weights = _used(kernel)
-    flow = FilterFlow(camera, theta, margin=margin, channels=channels, threads=threads)
+    flow = FilterFlow(camera, theta, margin=margin, channels=channels, run=run)
     filters = flow.filters(weights)
     moved = displacements(homographies(camera, theta), camera.corners)
     if np.ptp(moved, axis=0).max() > _SPREAD:
         return filters
     row, column = flow.grid.rows // 2, flow.grid.columns // 2
     h = filters.filters(Strip(row, column, column + 1))[0]
-    return Convolution(h, camera.shape, flow.margin, threads=threads)
+    return Convolution(h, camera.shape, flow.margin, run=run)
 
 
 def observation_mask(camera: Camera, theta: ArrayLike) -> Image:

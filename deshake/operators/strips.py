@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from concurrent.futures import Future
 
-__all__ = ["Strip", "available_threads", "in_order", "row_bands"]
+    from deshake.run import Run
+
+__all__ = ["Strip", "in_order", "row_bands"]
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -41,15 +43,9 @@ class Strip:
         return Strip(self.row, self.first + first, self.first + last)
 
 
-def available_threads() -> int:
-    """Return how many processors this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-def in_order(work: Callable[[S], T], strips: Sequence[S], threads: int) -> Iterator[tuple[S, T]]:
+def in_order(work: Callable[[S], T], strips: Sequence[S], run: Run) -> Iterator[tuple[S, T]]:
     """Yield `work` of every strip, or other piece, in order, with a few under way at once."""
+    threads = run.workers
     if threads == 1 or len(strips) == 1:
         for strip in strips:
             yield strip, work(strip)

@@ -25,6 +25,7 @@ from deshake.pair.denoising import NoisyPhoto, denoised_tones
 from deshake.pair.local_tones import local_tones, local_trust, wrong_colours
 from deshake.pair.photometric import ToneCurve, tone_curves
 from deshake.pair.registration import registered
+from deshake.run import Run
 from deshake.signal.pair_noise import fitted_noise
 
 if TYPE_CHECKING:
@@ -113,7 +114,7 @@ def camera_pair(
     blur: ShakeBlur,
     *,
     mask: Mask,
-    threads: int | None = None,
+    run: Run = Run(),
 ) -> tuple[NoisyPhoto | None, Image]:
     """Match a noisy photo to the tones of the blurred one, if it has tone curves of its own.
 
@@ -122,7 +123,7 @@ def camera_pair(
     """
     with contextlib.suppress(EstimationError):  # then one factor has to do
         if needs_curves(g, Af, mask):
-            noisy = with_tones_of(g, f_N, registration, blur, mask, threads=threads)
+            noisy = with_tones_of(g, f_N, registration, blur, mask, run=run)
             Af = blurred_planes(noisy.denoised, blur)
             strict = noisy.misfit == _MISFIT  # its colours were wrong
             return noisy, local_trust(g, Af, mask, blur.margin, strict=strict)
@@ -136,7 +137,7 @@ def with_tones_of(
     blur: ShakeBlur,
     mask: Mask,
     *,
-    threads: int | None = None,
+    run: Run = Run(),
 ) -> NoisyPhoto:
     """Denoise and register a noisy photo, and match it to the tones of the blurred one.
 
@@ -152,8 +153,8 @@ def with_tones_of(
         The blur in the frame of the registered photo.
     mask : (h, w) array of bool
         Where both photos are known, not clipped.
-    threads : int, optional
-        Threads to use; by default all processors. The result does not depend on it.
+    run : Run, optional
+        Threads to use. The result does not depend on them.
 
     Returns
     -------
@@ -167,7 +168,7 @@ def with_tones_of(
 
     """
     stored = np.stack([_shown(plane) for plane in channels_first(f_N)])
-    denoised, sigmas = denoised_tones(stored, threads=threads)
+    denoised, sigmas = denoised_tones(stored, run=run)
     noisy, smooth = (
         np.stack([registered(plane, registration)[0] for plane in planes])
         for planes in (stored, denoised)

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from deshake.operators.planes import channels_first, fitted, image_like
+from deshake.run import Run
 from deshake.signal.non_local_means import non_local_means
 from deshake.signal.pair_noise import noise_of_pair
 
@@ -76,7 +77,7 @@ class NoisyPhoto:
 
 
 def noisy_photo(
-    g: Image, f_N: Image, resample: Resample, *, threads: int | None = None
+    g: Image, f_N: Image, resample: Resample, *, run: Run = Run()
 ) -> tuple[NoisyPhoto, Image]:
     """Denoise the noisy photo of a pair, then register it: its noise is white in its own frame.
 
@@ -89,8 +90,8 @@ def noisy_photo(
     resample : callable
         Resamples it in the blurred one's frame, or in one that is wider by the same on all sides.
         It also returns where the noisy photo has pixels, 1 or 0.
-    threads : int, optional
-        Threads to use; by default all processors. The result does not depend on it.
+    run : Run, optional
+        Threads to use. The result does not depend on them.
 
     Returns
     -------
@@ -115,7 +116,7 @@ def noisy_photo(
     within = fitted(pixels, g.shape[:2])
     slope, floor = noise_of_pair(image_like(within, g), g, fitted(valid, g.shape[:2]))
     finer = f_N.shape[0] * f_N.shape[1] / (g.shape[0] * g.shape[1])  # pixels for one
-    f_D = channels_first(resample(_denoised(f_N, finer * slope, finer * floor, threads))[0])
+    f_D = channels_first(resample(_denoised(f_N, finer * slope, finer * floor, run))[0])
     f_D = np.maximum(_filled(f_D, g, valid), 0)
     return NoisyPhoto(pixels, f_D, slope, floor), valid
 
@@ -126,7 +127,7 @@ def _filled(planes: Image, g: Image, valid: Image) -> Image:
     return np.where(valid > 0, planes, blurred_planes).astype(np.float32, copy=False)
 
 
-def _denoised(f_N: Image, slope: float, floor: float, threads: int | None) -> Image:
+def _denoised(f_N: Image, slope: float, floor: float, run: Run) -> Image:
     """Denoise a photo whose noise has the variance ``slope x + floor`` at the light x."""
     filled = channels_first(f_N)
     a = max(slope, floor / _STEEPEST)
@@ -135,7 +136,7 @@ def _denoised(f_N: Image, slope: float, floor: float, threads: int | None) -> Im
     for rows in _bands(filled):
         part = np.maximum(a * filled[:, rows] + np.float32(least), 0)
         root[:, rows] = np.sqrt(part, out=part) * np.float32(2 / a)
-    f_D = non_local_means(root, _STRENGTH, threads=threads)
+    f_D = non_local_means(root, _STRENGTH, run=run)
     del root
     for rows in _bands(f_D):
         part = np.square(f_D[:, rows] * np.float32(a / 2))
@@ -144,15 +145,15 @@ def _denoised(f_N: Image, slope: float, floor: float, threads: int | None) -> Im
     return image_like(f_D, f_N)
 
 
-def denoised_tones(u: Image, *, threads: int | None = None) -> tuple[Image, Image]:
+def denoised_tones(u: Image, *, run: Run = Run()) -> tuple[Image, Image]:
     """Denoise a photo in display values, all channels together, for files of cameras.
 
     Parameters
     ----------
     u : (C, h, w) array of float32
         The photo before it is resampled, in display values, 0..1.
-    threads : int, optional
-        Threads to use; by default all processors. The result does not depend on it.
+    run : Run, optional
+        Threads to use. The result does not depend on them.
 
     Returns
     -------
@@ -163,7 +164,7 @@ def denoised_tones(u: Image, *, threads: int | None = None) -> tuple[Image, Imag
 
     """
     sigmas = np.array([_tone_noise(plane) for plane in u], np.float32)
-    denoised = non_local_means(u / sigmas[:, None, None], _TONE_STRENGTH, threads=threads)
+    denoised = non_local_means(u / sigmas[:, None, None], _TONE_STRENGTH, run=run)
     denoised *= sigmas[:, None, None]
     return denoised, sigmas
 

@@ -40,18 +40,16 @@ from deshake.pair.pair_weights import agreement, blurred_variance, denoising_err
 from deshake.restore.lights import trust
 from deshake.restore.restoration import Restoration, check_photo
 from deshake.restore.richardson_lucy import latent_start
+from deshake.run import Run
 from deshake.signal.half_quadratic import HalfQuadratic
 from deshake.signal.noise import smoothed
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from deshake.geometry.kernel import RotationKernel
     from deshake.operators.shake_blur import Filters
     from deshake.pair.denoising import NoisyPhoto
     from deshake.restore.quality import Quality
 
-    Progress = Callable[[float, str], None]
 
 __all__ = ["fuse"]
 
@@ -84,8 +82,7 @@ def fuse(
     noisy_clipped: Mask | None = None,
     quality: Quality = "default",
     iterations: int | None = None,
-    threads: int | None = None,
-    progress: Progress | None = None,
+    run: Run = Run(),
 ) -> Restoration:
     """Deblur a photo with the help of a sharp but noisy one.
 
@@ -109,10 +106,8 @@ def fuse(
         5, 10 or 16 stages.
     iterations : int, optional
         Stages instead, >= 1.
-    threads : int, optional
-        Threads to use; by default all processors. The result does not depend on it.
-    progress : callable, optional
-        Called with the fraction done, 0 to 1, and the present step in words.
+    run : Run, optional
+        Threads to use, and who receives the progress.
 
     Returns
     -------
@@ -129,13 +124,10 @@ def fuse(
     if valid.shape != noisy.pixels.shape[1:] or g.shape[2:] not in {(), noisy.pixels.shape[:1]}:
         raise ValueError(f"a noisy photo of {noisy.pixels.shape} does not fit one of {g.shape}")
     stages = iterations or _STAGES[quality]
-
-    def report_progress(done: float, text: str) -> None:
-        if progress is not None:
-            progress(1.0 if done == stages else (_PREPARING + done) / (_PREPARING + stages), text)
+    _, starting, splitting = run.parts((_PREPARING / 2, _PREPARING / 2, stages))
 
     margin = reach(kernel.camera, kernel.theta[kernel.weights > 0])
-    blur = blur_filters(kernel, margin=margin, channels=len(noisy.pixels), threads=threads)
+    blur = blur_filters(kernel, margin=margin, channels=len(noisy.pixels), run=run)
     v = np.array(valid, np.float32)
     if noisy_clipped is not None:
         share = uniform_filter(noisy_clipped.astype(np.float32), _CLIPPED_PX)
@@ -149,16 +141,15 @@ def fuse(
         blur,
         clipped=clipped,
         iterations=_ALONE,
-        threads=threads,
-        progress=lambda part, text: report_progress(_PREPARING * (part - 1) / 2, text),
+        run=starting,
     )
     start = _start(g, noisy, v, alone, blur)
     del alone
-    descent = _descent(g, noisy, start, blur, clipped, threads=threads)
+    descent = _descent(g, noisy, start, blur, clipped, run=run)
     del noisy, start, v
     for stage, rho in enumerate(np.geomspace(*_RHO[::-1], stages)[::-1], 1):
         descent.step(float(rho))
-        report_progress(stage, f"deblurring, stage {stage}")
+        splitting.report(stage / stages, f"deblurring, stage {stage}")
     out = np.empty_like(g, np.float32, order="C")
     inside = descent.f[:, margin:-margin, margin:-margin]
     np.maximum(inside, 0, out=channels_first(out))
@@ -194,7 +185,7 @@ def _descent(
     blur: Filters,
     clipped: Mask | None,
     *,
-    threads: int | None,
+    run: Run,
 ) -> HalfQuadratic:
     """Compute the weights of all terms; the noisy photo's array becomes f_M."""
     f, Af, m, v = start
@@ -224,5 +215,5 @@ def _descent(
         f_N=f_M,
         q=q,
         tau=_TAU,
-        threads=threads,
+        run=run,
     )

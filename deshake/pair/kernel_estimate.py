@@ -33,9 +33,10 @@ from deshake.pair.pair_pixels import (
 )
 from deshake.pair.pair_rows import PairRows
 from deshake.pair.simplex import least_on_simplex
+from deshake.run import Run
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Iterable
 
 __all__ = ["PairEstimate", "PairScale", "estimate_pair_kernel"]
 
@@ -118,8 +119,7 @@ def estimate_pair_kernel(
     blur_size: float | None = None,
     noise: Iterable[Image] | None = None,
     blurred_noise: Image | None = None,
-    progress: Callable[[float, str], None] | None = None,
-    threads: int | None = None,
+    run: Run = Run(),
 ) -> PairEstimate:
     """Estimate the blur kernel of a photo with the help of a noisy one, Eq. (12).
 
@@ -142,10 +142,8 @@ def estimate_pair_kernel(
         By default `f_reg` is treated as free of noise.
     blurred_noise : (h, w) or (h, w, C) array of float32, optional
         Noise like that of `g`; by default there is none.
-    progress : callable, optional
-        Called with the share done, 0..1, and a text.
-    threads : int, optional
-        Threads to use; by default all processors. The result does not depend on it.
+    run : Run, optional
+        Threads to use, and who receives the progress.
 
     Returns
     -------
@@ -171,8 +169,7 @@ def estimate_pair_kernel(
     whole = Camera.uniform(height, width) if uniform else camera
     pictures = PairPictures.of(g, f_reg, valid, noise or (), blurred_noise)
     bound *= max(pictures.g.shape) / max(height, width)
-    scales = _Scales(pictures, whole, bound, uniform=uniform, threads=threads)
-    return scales.run(progress or (lambda _share, _text: None))
+    return _Scales(pictures, whole, bound, uniform=uniform, run=run).estimate()
 
 
 class _Scales:
@@ -185,13 +182,13 @@ class _Scales:
         blur: float,
         *,
         uniform: bool,
-        threads: int | None,
+        run: Run,
     ) -> None:
         self.pictures = pictures
         self.whole = camera
         self.finest = camera.scaled(*pictures.g.shape)
         self.axes = (True, True, False) if uniform else ALL_AXES
-        self.threads = threads
+        self._run = run
         self.blur = blur
         room = int(log2(max(min(pictures.g.shape) / _SMALLEST_SIDE, 1)))
         self.coarser = min(max(ceil(log2(self.blur / _COARSEST_BLUR)), 0), room)
@@ -201,22 +198,22 @@ class _Scales:
         self.misfits, self.noise = (0.0, 0.0, 0.0), 0.0
         self.reports: list[PairScale] = []
 
-    def run(self, progress: Callable[[float, str], None]) -> PairEstimate:
+    def estimate(self) -> PairEstimate:
         """Work through the scales."""
         count = self.coarser + 1
-        progress(0.0, f"scale 1 of {count}")
+        self._run.report(0.0, f"scale 1 of {count}")
         self._first()
         for level in range(self.coarser - 1, -1, -1):
             fine = max(self.kernel.camera.shape) >= _FINE_SIDE
             if fine and 2 * most_of(self.kernel).extent_px() > _ENOUGH_BLUR:
                 break
-            progress(1 - 4.0 ** -(count - 1 - level), f"scale {count - level} of {count}")
+            self._run.report(1 - 4.0 ** -(count - 1 - level), f"scale {count - level} of {count}")
             active = strongest(without_strays(self.kernel.above(_CUT)), _MOST_PASSED)
             start = RotationKernel.from_indices(
                 2 * active.indices, active.weights, self.kernel.steps / 2, self.whole
             ).dilated(self.axes)
             self._solve(level, start.indices, start.weights)
-        progress(1.0, "kernel estimated")
+        self._run.report(1.0, "kernel estimated")
         kernel = without_strays(self.kernel.above(_FINAL_CUT))
         energy, left, single = (max(part - self.noise, _NOTHING) for part in self.misfits)
         confidence = 1 / (1 + exp(log(left / energy / _EVEN_MISFIT) / _MISFIT_RANGE))
@@ -259,11 +256,11 @@ class _Scales:
         a = np.float32(self.scale)
         louder = a * np.float32(noise_excess(pictures) ** 0.5)
         f, noise = derivatives(pictures.f) * a, [derivatives(e) * louder for e in pictures.noise]
-        rows = PairRows(camera, theta, f, edges, drawn.fitted, noise=noise, threads=self.threads)
+        rows = PairRows(camera, theta, f, edges, drawn.fitted, noise=noise, run=self._run)
         w = least_on_simplex(rows, start, ridge=_RIDGE)
         used = w > 0
         theta, w = theta[used], w[used]
-        judge = PairRows(camera, theta, f, edges, drawn.held_out, noise=noise, threads=self.threads)
+        judge = PairRows(camera, theta, f, edges, drawn.held_out, noise=noise, run=self._run)
         self.misfits = judge.misfits(w)
         x, y = drawn.held_out.T
         self.noise = float(np.square(derivatives(pictures.own)[:, y, x]).sum() / len(judge))
@@ -274,7 +271,7 @@ class _Scales:
             pictures.g[None],
             drawn.fitted,
             noise=[e[None] * louder for e in pictures.noise],
-            threads=self.threads,
+            run=self._run,
         )
         self.scale *= min(max(light.scale(w), 1 / _MOST_CHANGE), _MOST_CHANGE)
         self.kernel = RotationKernel(theta, w / w.sum(), steps, camera)

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake.geometry.rotations import homographies
-from deshake.operators.strips import Strip, available_threads, in_order
+from deshake.operators.strips import Strip, in_order
+from deshake.run import Run
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -57,8 +58,8 @@ class PairRows:
         Pixels (x, y) whose rows are taken; n is a multiple of `ROW_BLOCK`.
     noise : sequence of (C, h, w) arrays
         The same of simulated noise; empty: f is taken to have no noise.
-    threads : int, optional
-        Threads to use; by default all processors. The result does not depend on it.
+    run : Run, optional
+        Threads to use. The result does not depend on them.
 
     Raises
     ------
@@ -76,13 +77,13 @@ class PairRows:
         places: Indices,
         *,
         noise: Sequence[Image] = (),
-        threads: int | None = None,
+        run: Run = Run(),
     ) -> None:
         if len(places) == 0 or len(places) % ROW_BLOCK:
             msg = f"{len(places)} pixels are no blocks of {ROW_BLOCK}"
             raise ValueError(msg)
         self._h = homographies(camera, theta)
-        self._threads = threads or available_threads()
+        self._run = run
         self._twins = len(noise)
         planes = np.concatenate([f, *noise])
         self._planes = [
@@ -110,7 +111,7 @@ class PairRows:
             return total
 
         gram = np.zeros((len(chosen), len(chosen)))
-        for _, part in in_order(work, _strips(len(self), blocks * ROW_BLOCK), self._threads):
+        for _, part in in_order(work, _strips(len(self), blocks * ROW_BLOCK), self._run):
             gram += part
         gram /= len(self)
         return gram
@@ -164,7 +165,7 @@ class PairRows:
 
         out = [np.zeros(len(self._h)) for _ in rows]
         strips = _strips(len(self._h), max(self._affordable // len(self), 1))
-        for strip, parts in in_order(work, strips, self._threads):
+        for strip, parts in in_order(work, strips, self._run):
             for total, part in zip(out, parts, strict=True):
                 total[strip.first : strip.last] = part / len(self)
         return out

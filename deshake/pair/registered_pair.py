@@ -23,13 +23,13 @@ from deshake.signal.luminance import luminance
 from deshake.signal.noise import noise_model
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from deshake.formats.photo import Photo
     from deshake.pair.kernel_estimate import PairEstimate
     from deshake.pair.registration import Registration
+    from deshake.run import Run
 
-    Progress = Callable[[float, str], None]
 
 __all__ = ["RegisteredPair"]
 
@@ -71,8 +71,7 @@ class RegisteredPair:
         *,
         uniform: bool,
         blur_size: float | None,
-        threads: int | None,
-        progress: Progress,
+        run: Run,
     ) -> PairEstimate:
         """Estimate the kernel; raises EstimationError as `estimate_pair_kernel` does."""
         camera = self.registration.camera
@@ -88,8 +87,7 @@ class RegisteredPair:
             blur_size=blur_size,
             noise=self.noise(),
             blurred_noise=self._blurred_noise(shares),
-            threads=threads,
-            progress=progress,
+            run=run,
         )
 
     def shares(self) -> NDArray[np.float64]:

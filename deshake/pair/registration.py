@@ -23,10 +23,9 @@ from deshake.pair.alignment import align, likeness, seen_in_frame, smooth
 from deshake.pair.photometric import brightness_ratio, photometric_scale
 from deshake.pair.rotation_search import distinct, exhaustive_search
 from deshake.pair.small_pair import SmallPair, possible_turns, reduce_pair
+from deshake.run import Run
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from deshake.geometry.camera import Camera
 
 __all__ = ["MAX_ANGLE", "Registration", "register", "registered"]
@@ -86,8 +85,7 @@ def register(
     camera: Camera,
     *,
     max_angle: float = MAX_ANGLE,
-    progress: Callable[[float, str], None] | None = None,
-    threads: int | None = None,
+    run: Run = Run(),
 ) -> Registration:
     """Find the rotation and the photometric factor between two photos of one scene.
 
@@ -101,10 +99,8 @@ def register(
         The camera of the blurred photo.
     max_angle : float
         Largest angle about any axis to look for, in radians.
-    progress : callable, optional
-        Called with the fraction done and the present step in words.
-    threads : int, optional
-        Threads to use; by default all processors.
+    run : Run, optional
+        Threads to use, and who receives the progress.
 
     Returns
     -------
@@ -130,10 +126,9 @@ def register(
         raise ValueError(msg)
     best = None
     for number, turns in enumerate(possible_turns(camera.shape, f_N.shape[:2])):
-        if progress is not None:
-            progress(0.0, "registering" if number == 0 else "registering the photo turned")
+        run.report(0.0, "registering" if number == 0 else "registering the photo turned")
         pair = reduce_pair(g, f_N, camera, turns)
-        result = _register(pair, max_angle, threads, progress)
+        result = _register(pair, max_angle, run)
         if best is None or result.confidence > best.confidence:
             best = Registration(
                 compose(result.theta, [0, 0, -turns * _QUARTER]),
@@ -144,7 +139,7 @@ def register(
         if best.confidence >= _SAME_SCENE:
             # a symmetric scene resembles its mirror image, but itself more
             mirrored = replace(pair, f=np.ascontiguousarray(pair.f[:, ::-1]))
-            if _register(mirrored, max_angle, threads, None).confidence > best.confidence:
+            if _register(mirrored, max_angle, run.silent()).confidence > best.confidence:
                 raise EstimationError(
                     "one of the two photos is mirrored", hint="mirror it back, as the other one is"
                 )
@@ -201,8 +196,7 @@ def registered(f_N: Image, registration: Registration, *, margin: int = 0) -> tu
 def _register(
     pair: SmallPair,
     max_angle: float,
-    threads: int | None,
-    progress: Callable[[float, str], None] | None,
+    run: Run,
 ) -> Registration:
     """Register an upright pair, at any confidence."""
     camera = pair.camera
@@ -221,8 +215,7 @@ def _register(
         smooth(small_f, *_SEARCH_PX),
         coarse,
         max_angle,
-        threads=threads,
-        progress=None if progress is None else lambda share: progress(share, "registering"),
+        run=run,
     )
     best, best_likeness = np.zeros(3), -1.0
     for candidate in distinct(candidates, coarse, _CANDIDATES, _APART_PX):

@@ -38,11 +38,10 @@ from deshake.operators.planes import channels_first, fitted, image_like
 from deshake.operators.shake_blur import blur_filters
 from deshake.pair.pair_weights import agreement
 from deshake.restore.restoration import Restoration, check_photo
+from deshake.run import Run
 from deshake.signal.noise import coarse_noise, pair_means
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from deshake.geometry.kernel import RotationKernel
     from deshake.operators.shake_blur import Filters
     from deshake.pair.denoising import NoisyPhoto
@@ -73,8 +72,7 @@ def residual_richardson_lucy(
     iterations: int | None = None,
     gain: bool = True,
     detail: bool = True,
-    threads: int | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    run: Run = Run(),
 ) -> Restoration:
     """Deblur a photo with the help of a denoised one.
 
@@ -98,10 +96,8 @@ def residual_richardson_lucy(
         Whether the gain map is used.
     detail : bool
         Whether the detail layer is added; without a gain map there is none.
-    threads : int, optional
-        Threads to use; by default all processors. The result does not depend on it.
-    progress : callable, optional
-        Called after each iteration with the fraction done, 0 to 1, and the present step in words.
+    run : Run, optional
+        Threads to use, and who receives the progress.
 
     Returns
     -------
@@ -119,9 +115,8 @@ def residual_richardson_lucy(
     if len(noisy.denoised) != len(planes):
         raise ValueError(f"a noisy photo of {noisy.denoised.shape} does not fit one of {g.shape}")
     most = iterations or _MOST
-    runs = 2 if gain else 1
     margin = reach(kernel.camera, kernel.theta[kernel.weights > 0])
-    blur = blur_filters(kernel, margin=margin, channels=len(planes), threads=threads)
+    blur = blur_filters(kernel, margin=margin, channels=len(planes), run=run)
     coverage = np.maximum(blur.adjoint(np.ones((1, *g.shape[:2]), np.float32))[0], _UNSEEN)
     f_D = fitted(noisy.denoised, coverage.shape)
     gains = gain_map(image_like(f_D, g)) if gain else None
@@ -132,22 +127,16 @@ def residual_richardson_lucy(
     np.subtract(planes, left, out=left)
     left *= agreeing
     inside = np.s_[margin:-margin, margin:-margin]
-    done, counts, squared = 0, [], 0.0
-
-    def report_progress(iteration: int, count: int) -> None:
-        if progress is not None:
-            part = (done + iteration / count) / (runs * len(planes))
-            progress(part, f"deblurring the residual, iteration {iteration}")
-
+    steps = iter(run.parts([1] * (2 if gain else 1) * len(planes)))
+    counts, squared = [], 0.0
     out = np.empty(g.shape, np.float32)
     for c, (residual, denoised) in enumerate(zip(left, f_D, strict=True)):
         noise = _NOISE * coarse_noise(planes[c]) if iterations is None else None
         change, count = _deconvolved(
-            residual, blur, coverage, None, most=most, noise=noise, report_progress=report_progress
+            residual, blur, coverage, None, most=most, noise=noise, run=next(steps)
         )
         f = (denoised + change)[inside]
         if gains is not None:
-            done += 1
             change, _ = _deconvolved(
                 residual,
                 blur,
@@ -155,11 +144,10 @@ def residual_richardson_lucy(
                 gains,
                 most=count,
                 noise=None,
-                report_progress=report_progress,
+                run=next(steps),
             )
             calm = (denoised + change)[inside]
             f = _with_detail(calm, f) if detail else calm
-        done += 1
         counts.append(count)
         left[c] -= blur.forward(change[None])[0]
         squared += float(np.sum(np.square(left[c]), dtype=np.float64))
@@ -225,7 +213,7 @@ def _deconvolved(
     *,
     most: int,
     noise: float | None,
-    report_progress: Callable[[int, int], None],
+    run: Run,
 ) -> tuple[Image, int]:
     """Deconvolve the residual of one colour; return delta f, (H, W), and the iterations."""
     f = np.ones_like(coverage)  # delta f + 1
@@ -246,8 +234,8 @@ def _deconvolved(
             if squared <= noise or squared > (1 - _STALLED) * before:
                 break
             before = squared
-        report_progress(done, most)
-    report_progress(done, done)
+        run.report(done / most, f"deblurring the residual, iteration {done}")
+    run.report(1.0, f"deblurring the residual, iteration {done}")
     f -= 1
     return f, done
 

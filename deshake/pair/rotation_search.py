@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from deshake.blind.variational.coarse_to_fine import turn
 from deshake.geometry.rotations import compose, displacements, grid_steps, homographies
-from deshake.operators.strips import available_threads, in_order
+from deshake.operators.strips import in_order
+from deshake.run import Run
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from deshake.geometry.camera import Camera
 
 __all__ = ["Candidate", "distance_px", "distinct", "exhaustive_search"]
@@ -46,8 +45,7 @@ def exhaustive_search(
     camera: Camera,
     max_angle: float,
     *,
-    threads: int | None = None,
-    progress: Callable[[float], None] | None = None,
+    run: Run = Run(),
 ) -> list[Candidate]:
     """Try all rotations within a cube: ``a(x) ~ b(H^-1 x)``.
 
@@ -59,10 +57,8 @@ def exhaustive_search(
         The camera of both, at this size.
     max_angle : float
         Half the side of the cube about each axis, in radians.
-    threads : int, optional
-        Threads to use; by default all processors.
-    progress : callable, optional
-        Called with the fraction done.
+    run : Run, optional
+        Threads to use, and who receives the progress.
 
     Returns
     -------
@@ -83,10 +79,9 @@ def exhaustive_search(
         return Candidate(compose(shift, theta), score)
 
     candidates = []
-    for _, candidate in in_order(best_shift, steps, threads or available_threads()):
+    for _, candidate in in_order(best_shift, steps, run):
         candidates.append(candidate)
-        if progress is not None:
-            progress(len(candidates) / len(steps))
+        run.report(len(candidates) / len(steps), "registering")
     return sorted(candidates, key=lambda candidate: -candidate.score)
 
 

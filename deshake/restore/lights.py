@@ -24,9 +24,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from deshake.operators.shake_blur import Filters
+    from deshake.run import Run
 
 __all__ = ["behind_lights", "trust"]
 
@@ -75,7 +74,7 @@ def behind_lights(
     m: Image,
     *,
     iterations: int,
-    progress: Callable[[float, str], None],
+    run: Run,
 ) -> None:
     """Restore the scene behind the streaks of lamps.
 
@@ -91,8 +90,8 @@ def behind_lights(
         Weights of the pixels, from `trust`.
     iterations : int
         Of the weighted Richardson-Lucy.
-    progress : callable
-        Called after each iteration with the fraction done, 0 to 1, and the present step in words.
+    run : Run
+        Receives the progress.
 
     """
     coverage = blur.adjoint(m[None])[0]
@@ -111,4 +110,4 @@ def behind_lights(
             factor = blur.adjoint(ratio)[0]
             factor /= coverage
             f[c] *= np.where(kept, 1, np.maximum(factor, 0) ** _HASTE)
-        progress(done / iterations, f"deblurring behind lights, iteration {done}")
+        run.report(done / iterations, f"deblurring behind lights, iteration {done}")

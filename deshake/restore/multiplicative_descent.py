@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from deshake.operators.planes import channels_first
-from deshake.operators.strips import available_threads, in_order, row_bands
+from deshake.operators.strips import in_order, row_bands
 from deshake.restore.total_variation import less_varied, variation_weight
 from deshake.signal.noise import pair_means
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from deshake.operators.shake_blur import Filters
+    from deshake.run import Run
 
 __all__ = ["MultiplicativeDescent"]
 
@@ -55,8 +56,8 @@ class MultiplicativeDescent:
         The longest step of the extrapolation, 0 for none.
     smooth : bool
         Whether each iteration lowers the total variation.
-    threads : int, optional
-        Threads to use; by default all processors.
+    run : Run
+        Threads to use. The result does not depend on them.
 
     """
 
@@ -68,9 +69,9 @@ class MultiplicativeDescent:
         *,
         fastest: float,
         smooth: bool = False,
-        threads: int | None,
+        run: Run,
     ) -> None:
-        self.threads = threads or available_threads()
+        self.run = run
         self.like = g
         self.g = np.maximum(channels_first(g), 0, order="C", dtype=np.float32)
         self.clipped = clipped if clipped is not None and clipped.any() else None
@@ -182,4 +183,4 @@ class MultiplicativeDescent:
 
     def _each_band(self, height: int, work: Callable[[slice], T]) -> list[T]:
         """Do some work on all rows, band by band; the results are in the order of the bands."""
-        return [done for _, done in in_order(work, row_bands(height, _BAND), self.threads)]
+        return [done for _, done in in_order(work, row_bands(height, _BAND), self.run)]

@@ -15,8 +15,7 @@ import numpy as np
 from deshake.signal.non_local_means import non_local_means
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
+    from deshake.run import Run
     from deshake.signal.half_quadratic import HalfQuadratic
 
 __all__ = ["plug_and_play"]
@@ -26,9 +25,7 @@ _NOISE = (5.0, 0.7)  # t in the first and in the last stage, in standard deviati
 _ALPHA = 0.4  # alpha: weight of v at t = 1
 
 
-def plug_and_play(
-    descent: HalfQuadratic, *, stages: int, progress: Callable[[float, str], None]
-) -> None:
+def plug_and_play(descent: HalfQuadratic, *, stages: int, run: Run) -> None:
     """Improve an estimate of the sharp photo.
 
     Parameters
@@ -37,12 +34,12 @@ def plug_and_play(
         The estimate; it is changed.
     stages : int
         How many, >= 1.
-    progress : callable
-        Called after each stage with the fraction done, 0 to 1, and the present step in words.
+    run : Run
+        Receives the progress.
 
     """
     rhos, noises = (np.geomspace(*ends[::-1], stages)[::-1] for ends in (_RHO, _NOISE))
     for stage, (rho, noise) in enumerate(zip(rhos, noises, strict=True), 1):
-        v = non_local_means(descent.f * descent.s, float(noise), threads=descent.threads)
+        v = non_local_means(descent.f * descent.s, float(noise), run=descent.run)
         descent.step(float(rho), _ALPHA / float(noise) ** 2, v)
-        progress(stage / stages, f"deblurring finely, stage {stage}")
+        run.report(stage / stages, f"deblurring finely, stage {stage}")

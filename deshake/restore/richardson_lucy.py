@@ -43,11 +43,10 @@ from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import blur_filters
 from deshake.restore.multiplicative_descent import MultiplicativeDescent
 from deshake.restore.restoration import Restoration, check_photo
+from deshake.run import Run
 from deshake.signal.noise import coarse_noise
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from deshake.geometry.kernel import RotationKernel
     from deshake.operators.shake_blur import Filters
 
@@ -72,8 +71,7 @@ def richardson_lucy(
     clipped: NDArray[np.bool_] | None = None,
     iterations: int | None = None,
     accelerated: bool = True,
-    threads: int | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    run: Run = Run(),
 ) -> Restoration:
     """Deblur a photo whose rotation kernel is known.
 
@@ -94,10 +92,8 @@ def richardson_lucy(
         fast, noise and the faults of an estimated kernel slowly.
     accelerated : bool
         Extrapolate from one iteration to the next [1]: about half as many iterations.
-    threads : int, optional
-        Threads to use; by default all processors. The result does not depend on it.
-    progress : callable, optional
-        Called after each iteration with the fraction done, 0 to 1, and the present step in words.
+    run : Run, optional
+        Threads to use, and who receives the progress.
 
     Returns
     -------
@@ -112,11 +108,11 @@ def richardson_lucy(
     """
     check_photo(g, kernel, clipped, iterations)
     fastest = _FASTEST if accelerated else 0.0
-    blur = blur_filters(kernel.centred(), channels=len(channels_first(g)), threads=threads)
-    descent = MultiplicativeDescent(g, blur, clipped, fastest=fastest, threads=threads)
+    blur = blur_filters(kernel.centred(), channels=len(channels_first(g)), run=run)
+    descent = MultiplicativeDescent(g, blur, clipped, fastest=fastest, run=run)
     noise = _NOISE * coarse_noise(g) if iterations is None else 0.0
     stalled = _STALLED[accelerated] if iterations is None else None
-    return _descended(descent, iterations or _MOST, stalled, noise, progress)
+    return _descended(descent, iterations or _MOST, stalled, noise, run)
 
 
 def richardson_lucy_tv(
@@ -125,8 +121,7 @@ def richardson_lucy_tv(
     *,
     clipped: NDArray[np.bool_] | None = None,
     iterations: int | None = None,
-    threads: int | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    run: Run = Run(),
 ) -> Restoration:
     """Deblur a photo whose rotation kernel is known; keep its total variation low.
 
@@ -135,7 +130,7 @@ def richardson_lucy_tv(
 
     Parameters
     ----------
-    g, kernel, clipped, threads, progress
+    g, kernel, clipped, run
         As for `richardson_lucy`.
     iterations : int, optional
         How many, >= 1. By default 2 to 30: until the residual has come down to three quarters of
@@ -154,15 +149,13 @@ def richardson_lucy_tv(
 
     """
     check_photo(g, kernel, clipped, iterations)
-    blur = blur_filters(kernel.centred(), channels=len(channels_first(g)), threads=threads)
-    descent = MultiplicativeDescent(
-        g, blur, clipped, fastest=_FASTEST_TV, smooth=True, threads=threads
-    )
+    blur = blur_filters(kernel.centred(), channels=len(channels_first(g)), run=run)
+    descent = MultiplicativeDescent(g, blur, clipped, fastest=_FASTEST_TV, smooth=True, run=run)
     # where lights clip, the residual is that of darker pixels than those of the noise estimate
     early = iterations is None and descent.clipped is None
     noise = _NOISE_TV * coarse_noise(g) if early else 0.0
     stalled = _STALLED_TV if iterations is None else None
-    return _descended(descent, iterations or _MOST_TV, stalled, noise, progress)
+    return _descended(descent, iterations or _MOST_TV, stalled, noise, run)
 
 
 def _descended(
@@ -170,7 +163,7 @@ def _descended(
     most: int,
     stalled: float | None,
     noise: float,
-    progress: Callable[[float, str], None] | None,
+    run: Run,
 ) -> Restoration:
     """Iterate until the residual equals the noise, or stalls, or as often as asked for."""
     squared, done, part = np.inf, 0, 0.0
@@ -183,8 +176,7 @@ def _descended(
             fall = 1 - squared / before if squared > 0 else 0.0
             part = max(part, (stalled / max(fall, stalled)) ** _STALLING)
             part = max(part, np.sqrt(noise / max(coarse, noise)) if noise > 0 else 0.0)
-        if progress is not None:
-            progress(part, f"deblurring, iteration {done}")
+        run.report(part, f"deblurring, iteration {done}")
     return Restoration(descent.frame(), done, float(np.sqrt(squared)))
 
 
@@ -194,21 +186,20 @@ def latent_start(
     *,
     clipped: NDArray[np.bool_] | None,
     iterations: int,
-    threads: int | None,
-    progress: Callable[[float, str], None],
+    run: Run,
 ) -> Image:
     """Return a first estimate for another method, with lights above the clip level.
 
     Parameters
     ----------
-    g, clipped, threads
+    g, clipped, run
         As for `richardson_lucy`.
     blur : Filters
         The blur A.
     iterations : int
         How many accelerated ones to do.
-    progress : callable
-        Called after each iteration with the fraction done, 0 to 1, and the present step in words.
+    run : Run
+        Receives the progress.
 
     Returns
     -------
@@ -216,8 +207,8 @@ def latent_start(
         The latent image with the margin of the blur.
 
     """
-    descent = MultiplicativeDescent(g, blur, clipped, fastest=_FASTEST, threads=threads)
+    descent = MultiplicativeDescent(g, blur, clipped, fastest=_FASTEST, run=run)
     for done in range(1, iterations + 1):
         descent.step()
-        progress(done / iterations, f"deblurring lights, iteration {done}")
+        run.report(done / iterations, f"deblurring lights, iteration {done}")
     return descent.f

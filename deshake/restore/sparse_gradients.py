@@ -32,19 +32,17 @@ from deshake.restore.lights import behind_lights, trust
 from deshake.restore.plug_and_play import plug_and_play
 from deshake.restore.restoration import Restoration, check_photo
 from deshake.restore.richardson_lucy import latent_start
+from deshake.run import Run
 from deshake.signal.half_quadratic import HalfQuadratic
 from deshake.signal.noise import noise_variance
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
     from deshake.geometry.kernel import RotationKernel
     from deshake.restore.quality import Quality
 
     Image = NDArray[np.float32]
-    Progress = Callable[[float, str], None]
 
 __all__ = ["sparse_gradients"]
 
@@ -74,8 +72,7 @@ def sparse_gradients(
     clipped: NDArray[np.bool_] | None = None,
     quality: Quality = "default",
     iterations: int | None = None,
-    threads: int | None = None,
-    progress: Progress | None = None,
+    run: Run = Run(),
 ) -> Restoration:
     """Deblur a photo whose rotation kernel is known.
 
@@ -93,10 +90,8 @@ def sparse_gradients(
         Fewer stages, or more with a denoiser.
     iterations : int, optional
         Stages of the splitting after the start, >= 1; by default 6, or 3 if fast.
-    threads : int, optional
-        Threads to use; by default all processors. The result does not depend on it.
-    progress : callable, optional
-        Called after each stage with the fraction done, 0 to 1, and the present step in words.
+    run : Run, optional
+        Threads to use, and who receives the progress.
 
     Returns
     -------
@@ -114,45 +109,27 @@ def sparse_gradients(
     stages = iterations or level.stages
     lit = clipped is not None and bool(clipped.any())
     efforts = (level.start, level.behind * lit, stages, _EFFORT * level.fine)
-    starting, behind, splitting, finely = _shares(progress, efforts)
+    starting, behind, splitting, finely = run.parts(efforts)
 
     planes = channels_first(g)
-    blur = blur_filters(kernel.centred(), channels=len(planes), threads=threads)
-    f = latent_start(
-        g, blur, clipped=clipped, iterations=level.start, threads=threads, progress=starting
-    )
+    blur = blur_filters(kernel.centred(), channels=len(planes), run=run)
+    f = latent_start(g, blur, clipped=clipped, iterations=level.start, run=starting)
     margin = (f.shape[1] - len(g)) // 2
     m = np.ones(g.shape[:2], np.float32)
     if clipped is not None and lit:
         m = trust(f, blur, clipped, noise_variance(g, margin))
-        behind_lights(f, planes, blur, m, iterations=level.behind, progress=behind)
+        behind_lights(f, planes, blur, m, iterations=level.behind, run=behind)
     Af = blur.forward(f)
     s = _precision(g, Af, m, margin)
-    descent = HalfQuadratic(f, Af, planes, approximate_inverse(blur), m=m, s=s, threads=threads)
+    descent = HalfQuadratic(f, Af, planes, approximate_inverse(blur), m=m, s=s, run=run)
     for stage, rho in enumerate(np.geomspace(*_RHO[::-1], stages)[::-1], 1):
         descent.step(float(rho))
-        splitting(stage / stages, f"deblurring, stage {stage}")
+        splitting.report(stage / stages, f"deblurring, stage {stage}")
     if level.fine:
-        plug_and_play(descent, stages=level.fine, progress=finely)
+        plug_and_play(descent, stages=level.fine, run=finely)
     out = np.empty_like(g, np.float32, order="C")
     np.maximum(f[:, margin:-margin, margin:-margin], 0, out=channels_first(out))
     return Restoration(out, stages, descent.residual(clipped))
-
-
-def _shares(progress: Progress | None, efforts: tuple[int, ...]) -> list[Progress]:
-    """Divide the progress among successive steps, by their efforts."""
-    ends = np.cumsum(efforts) / sum(efforts)
-
-    def part(end: float, effort: float) -> Progress:
-        def report_progress(share: float, text: str) -> None:
-            if progress is not None:
-                progress(1.0 if end == 1 and share == 1 else end - effort * (1 - share), text)
-
-        return report_progress
-
-    return [
-        part(float(end), effort / sum(efforts)) for end, effort in zip(ends, efforts, strict=True)
-    ]
 
 
 def _precision(g: Image, Af: Image, m: Image, margin: int) -> Image:

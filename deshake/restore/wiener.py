@@ -26,6 +26,7 @@ from deshake.operators.filter_flow import reach
 from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import ShakeBlur
 from deshake.restore.restoration import Restoration, check_photo
+from deshake.run import Run
 from deshake.signal.noise import coarse_noise
 
 if TYPE_CHECKING:
@@ -52,8 +53,7 @@ def wiener(
     *,
     clipped: NDArray[np.bool_] | None = None,
     iterations: int | None = None,
-    threads: int | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    run: Run = Run(),
 ) -> Restoration:
     """Deblur a uniformly blurred photo by the Wiener-Hunt filter.
 
@@ -71,10 +71,8 @@ def wiener(
         Where the photo clipped: it counts for the residual only.
     iterations : None
         There are none.
-    threads : int, optional
-        Threads to use for the residual; the result does not depend on it.
-    progress : callable, optional
-        Called after each colour with the fraction done, 0 to 1, and the present step in words.
+    run : Run, optional
+        Threads to use, and who receives the progress.
 
     Returns
     -------
@@ -97,7 +95,7 @@ def wiener(
     def deblurred(plane: Image, h: Image) -> tuple[Image, int]:
         return library.wiener(plane, h, balance, clip=False), 1
 
-    return _filtered(g, kernel, clipped, deblurred, threads=threads, progress=progress)
+    return _filtered(g, kernel, clipped, deblurred, run=run)
 
 
 def unsupervised_wiener(
@@ -106,8 +104,7 @@ def unsupervised_wiener(
     *,
     clipped: NDArray[np.bool_] | None = None,
     iterations: int | None = None,
-    threads: int | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    run: Run = Run(),
 ) -> Restoration:
     """Deblur a uniformly blurred photo by a Wiener-Hunt filter that estimates its balance [1].
 
@@ -115,7 +112,7 @@ def unsupervised_wiener(
 
     Parameters
     ----------
-    g, kernel, clipped, threads, progress
+    g, kernel, clipped, run
         As for `wiener`.
     iterations : int, optional
         The most pictures to draw, >= 1; by default 200. The first 15, or half of them if that is
@@ -143,7 +140,7 @@ def unsupervised_wiener(
         f, chains = library.unsupervised_wiener(plane, h, user_params=settings, clip=False, rng=0)
         return f, len(chains["noise"]) - 1
 
-    return _filtered(g, kernel, clipped, deblurred, threads=threads, progress=progress)
+    return _filtered(g, kernel, clipped, deblurred, run=run)
 
 
 def point_spread(kernel: RotationKernel) -> Image:
@@ -219,14 +216,13 @@ def _filtered(
     clipped: NDArray[np.bool_] | None,
     deblurred: Filter,
     *,
-    threads: int | None,
-    progress: Callable[[float, str], None] | None,
+    run: Run,
 ) -> Restoration:
     """Filter a photo colour by colour."""
     centred = kernel.centred()
     h = point_spread(centred)
     border = _BORDER * (len(h) // 2)
-    blur = ShakeBlur(centred, margin=border, threads=threads)
+    blur = ShakeBlur(centred, margin=border, run=run)
     planes = channels_first(g)
     out = np.empty_like(g, np.float32, order="C")
     squares = count = 0.0
@@ -240,6 +236,5 @@ def _filtered(
         count += kept.size
         channels_first(out)[c] = f[border:-border, border:-border]
         most = max(most, iterations)
-        if progress is not None:
-            progress((c + 1) / len(planes), f"deblurring, colour {c + 1}")
+        run.report((c + 1) / len(planes), f"deblurring, colour {c + 1}")
     return Restoration(out, most, float(np.sqrt(squares / max(count, 1))))

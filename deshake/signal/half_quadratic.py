@@ -29,7 +29,8 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.operators.strips import available_threads, in_order, row_bands
+from deshake.operators.strips import in_order, row_bands
+from deshake.run import Run
 from deshake.signal.opponent import plane_weights, reflect, squared_lengths, weigh_colour
 from deshake.signal.shrinkage import shrunk
 
@@ -74,8 +75,8 @@ class HalfQuadratic:
         How far each pixel of f_N is trusted, in units of s^2: the precision of f_N over s^2.
     tau : float, optional
         Weight of the prior, > 0; by default 0.26 times the root of the number of planes.
-    threads : int, optional
-        Threads to use; by default all processors. The result does not depend on it.
+    run : Run, optional
+        Threads to use. The result does not depend on them.
 
     """
 
@@ -91,7 +92,7 @@ class HalfQuadratic:
         f_N: Image | None = None,
         q: Image | None = None,
         tau: float | None = None,
-        threads: int | None = None,
+        run: Run = Run(),
     ) -> None:
         self.f, self.Af, self.g, self.m, self.s = f, Af, g, m, s[None]
         self.inverse, self.blur = inverse, inverse.filters
@@ -99,7 +100,7 @@ class HalfQuadratic:
         self.tau = _TAU * len(g) ** 0.5 if tau is None else tau
         self.f_N, self.q = f_N, q
         self._near = np.float32(0) if q is None else inverse.means(self._framed(q))
-        self.threads = threads or available_threads()
+        self.run = run
 
     def step(self, rho: float, alpha: float = 0.0, v: Image | None = None) -> None:
         """Compute the gradients w for f, then move f by one preconditioned step.
@@ -238,4 +239,4 @@ class HalfQuadratic:
     def _each_band(self, height: int, work: Callable[[slice], T]) -> list[T]:
         """Do some work on all rows, band by band; the results are in the order of the bands."""
         step = max(8, _BAND_PIXELS // (self.f.shape[2] * len(self.f)))
-        return [done for _, done in in_order(work, row_bands(height, step), self.threads)]
+        return [done for _, done in in_order(work, row_bands(height, step), self.run)]

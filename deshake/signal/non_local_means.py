@@ -20,7 +20,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.operators.strips import available_threads, in_order
+from deshake.operators.strips import in_order
+from deshake.run import Run
 
 __all__ = ["non_local_means"]
 
@@ -32,7 +33,7 @@ _PATCH = 1  # pixels from a patch's middle to its side
 _TILE = 512  # pixels a side that are worked on at once; small ones make threads wait
 
 
-def non_local_means(u: Image, sigma: float, *, threads: int | None = None) -> Image:
+def non_local_means(u: Image, sigma: float, *, run: Run = Run()) -> Image:
     """Denoise an image whose noise is white and alike everywhere.
 
     Parameters
@@ -41,8 +42,8 @@ def non_local_means(u: Image, sigma: float, *, threads: int | None = None) -> Im
         The noisy image.
     sigma : float
         Standard deviation of the noise, > 0.
-    threads : int, optional
-        Threads to use; by default all processors. The result does not depend on it.
+    run : Run, optional
+        Threads to use. The result does not depend on them.
 
     Returns
     -------
@@ -62,7 +63,7 @@ def non_local_means(u: Image, sigma: float, *, threads: int | None = None) -> Im
         out[:, *inner] = tile[:, *within]
 
     corners = [(y, x) for y in range(0, height, _TILE) for x in range(0, width, _TILE)]
-    for _ in in_order(work, corners, threads or available_threads()):
+    for _ in in_order(work, corners, run):
         pass
     return out
 

@@ -24,6 +24,7 @@ from deshake.lens.frame_tags import reframed
 from deshake.lens.lens_warp import LensWarp
 from deshake.operators.filter_flow import reach
 from deshake.operators.warps import Warps
+from deshake.run import Run
 from deshake.simulation.exposure import expose
 from deshake.simulation.shake_path import random_path, read_path
 from deshake.stages.calibration import camera_for
@@ -31,7 +32,6 @@ from deshake.stages.camera_choice import CameraChoice
 from deshake.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
     from deshake.formats.photo import Photo
@@ -82,7 +82,7 @@ def shake(
     photons: float | None = None,
     noise_sigma: float = 0.0,
     seed: int = 0,
-    progress: Callable[[float, str], None] | None = None,
+    run: Run = Run(),
 ) -> Shaken:
     """Blur a photo by a camera path, apply the camera's distortion, and expose the photo.
 
@@ -101,8 +101,8 @@ def shake(
         sides; else the edge pixels continue the photo, and it keeps its size.
     gain, photons, noise_sigma, seed
         As for `expose`.
-    progress : callable, optional
-        Called with the fraction done and the present step in words.
+    run : Run, optional
+        Receives the progress.
 
     Raises
     ------
@@ -134,8 +134,7 @@ def shake(
     for k in range(len(theta)):
         warp = Warps(camera, theta[k : k + 1], margin=margin)
         blurred += warp.blur(latent, weights[k : k + 1])
-        if progress is not None:
-            progress((k + 1) / (len(theta) + 1), "shaking")
+        run.report((k + 1) / (len(theta) + 1), "shaking")
     kernel = path.kernel(camera)
     if not lens.is_pinhole:
         bent = _bent_camera(camera, lens)
@@ -224,7 +223,7 @@ def simulate_file(
     camera: Path | None = None,
     transfer: TransferName | None = None,
     overwrite: bool = False,
-    progress: Callable[[float, str], None] | None = None,
+    run: Run = Run(),
 ) -> None:
     """Shake a photo file; write the shaken photo and its true kernel.
 
@@ -251,8 +250,8 @@ def simulate_file(
         As for `read_photo`.
     overwrite : bool
         Whether existing outputs may be replaced.
-    progress : callable, optional
-        Called with the fraction done and the present step in words.
+    run : Run, optional
+        Receives the progress.
 
     Raises
     ------
@@ -292,7 +291,7 @@ def simulate_file(
             photons=photons,
             noise_sigma=noise_sigma,
             seed=seed,
-            progress=progress,
+            run=run,
         )
     except DeshakeError as error:
         error.file = error.file or str(source)

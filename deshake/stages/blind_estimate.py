@@ -15,23 +15,20 @@ from deshake.lens.straightening import (
     straight_region,
     straightened,
 )
+from deshake.run import Run
 from deshake.signal.luminance import luminance
 from deshake.signal.noise import noise_model
 from deshake.stages.calibration import camera_for
 from deshake.stages.estimate_options import EstimateOptions, largest_blur
 from deshake.stages.estimate_result import Estimate
 from deshake.stages.fitting import check_region
-from deshake.stages.progress import part
 from deshake.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from deshake.blind.result import BlindEstimate
     from deshake.files.kernel_file import CameraFile
     from deshake.formats.photo import Photo
 
-    Progress = Callable[[float, str], None]
 
 __all__ = [
     "FOCAL_LENGTHS",
@@ -50,8 +47,7 @@ def estimate_blind(
     photo: Photo,
     options: EstimateOptions,
     *,
-    threads: int | None = None,
-    progress: Progress | None = None,
+    run: Run = Run(),
 ) -> Estimate:
     """Estimate the blur kernel of a photo, from its luminance.
 
@@ -74,24 +70,22 @@ def estimate_blind(
 
     """
     if options.camera.focal == "auto" and not options.uniform:
-        estimate = _at_best_focal_length(photo, options, threads, progress)
+        estimate = _at_best_focal_length(photo, options, run)
     else:
-        estimate = _estimate(photo, options, threads, progress)
+        estimate = _estimate(photo, options, run)
     for note in estimate.notes:
         _log.warning("%s: %s", photo.source, note)
     return estimate
 
 
-def _at_best_focal_length(
-    photo: Photo, options: EstimateOptions, threads: int | None, progress: Progress | None
-) -> Estimate:
+def _at_best_focal_length(photo: Photo, options: EstimateOptions, run: Run) -> Estimate:
     """Estimate at several focal lengths; the confidence rises with the judge's score."""
     best: Estimate | None = None
     count = len(FOCAL_LENGTHS)
     for number, film in enumerate(FOCAL_LENGTHS):
-        partial = part(progress, number / count, (number + 1) / count)
+        partial = run.part(number / count, (number + 1) / count)
         at = replace(options, camera=replace(options.camera, focal=None, focal_35mm=film))
-        estimate = _estimate(photo, at, threads, partial)
+        estimate = _estimate(photo, at, partial)
         _log.info("%s: %g mm: confidence %.6f", photo.source, film, estimate.content.confidence)
         if best is None or estimate.content.confidence > best.content.confidence:
             source = f"--focal auto, {film:g} mm-equivalent"
@@ -107,9 +101,7 @@ def _at_best_focal_length(
     return best
 
 
-def _estimate(
-    photo: Photo, options: EstimateOptions, threads: int | None, progress: Progress | None
-) -> Estimate:
+def _estimate(photo: Photo, options: EstimateOptions, run: Run) -> Estimate:
     """Estimate at one focal length."""
     camera, notes = camera_for(photo, options.camera)
     check_region(photo, options.region)
@@ -125,8 +117,7 @@ def _estimate(
             region=straight_region(options.region, camera.camera, pinhole),
             uniform=options.uniform,
             quick=options.preview,
-            threads=threads,
-            progress=progress,
+            run=run,
         )
     except DeshakeError as error:
         error.file = error.file or str(photo.source)

@@ -27,6 +27,7 @@ from deshake.pair.clipped_noise import unclipped_mean
 from deshake.pair.denoising import NoisyPhoto, noisy_photo
 from deshake.pair.registration import register, registered
 from deshake.restore.dark_halos import without_dark_halos
+from deshake.run import Run
 from deshake.signal.luminance import luminance
 from deshake.stages.calibration import camera_for
 from deshake.stages.camera_choice import CameraChoice
@@ -36,7 +37,6 @@ from deshake.stages.methods import METHODS, RestorationOptions, default_method, 
 from deshake.stages.outputs import prepared, write_result
 from deshake.stages.photo_provenance import photo_provenance
 from deshake.stages.preview import preview_photo
-from deshake.stages.progress import part
 from deshake.stages.registering import known_registration, search_range
 
 if TYPE_CHECKING:
@@ -50,7 +50,6 @@ if TYPE_CHECKING:
     from deshake.restore.restoration import Restoration
 
     Observer = Callable[[Photo, Photo, RotationKernel], None]
-    Progress = Callable[[float, str], None]
 
 __all__ = ["deblur", "deblur_file"]
 
@@ -68,8 +67,7 @@ def deblur(
     registration: Registration | None = None,
     search_angle: float | None = None,
     keep_geometry: bool = False,
-    threads: int | None = None,
-    progress: Progress | None = None,
+    run: Run = Run(),
 ) -> Photo:
     """Deblur a photo with a kernel for its size, alone or with a noisy photo of the same scene.
 
@@ -94,10 +92,8 @@ def deblur(
         Range of the search for the registration, in degrees about any axis; by default 10.
     keep_geometry : bool
         Whether the result keeps the lens distortion of the photo.
-    threads : int, optional
-        Threads to use; by default all processors.
-    progress : callable, optional
-        Receives the share of the work done, 0..1, and a text.
+    run : Run, optional
+        Threads to use, and who receives the progress.
 
     Raises
     ------
@@ -115,8 +111,7 @@ def deblur(
         raise ValueError(f"{options.method} {takes}")
     lens = kernel.camera if registration is None else registration.camera
     if not kernel.theta[kernel.weights > 0].any():
-        if progress is not None:
-            progress(1.0, "nothing to undo")
+        run.report(1.0, "nothing to undo")
         return photo if keep_geometry else straightened(photo, lens)[0]
     try:
         if noisy is None:
@@ -127,8 +122,7 @@ def deblur(
                 kernel,
                 options,
                 clipped=straight.clipped,
-                threads=threads,
-                progress=progress,
+                run=run,
             )
             pixels = without_dark_halos(restored.pixels, straight.pixels, kernel)
         else:
@@ -144,8 +138,7 @@ def deblur(
                     unclipped_mean(other.pixels),
                     pinhole,
                     max_angle=search_range(search_angle),
-                    threads=threads,
-                    progress=part(progress, 0, start),
+                    run=run.part(0, start),
                 )
             elif not lens.is_pinhole:
                 registration = replace(registration, camera=pinhole)
@@ -155,8 +148,7 @@ def deblur(
                 kernel,
                 options,
                 registration=registration,
-                threads=threads,
-                progress=part(progress, start, 1),
+                run=run.part(start, 1),
             )
             pixels = restored.pixels
     except DeshakeError as error:
@@ -182,8 +174,7 @@ def deblur_file(
     overwrite: bool = False,
     overwrite_others: bool = False,
     keep_result: bool = False,
-    threads: int | None = None,
-    progress: Progress | None = None,
+    run: Run = Run(),
 ) -> KernelFile:
     """Deblur a photo with the kernel of a file, alone or with a noisy one, and write the result.
 
@@ -235,8 +226,7 @@ def deblur_file(
         registration=known,
         search_angle=search_angle,
         keep_geometry=finish.keep_geometry,
-        threads=threads,
-        progress=progress,
+        run=run,
     )
     provenance = photo_provenance(
         photo,
@@ -278,8 +268,7 @@ def _pair_restored(
     options: RestorationOptions,
     *,
     registration: Registration,
-    threads: int | None,
-    progress: Progress | None,
+    run: Run,
 ) -> Restoration:
     """Register the noisy photo, match its brightness to the blurred one, and deblur."""
     g, f_N = blurred.pixels, noisy.pixels
@@ -291,21 +280,21 @@ def _pair_restored(
     clipped = registered(noisy.clipped.astype(np.float32), registration)[0] > 0
     usable = (valid > 0) & ~(clipped | blurred.clipped)
     light = unclipped_mean(g)
-    blur = ShakeBlur(kernel, threads=threads)
+    blur = ShakeBlur(kernel, run=run)
     Af = blurred_planes(channels_first(f_reg), blur)
     scale = fitted_factor(light, Af, usable, blur)
     Af *= np.float32(scale)
     pair: NoisyPhoto | None = None
     if not (blurred.is_sensors and noisy.is_sensors):
         mean = unclipped_mean(f_N)
-        pair, trust = camera_pair(light, Af, mean, registration, blur, mask=usable, threads=threads)
+        pair, trust = camera_pair(light, Af, mean, registration, blur, mask=usable, run=run)
         valid *= trust
     del Af, f_reg
     if pair is None:
         resample = partial(registered, registration=registration, margin=blur.margin)
         stored *= np.float32(scale)
         clipped = resample(noisy.clipped.astype(np.float32))[0] > 0
-        pair, valid = noisy_photo(light, stored, resample, threads=threads)
+        pair, valid = noisy_photo(light, stored, resample, run=run)
     del stored
     method = METHODS[options.method]
     guides = {"valid": valid, "noisy_clipped": clipped}
@@ -314,8 +303,7 @@ def _pair_restored(
         pair,
         kernel,
         clipped=blurred.clipped,
-        threads=threads,
-        progress=progress,
+        run=run,
         **{name: guides[name] for name in method.inputs},
         **options.arguments(),
     )

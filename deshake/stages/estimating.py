@@ -14,12 +14,12 @@ from deshake.formats.conversion import output_format
 from deshake.formats.photo import encode_photo, read_pair, read_photo
 from deshake.pictures.latent_photo import latent_photo
 from deshake.pictures.tile_picture import tile_photo
+from deshake.run import Run
 from deshake.stages.blind_estimate import estimate_blind
 from deshake.stages.pair_estimate import estimate_pair
 from deshake.stages.registering import known_registration
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
     from deshake.formats.encoding import Format
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from deshake.stages.estimate_options import EstimateOptions
     from deshake.stages.estimate_result import Estimate
 
-    Progress = Callable[[float, str], None]
 
 __all__ = ["camera_name", "estimate_file", "kernel_name"]
 
@@ -54,8 +53,7 @@ def estimate_file(
     overwrite: bool = False,
     overwrite_others: bool = False,
     keep_result: bool = False,
-    threads: int | None = None,
-    progress: Progress | None = None,
+    run: Run = Run(),
 ) -> Estimate:
     """Estimate the kernel of a photo, alone or with a noisy one, and write its kernel file.
 
@@ -78,10 +76,8 @@ def estimate_file(
         Whether an existing kernel file, or existing pictures, may be replaced.
     keep_result : bool
         Whether the kernel file exists already and is kept; only the pictures are written.
-    threads : int, optional
-        Threads to use; by default all processors.
-    progress : callable, optional
-        Receives the share of the work done, 0..1, and a text.
+    run : Run, optional
+        Threads to use, and who receives the progress.
 
     Raises
     ------
@@ -104,8 +100,7 @@ def estimate_file(
             *read_pair(source, noisy, transfer=options.transfer),
             options,
             registration=known,
-            threads=threads,
-            progress=progress,
+            run=run,
         )
         with joint_outputs(source, noisy) as add:
             if not keep_result:
@@ -116,7 +111,7 @@ def estimate_file(
     photo = read_photo(source, transfer=options.transfer)
     for path in pictures:
         _picture_format(path, photo)
-    estimate = estimate_blind(photo, options, threads=threads, progress=progress)
+    estimate = estimate_blind(photo, options, run=run)
     with joint_outputs(source) as add:
 
         def keep(path: Path, picture: Photo) -> None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from deshake.files.disk import check_output
 from deshake.formats.photo import read_pair, read_photo
+from deshake.run import Run
 from deshake.stages.blind_estimate import estimate_blind
 from deshake.stages.deblurring import deblur
 from deshake.stages.finishing import AS_IT_IS, Finish
@@ -21,7 +22,6 @@ from deshake.stages.outputs import prepared, write_result
 from deshake.stages.pair_estimate import estimate_pair
 from deshake.stages.photo_provenance import photo_provenance
 from deshake.stages.preview import preview_estimate, preview_options, preview_photo
-from deshake.stages.progress import part
 from deshake.stages.registering import find_registration
 
 if TYPE_CHECKING:
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from deshake.stages.estimate_result import Estimate
 
     Observer = Callable[[Photo, Photo, RotationKernel], None]
-    Progress = Callable[[float, str], None]
 
 __all__ = ["fix_file"]
 
@@ -61,8 +60,7 @@ def fix_file(
     overwrite: bool = False,
     overwrite_others: bool = False,
     keep_result: bool = False,
-    threads: int | None = None,
-    progress: Progress | None = None,
+    run: Run = Run(),
 ) -> Estimate:
     """Estimate the kernel of a photo, deblur the photo with it, and write both.
 
@@ -88,10 +86,8 @@ def fix_file(
         Whether an existing result, or other existing outputs, may be replaced.
     keep_result : bool
         Whether the result exists already and is kept.
-    threads : int, optional
-        Threads to use; by default all processors. The result does not depend on it.
-    progress : callable, optional
-        Receives the share of the work done, 0..1, and a text.
+    run : Run, optional
+        Threads to use, and who receives the progress.
 
     Raises
     ------
@@ -117,14 +113,14 @@ def fix_file(
         share = _ESTIMATE_PIXELS / (_ESTIMATE_PIXELS + pixels)
     else:
         share = _PAIR_ESTIMATED
-    first, second = part(progress, 0, share), part(progress, share, 1)
+    first, second = run.part(0, share), run.part(share, 1)
     if other is not None:
         by = preview_options(options, whole, photo) if finish.preview else options
-        estimate = _pair_estimate(photo, other, by, threads, first)
+        estimate = _pair_estimate(photo, other, by, first)
     elif finish.preview:
-        estimate = preview_estimate(whole, photo, options, threads=threads, progress=first)
+        estimate = preview_estimate(whole, photo, options, run=first)
     else:
-        estimate = estimate_blind(photo, options, threads=threads, progress=first)
+        estimate = estimate_blind(photo, options, run=first)
     del whole
     kernel = estimate.content.kernel
     result = deblur(
@@ -134,8 +130,7 @@ def fix_file(
         noisy=other,
         registration=estimate.registration,
         keep_geometry=finish.keep_geometry,
-        threads=threads,
-        progress=second,
+        run=second,
     )
     provenance = photo_provenance(
         photo,
@@ -176,14 +171,11 @@ def _pair_estimate(
     blurred: Photo,
     noisy: Photo,
     options: EstimateOptions,
-    threads: int | None,
-    progress: Progress | None,
+    run: Run,
 ) -> Estimate:
     """Register the noisy photo and estimate the kernel, as the two commands do in turn."""
     share = _REGISTERED / _PAIR_ESTIMATED
-    match = find_registration(
-        blurred, noisy, options, threads=threads, progress=part(progress, 0, share)
-    )
+    match = find_registration(blurred, noisy, options, run=run.part(0, share))
     for note in match.notes:
         _log.warning("%s: %s", blurred.source, note)
     estimate = estimate_pair(
@@ -191,7 +183,6 @@ def _pair_estimate(
         noisy,
         options,
         registration=match.registration,
-        threads=threads,
-        progress=part(progress, share, 1),
+        run=run.part(share, 1),
     )
     return replace(estimate, camera=match.camera, notes=match.notes + estimate.notes)

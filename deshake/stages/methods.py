@@ -12,6 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final, get_args
 
 from deshake.restore.quality import Quality
+from deshake.run import Run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -156,8 +157,7 @@ def restore(
     options: RestorationOptions | None = None,
     *,
     clipped: NDArray[np.bool_] | None = None,
-    threads: int | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    run: Run = Run(),
 ) -> Restoration:
     """Deblur a photo whose rotation kernel is known.
 
@@ -169,7 +169,7 @@ def restore(
         The blur, for a camera of the photo's size.
     options : RestorationOptions, optional
         Method and its options; by default sparse gradients.
-    clipped, threads, progress
+    clipped, run
         The same as for `sparse_gradients`.
 
     Raises
@@ -185,5 +185,5 @@ def restore(
     if options.needs_noisy:
         raise ValueError(f"{options.method} needs a noisy photo")
     return METHODS[options.method].load()(
-        g, kernel, clipped=clipped, threads=threads, progress=progress, **options.arguments()
+        g, kernel, clipped=clipped, run=run, **options.arguments()
     )

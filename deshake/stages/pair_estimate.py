@@ -20,22 +20,19 @@ from deshake.lens.straightening import bent_kernel, straight_pair
 from deshake.pair.clipped_noise import unclipped_mean
 from deshake.pair.registered_pair import RegisteredPair
 from deshake.pair.registration import registered
+from deshake.run import Run
 from deshake.stages.estimate_options import largest_blur
 from deshake.stages.estimate_result import TRUSTED, Estimate
 from deshake.stages.fitting import check_registration
-from deshake.stages.progress import part
 from deshake.stages.registering import find_registration, relative_zoom
 from deshake.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from deshake.formats.photo import Photo
     from deshake.pair.kernel_estimate import PairEstimate
     from deshake.pair.registration import Registration
     from deshake.stages.estimate_options import EstimateOptions
 
-    Progress = Callable[[float, str], None]
 
 __all__ = ["estimate_pair"]
 
@@ -51,8 +48,7 @@ def estimate_pair(
     options: EstimateOptions,
     *,
     registration: Registration | None = None,
-    threads: int | None = None,
-    progress: Progress | None = None,
+    run: Run = Run(),
 ) -> Estimate:
     """Estimate the blur kernel of a blurred photo with a noisy photo of the same scene.
 
@@ -65,10 +61,8 @@ def estimate_pair(
     registration : Registration, optional
         Registration of the two photos, with its camera. By default they are registered, with the
         camera from the options or from the blurred photo.
-    threads : int, optional
-        Threads to use; by default all processors.
-    progress : callable, optional
-        Receives the share of the work done, 0..1, and a text.
+    run : Run, optional
+        Threads to use, and who receives the progress.
 
     Raises
     ------
@@ -83,9 +77,7 @@ def estimate_pair(
     notes: list[str] = []
     start = 0.0
     if registration is None:
-        first = find_registration(
-            blurred, noisy, options, threads=threads, progress=part(progress, 0, _REGISTERED)
-        )
+        first = find_registration(blurred, noisy, options, run=run.part(0, _REGISTERED))
         registration, camera, notes = first.registration, first.camera, list(first.notes)
         start = _REGISTERED
     else:
@@ -107,15 +99,12 @@ def estimate_pair(
         common: dict[str, Any] = {
             "uniform": options.uniform,
             "blur_size": largest_blur(pinhole, options),
-            "threads": threads,
         }
-        fit = pair.kernel(**common, progress=part(progress, start, half) or _silent)
+        fit = pair.kernel(**common, run=run.part(start, half))
         curved = False
         if fit.unexplained > _ALL_BUT and not linear:
             with contextlib.suppress(EstimationError):  # without tone curves the one factor is kept
-                second = pair.on_curves().kernel(
-                    **common, progress=part(progress, half, 1) or _silent
-                )
+                second = pair.on_curves().kernel(**common, run=run.part(half, 1))
                 curved = second.unexplained < fit.unexplained
                 fit = second if curved else fit
     except DeshakeError as error:
@@ -133,8 +122,7 @@ def estimate_pair(
             "is left as it is; without the noisy photo it can be deblurred blindly"
         )
         kernel = RotationKernel.delta(kernel.camera)
-    if progress is not None:
-        progress(1.0, "kernel estimated")
+    run.report(1.0, "kernel estimated")
     for note in notes:
         _log.warning("%s: %s", blurred.source, note)
     provenance = _provenance((blurred, noisy), options, registration, fit)
@@ -142,10 +130,6 @@ def estimate_pair(
     kernel = bent_kernel(kernel, registration.camera, pinhole)
     content = KernelFile(kernel, fit.confidence, provenance)
     return Estimate(content, camera, notes, registration=registration, scale=scale)
-
-
-def _silent(_share: float, _text: str) -> None:
-    """Ignore the progress."""
 
 
 def _provenance(

@@ -14,12 +14,11 @@ from typing import TYPE_CHECKING, Any, Final
 import cv2
 import numpy as np
 
+from deshake.run import Run
 from deshake.stages.blind_estimate import estimate_blind
 from deshake.stages.fitting import check_region
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
     from deshake.formats.photo import Photo
@@ -52,8 +51,7 @@ def preview_estimate(
     small: Photo,
     options: EstimateOptions,
     *,
-    threads: int | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    run: Run = Run(),
 ) -> Estimate:
     """Estimate the blur kernel of a reduced photo.
 
@@ -63,10 +61,8 @@ def preview_estimate(
         The photo, and its preview from `preview_photo`.
     options : EstimateOptions
         Options of the estimate, in pixels of the photo.
-    threads : int, optional
-        Threads to use; by default all processors.
-    progress : callable, optional
-        Receives the share of the work done, 0..1, and a text.
+    run : Run, optional
+        Threads to use, and who receives the progress.
 
     Returns
     -------
@@ -81,7 +77,7 @@ def preview_estimate(
     """
     reduced = _reduced(small, _ESTIMATE_SIDE)
     scaled = preview_options(options, photo, reduced)
-    estimate = estimate_blind(reduced, scaled, threads=threads, progress=progress)
+    estimate = estimate_blind(reduced, scaled, run=run)
     kernel = estimate.content.kernel.at_size(*small.shape)
     camera = replace(estimate.camera, camera=estimate.camera.camera.scaled(*small.shape))
     return replace(estimate, content=replace(estimate.content, kernel=kernel), camera=camera)

@@ -21,12 +21,12 @@ from deshake.lens.straightening import straight_pair
 from deshake.metadata.metadata import Metadata
 from deshake.pair.clipped_noise import unclipped_mean
 from deshake.pair.registration import MAX_ANGLE, Registration, register, registered
+from deshake.run import Run
 from deshake.signal.luminance import luminance
 from deshake.stages.calibration import calibrate, camera_for
 from deshake.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
     from deshake.files.kernel_file import CameraFile
@@ -112,8 +112,7 @@ def find_registration(
     noisy: Photo,
     options: EstimateOptions,
     *,
-    threads: int | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    run: Run = Run(),
 ) -> Found:
     """Register a noisy photo to a blurred one.
 
@@ -123,10 +122,8 @@ def find_registration(
         The photos.
     options : EstimateOptions
         Options; only the camera and `search_angle` count.
-    threads : int, optional
-        Threads to use; by default all processors.
-    progress : callable, optional
-        Receives the share of the work done, 0..1, and a text.
+    run : Run, optional
+        Threads to use, and who receives the progress.
 
     Raises
     ------
@@ -155,8 +152,7 @@ def find_registration(
             unclipped_mean(other.pixels),
             pinhole,
             max_angle=search_range(options.search_angle),
-            progress=progress,
-            threads=threads,
+            run=run,
         )
     except DeshakeError as error:
         error.file = error.file or f"{blurred.source}, {noisy.source}"
@@ -174,8 +170,7 @@ def register_file(
     overwrite: bool = False,
     overwrite_others: bool = False,
     keep_result: bool = False,
-    threads: int | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    run: Run = Run(),
 ) -> Found:
     """Register a noisy photo to a blurred one, and write the registration file.
 
@@ -193,10 +188,8 @@ def register_file(
         Whether an existing registration file, or an existing preview, may be replaced.
     keep_result : bool
         Whether the registration file exists already and is kept; only the preview is written.
-    threads : int, optional
-        Threads to use; by default all processors.
-    progress : callable, optional
-        Receives the share of the work done, 0..1, and a text.
+    run : Run, optional
+        Threads to use, and who receives the progress.
 
     Raises
     ------
@@ -213,7 +206,7 @@ def register_file(
         check_output(preview, blurred, noisy, output, overwrite=overwrite_others)
     g, f_N = read_pair(blurred, noisy, transfer=options.transfer)
     form = None if preview is None else _preview_format(preview, g)
-    match = find_registration(g, f_N, options, threads=threads, progress=progress)
+    match = find_registration(g, f_N, options, run=run)
     registration = match.registration
     for note in match.notes:
         _log.warning("%s: %s", blurred, note)

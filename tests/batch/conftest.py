@@ -25,7 +25,7 @@ class Trial:
     def __init__(self, need=1):
         self.need = need
 
-    def __call__(self, job, *, threads, progress):
+    def __call__(self, job, run):
         word, _, rest = job.source.read_text().partition(" ")
         if word == "fail":
             raise PhotoError("is bad", hint="drop it", file=job.source)
@@ -40,8 +40,8 @@ class Trial:
             stream.write(b"done")
         if word == "warn":
             logging.getLogger("deshake.trial").warning("%s: mind", job.source)
-        progress(0.5, "half")
-        return {"pid": os.getpid(), "threads": threads}
+        run.report(0.5, "half")
+        return {"pid": os.getpid(), "threads": run.threads}
 
     def memory(self, job, size, threads):
         return self.need * max(size.pixels, 1)

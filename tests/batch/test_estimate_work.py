@@ -7,6 +7,7 @@ from deshake.batch.estimate_work import Calibrate, EstimateKernel, kernel_origin
 from deshake.batch.plan import Job
 from deshake.errors import EstimationError
 from deshake.files.kernel_file import read_camera
+from deshake.run import Run
 from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.estimate_options import EstimateOptions
 
@@ -19,7 +20,7 @@ def photo(tmp_path):
 
 
 def did(work, job):
-    return work(job, threads=1, progress=None)
+    return work(job, Run(1))
 
 
 def test_calibrate_with_and_without_a_file(photo, tmp_path):

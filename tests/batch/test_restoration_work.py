@@ -13,6 +13,7 @@ from deshake.batch.restoration_work import Deblur, Fix
 from deshake.files.kernel_file import CameraFile, KernelFile, read_kernel, write_kernel
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
+from deshake.run import Run
 from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.estimate_options import EstimateOptions
 
@@ -36,7 +37,7 @@ def photo(tmp_path):
 def did(work, job):
     """Do the work as another process would: on copies."""
     work, job = pickle.loads(pickle.dumps((work, job)))  # noqa: S301 - our own bytes
-    return work(job, threads=1, progress=None)
+    return work(job, Run(1))
 
 
 def test_fix_is_estimate_and_deblur(photo, tmp_path):

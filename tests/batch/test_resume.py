@@ -12,6 +12,7 @@ from deshake.batch.plan import Job
 from deshake.batch.restoration_work import Deblur, Fix
 from deshake.batch.resume import differences, doubt
 from deshake.batch.task import run_job
+from deshake.run import Run
 from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.estimate_options import EstimateOptions
 from deshake.stages.finishing import Finish
@@ -34,7 +35,7 @@ def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("finished")
     codes = np.random.default_rng(5).integers(0, 256, (8, 10, 3), np.uint8)
     Image.fromarray(codes).resize((100, 80), Image.Resampling.BICUBIC).save(folder / "a.png")
-    assert run_job(job_in(folder), FIX, threads=1).status == "done"
+    assert run_job(job_in(folder), FIX, run=Run(1)).status == "done"
     return folder
 
 
@@ -84,9 +85,7 @@ def test_another_input_and_another_kernel_are_said(job, tmp_path):
     assert "options" not in doubt(job, FIX)
     other = tmp_path / "other.npz"
     again = replace(job, output=other, others={})
-    EstimateKernel(replace(OPTIONS, blur_size=4))(
-        replace(again, source=job.output), threads=1, progress=None
-    )
+    EstimateKernel(replace(OPTIONS, blur_size=4))(replace(again, source=job.output), Run(1))
     found = doubt(replace(job, needs={"kernel": other}), Deblur())
     assert "from another input and with other options (blur_size 3, now 4)" in found
     assert doubt(replace(job, output=kernel), EstimateKernel(OPTIONS)).endswith("another input")

@@ -5,6 +5,7 @@ import logging
 from deshake.batch.plan import Job
 from deshake.batch.task import run_job
 from deshake.errors import OutputError
+from deshake.run import Run
 
 
 def told(share, text):
@@ -13,7 +14,7 @@ def told(share, text):
 
 def test_what_came_of_a_photo(trial, jobs):
     [job] = jobs("warn")
-    result = run_job(job, trial(), threads=3, progress=told)
+    result = run_job(job, trial(), run=Run(3, told))
     assert (result.status, result.warnings, result.error) == ("done", ("mind",), None)
     assert result.figures["threads"] == 3
     assert result.seconds >= 0

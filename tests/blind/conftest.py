@@ -15,6 +15,7 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.operators.warps import Warps
+from deshake.run import Run
 from deshake.signal.pyramid import Pyramid
 
 if TYPE_CHECKING:
@@ -93,4 +94,4 @@ def shares() -> list[float]:
 @pytest.fixture(scope="session")
 def ended(shaken, shares) -> Finish:
     """How the race for the shaken photo ends."""
-    return race(shaken.pyramid, threads=1, progress=lambda share, _: shares.append(share))
+    return race(shaken.pyramid, run=Run(1, lambda share, _: shares.append(share)))

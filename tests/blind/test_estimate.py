@@ -11,6 +11,7 @@ from deshake.blind.camera_path import filled_path
 from deshake.blind.estimate import STILL, estimate_kernel
 from deshake.errors import EstimationError
 from deshake.geometry.camera import Camera
+from deshake.run import Run
 
 if TYPE_CHECKING:
     from deshake.blind.result import BlindEstimate
@@ -34,7 +35,7 @@ def progress() -> Told:
 
 @pytest.fixture(scope="module")
 def result(shaken, progress) -> BlindEstimate:
-    return estimate_kernel(shaken.grey, shaken.camera, quick=True, threads=1, progress=progress)
+    return estimate_kernel(shaken.grey, shaken.camera, quick=True, run=Run(1, progress))
 
 
 def test_a_known_shake_is_found_and_trusted(result, shaken) -> None:
@@ -77,7 +78,7 @@ def test_progress_rises_from_nothing_to_one(result, progress) -> None:
 def test_a_part_of_the_photo_tells_of_the_whole(shaken) -> None:
     spoilt = shaken.grey.copy()
     spoilt[:, 200:] = np.random.default_rng(0).random((200, 40))
-    part = estimate_kernel(spoilt, shaken.camera, region=(10, 5, 186, 190), quick=True, threads=1)
+    part = estimate_kernel(spoilt, shaken.camera, region=(10, 5, 186, 190), quick=True, run=Run(1))
     assert part.kernel.camera is shaken.camera
     assert agreement(part.kernel, shaken.kernel) > 0.85
     assert part.latent.shape == (2, 190, 186)
@@ -90,7 +91,7 @@ def test_clipped_pixels_are_not_believed(shaken) -> None:
         shaken.camera,
         clipped=shaken.grey >= most,
         quick=True,
-        threads=1,
+        run=Run(1),
     )
     assert agreement(result.kernel, shaken.kernel) > 0.85
 
@@ -99,14 +100,14 @@ def test_uniform_kernels_do_not_roll(shake) -> None:
     camera = Camera.uniform(200, 240)
     shaken = shake(camera, np.array([[-1.0, -4, 0], [0, 0, 0], [2, 1, 0], [1, 4, 0]]))
     lens = Camera.from_focal(240.0, 200, 240)
-    result = estimate_kernel(shaken.grey, lens, uniform=True, quick=True, threads=1)
+    result = estimate_kernel(shaken.grey, lens, uniform=True, quick=True, run=Run(1))
     assert result.kernel.camera.is_uniform
     assert not result.kernel.theta[:, 2].any()
     assert agreement(result.kernel, shaken.kernel) > 0.9
 
 
 def test_a_sharp_photo_is_left_as_it_is(shaken) -> None:
-    result = estimate_kernel(np.ascontiguousarray(shaken.still), shaken.camera, threads=1)
+    result = estimate_kernel(np.ascontiguousarray(shaken.still), shaken.camera, run=Run(1))
     assert result.name == STILL
     assert result.kernel.weights.tolist() == [1]
     assert not result.kernel.theta.any()

@@ -43,7 +43,7 @@ def test_it_is_called_off_for_a_sharp_photo(still) -> None:
 
 def test_a_quick_race_without_roll_and_within_a_bound_on_any_threads(shaken) -> None:
     one, two = (
-        race(shaken.pyramid, axes=(True, True, False), bound=2.0, quick=True, threads=threads)
+        race(shaken.pyramid, axes=(True, True, False), bound=2.0, quick=True, run=Run(threads))
         for threads in (1, 2)
     )
     kernel = one.winner.kernel

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from deshake.cli.context import Context, Progress
+from deshake.cli.context import Context, ProgressBar
 
 
 def test_a_bar_shows_nothing_unless_wanted(capsys):
@@ -23,7 +23,7 @@ def test_stderr_is_no_terminal_here():
 
 
 def shown(capsys, fractions):
-    with Progress("working", shown=True) as bar:
+    with ProgressBar("working", shown=True) as bar:
         bar._bar.mininterval = 0
         for fraction in fractions:
             bar(fraction, "deblurring")
@@ -50,7 +50,7 @@ def test_the_bar_vanishes(capsys):
 
 
 def test_the_bar_is_closed_by_an_exception(capsys):
-    with pytest.raises(KeyboardInterrupt), Progress("working", shown=True) as bar:
+    with pytest.raises(KeyboardInterrupt), ProgressBar("working", shown=True) as bar:
         raise KeyboardInterrupt
     assert bar._bar is None
     assert capsys.readouterr().err.split("\r")[-1].strip() == ""
@@ -64,8 +64,8 @@ def test_a_terminal_of_no_size_gets_a_line(size):
     import termios  # noqa: PLC0415
 
     code = (
-        "from deshake.cli.context import Progress\n"
-        "with Progress('a.jpg', shown=True) as bar: bar(0.5, 'deblurring')"
+        "from deshake.cli.context import ProgressBar\n"
+        "with ProgressBar('a.jpg', shown=True) as bar: bar(0.5, 'deblurring')"
     )
     ours, theirs = pty.openpty()
     try:

@@ -73,9 +73,9 @@ def test_colour_is_for_terminals_and_obeys_no_color(capsys, monkeypatch):
 
 
 def test_a_log_line_passes_above_a_progress_bar(capsys):
-    from deshake.cli.context import Progress  # noqa: PLC0415  tqdm is imported with the bar
+    from deshake.cli.context import ProgressBar  # noqa: PLC0415  tqdm is imported with the bar
 
-    with log_to_stderr(), Progress("working", shown=True) as bar:
+    with log_to_stderr(), ProgressBar("working", shown=True) as bar:
         bar(0.5)
         LOG.warning("a doubt")
     assert "\rwarning: a doubt\n" in capsys.readouterr().err.replace("\x1b[K", "").replace(" ", " ")

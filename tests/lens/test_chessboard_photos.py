@@ -7,6 +7,7 @@ from PIL import Image
 from deshake.errors import EstimationError, OutputError, PhotoError
 from deshake.files.kernel_file import read_camera
 from deshake.lens.chessboard_photos import calibrate_from_chessboards
+from deshake.run import Run
 
 
 @pytest.fixture
@@ -22,7 +23,10 @@ def test_the_camera_file_has_the_camera_of_the_boards(boards, files, tmp_path):
     _, board, camera = boards
     reports = []
     result = calibrate_from_chessboards(
-        files, tmp_path / "c.npz", board, progress=lambda share, text: reports.append((share, text))
+        files,
+        tmp_path / "c.npz",
+        board,
+        run=Run(progress=lambda share, text: reports.append((share, text))),
     )
     kept = read_camera(tmp_path / "c.npz")
     assert kept.camera.focal_px == pytest.approx(camera.focal_px, rel=0.01)

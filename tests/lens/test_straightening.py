@@ -22,6 +22,7 @@ from deshake.lens.straightening import (
     straightened,
 )
 from deshake.metadata.metadata import Metadata
+from deshake.run import Run
 from deshake.simulation.shake_path import random_path
 from deshake.simulation.shaken_photo import shake
 from deshake.stages.deblurring import deblur
@@ -73,15 +74,15 @@ def test_undoing_the_lens_betters_the_corners_by_a_decibel(shaken):
     kernel = simulated.kernel
     camera = kernel.camera
     plain = kernel.for_camera(Camera(camera.matrix, camera.height, camera.width))
-    without = deblur(photo, plain, FAST, threads=1).pixels
-    kept = deblur(photo, kernel, FAST, keep_geometry=True, threads=1).pixels
+    without = deblur(photo, plain, FAST, run=Run(1)).pixels
+    kept = deblur(photo, kernel, FAST, keep_geometry=True, run=Run(1)).pixels
     assert kept.shape == photo.pixels.shape
     blurred, first, second = (
         psnr_of_corners(light, simulated.sharp) for light in (photo.pixels, without, kept)
     )
     assert first > blurred + 1
     assert second > first + 1
-    straight = deblur(photo, kernel, FAST, threads=1)
+    straight = deblur(photo, kernel, FAST, run=Run(1))
     sharp, _ = straightened(photo.with_pixels(simulated.sharp), camera)
     assert straight.shape == photo.shape
     assert psnr_of_corners(straight.pixels, sharp.pixels) > first + 0.8

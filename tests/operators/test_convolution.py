@@ -10,6 +10,7 @@ from deshake.geometry.camera import Camera
 from deshake.operators.convolution import Convolution
 from deshake.operators.filter_flow import FilterFlow
 from deshake.operators.warps import Warps
+from deshake.run import Run
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -38,7 +39,7 @@ def weights() -> np.ndarray:
 @pytest.fixture(scope="module")
 def splat(theta: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Filter of the frame: that of a patch."""
-    filters = FilterFlow(CAMERA, theta, threads=1).filters(weights)
+    filters = FilterFlow(CAMERA, theta, run=Run(1)).filters(weights)
     return filters.filters(filters.grid.strips[0])[0]
 
 
@@ -54,7 +55,7 @@ def test_dot_test(
     radius: int,
     margin: int,
 ) -> None:
-    blur = Convolution(noise(2 * radius + 1, 2 * radius + 1), shape, margin, threads=2)
+    blur = Convolution(noise(2 * radius + 1, 2 * radius + 1), shape, margin, run=Run(2))
     latent, observed = (channels, *blur.latent_shape), (channels, *shape)
     assert dot_test(blur.forward, blur.adjoint, latent, observed) <= 1e-5
 
@@ -63,7 +64,7 @@ def test_dot_test(
 @pytest.mark.parametrize("margin", [0, 2, 6, 15])
 def test_is_a_correlation_with_zeros_around(shape: tuple[int, int], margin: int) -> None:
     h = noise(13, 13)
-    blur = Convolution(h, shape, margin, threads=1)
+    blur = Convolution(h, shape, margin, run=Run(1))
     f, g = noise(*blur.latent_shape, seed=1), noise(*shape, seed=2)
     correlated = scipy.signal.correlate(np.pad(f, 6), h, "valid", "direct")
     correlated = correlated[margin : margin + shape[0], margin : margin + shape[1]]
@@ -73,7 +74,7 @@ def test_is_a_correlation_with_zeros_around(shape: tuple[int, int], margin: int)
 
 
 def test_is_linear_and_takes_channels_one_by_one() -> None:
-    blur = Convolution(noise(9, 9), (40, 57), 4, threads=2)
+    blur = Convolution(noise(9, 9), (40, 57), 4, run=Run(2))
     f = noise(3, *blur.latent_shape)
     together = blur.forward(f)
     for plane, blurred in zip(f, together, strict=True):
@@ -95,8 +96,8 @@ def test_one_pixel_changes_nothing() -> None:
 def test_does_what_patches_and_warps_do(
     photo: np.ndarray, theta: np.ndarray, weights: np.ndarray, splat: np.ndarray, margin: int
 ) -> None:
-    blur = Convolution(splat, CAMERA.shape, margin, threads=2)
-    flow = FilterFlow(CAMERA, theta, margin=margin, threads=2)
+    blur = Convolution(splat, CAMERA.shape, margin, run=Run(2))
+    flow = FilterFlow(CAMERA, theta, margin=margin, run=Run(2))
     warps = Warps(CAMERA, theta, margin=margin)
     assert blur.latent_shape == flow.latent_shape == warps.latent_shape
     height, width = blur.latent_shape
@@ -109,7 +110,7 @@ def test_does_what_patches_and_warps_do(
 
 def test_threads_do_not_change_a_byte(splat: np.ndarray) -> None:
     f, g = noise(3, 150 + 20, 201 + 20), noise(3, 150, 201)
-    blurs = [Convolution(splat, CAMERA.shape, 10, threads=n) for n in (1, 2, 3)]
+    blurs = [Convolution(splat, CAMERA.shape, 10, run=Run(n)) for n in (1, 2, 3)]
     assert len({blur.forward(f).tobytes() + blur.adjoint(g).tobytes() for blur in blurs}) == 1
 
 

@@ -13,6 +13,7 @@ from deshake.operators import filter_flow
 from deshake.operators.filter_flow import FilterFlow, patch_hop, reach
 from deshake.operators.local_filters import LocalFilters
 from deshake.operators.warps import Warps
+from deshake.run import Run
 
 
 def rms(a: np.ndarray) -> float:
@@ -70,7 +71,7 @@ def test_adjoint_of_any_frame(
     camera = Camera.from_focal(80.0, height, width)
     rng = np.random.default_rng(seed)
     theta = rng.normal(size=(4, 3)) * size * grid_steps(camera)
-    flow = FilterFlow(camera, np.clip(theta, -0.2, 0.2), margin=margin, hop=hop, threads=2)
+    flow = FilterFlow(camera, np.clip(theta, -0.2, 0.2), margin=margin, hop=hop, run=Run(2))
     f = rng.random(flow.latent_shape).astype(np.float32)
     g, w = rng.random(camera.shape).astype(np.float32), rng.random(4)
     blurred = flow.blur(f, w).astype(np.float64)
@@ -123,7 +124,7 @@ def test_bytes_do_not_depend_on_the_threads() -> None:
     rng = np.random.default_rng(1)
     results = []
     for threads in (1, 2, 4):
-        flow = FilterFlow(camera, theta, margin=9, hop=24, threads=threads)
+        flow = FilterFlow(camera, theta, margin=9, hop=24, run=Run(threads))
         rng = np.random.default_rng(1)
         f = rng.random((*flow.latent_shape, 3)).astype(np.float32)
         g = rng.random((*camera.shape, 3)).astype(np.float32)

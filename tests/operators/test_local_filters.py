@@ -8,6 +8,7 @@ import scipy.signal
 
 from deshake.operators.local_filters import LocalFilters
 from deshake.operators.patches import PatchGrid
+from deshake.run import Run
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,14 +28,14 @@ def random_filters(grid: PatchGrid) -> LocalFilters:
 
 def test_dot_test(dot_test: Callable[..., float]) -> None:
     for margin in (0, 4, 11):
-        grid = PatchGrid((50, 67), 4, 9, margin, threads=2)
+        grid = PatchGrid((50, 67), 4, 9, margin, run=Run(2))
         blur = random_filters(grid)
         error = dot_test(blur.forward, blur.adjoint, (2, *grid.latent_shape), (2, 50, 67))
         assert error <= 1e-5
 
 
 def test_equal_filters_are_a_correlation() -> None:
-    grid = PatchGrid((50, 67), 4, 9, 4, threads=2)
+    grid = PatchGrid((50, 67), 4, 9, 4, run=Run(2))
     one = np.random.default_rng(0).random((9, 9)).astype(np.float32) / 40
     blur = LocalFilters(grid, lambda strip: np.repeat(one[None], strip.count, 0))
     f = np.random.default_rng(1).random((1, *grid.latent_shape)).astype(np.float32)
@@ -44,7 +45,7 @@ def test_equal_filters_are_a_correlation() -> None:
 
 def test_patches_fade_from_filter_to_filter() -> None:
     """Filters that scale by the patch's column make a ramp, linear between the patches."""
-    grid = PatchGrid((20, 60), 2, 10, 2, threads=1)
+    grid = PatchGrid((20, 60), 2, 10, 2, run=Run(1))
 
     def filters(strip: Strip) -> np.ndarray:
         taps = np.zeros((strip.count, 5, 5), np.float32)
@@ -73,7 +74,7 @@ def kept_bytes(blur: LocalFilters) -> int:
 
 
 def test_spectra_are_kept() -> None:
-    grid = PatchGrid((50, 67), 4, 9, 4, threads=1)
+    grid = PatchGrid((50, 67), 4, 9, 4, run=Run(1))
     blur, calls = counted_filters(grid, 1 << 30)
     f = np.ones((1, *grid.latent_shape), np.float32)
     blur.adjoint(blur.forward(f))
@@ -85,7 +86,7 @@ def test_spectra_are_kept() -> None:
 @pytest.mark.parametrize("budget", [0, 8_000, 30_000, 150_000, 1 << 30])
 @pytest.mark.parametrize("threads", [1, 3])
 def test_the_budget_changes_no_result(budget: int, threads: int) -> None:
-    grid = PatchGrid((50, 67), 4, 9, 4, threads=threads)
+    grid = PatchGrid((50, 67), 4, 9, 4, run=Run(threads))
     blur, calls = counted_filters(grid, budget)
     rng = np.random.default_rng(0)
     f, g = rng.random((1, *grid.latent_shape), np.float32), rng.random((1, 50, 67), np.float32)

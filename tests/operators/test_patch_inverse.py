@@ -12,6 +12,7 @@ from deshake.geometry.rotations import grid_steps
 from deshake.operators.convolution import Convolution
 from deshake.operators.patch_inverse import FourierInverse, PatchInverse, approximate_inverse
 from deshake.operators.shake_blur import blur_filters
+from deshake.run import Run
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,7 +26,9 @@ def filters(name: str, camera: Camera, theta: np.ndarray, weights: np.ndarray, t
         long = Camera.uniform(*camera.shape)
         theta = theta * (1, 1, 0) * camera.focal_px / long.focal_px
         camera = long
-    return blur_filters(RotationKernel(theta, weights, grid_steps(camera), camera), threads=threads)
+    return blur_filters(
+        RotationKernel(theta, weights, grid_steps(camera), camera), run=Run(threads)
+    )
 
 
 @pytest.fixture(scope="module", params=list(KINDS))

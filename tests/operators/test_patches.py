@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from deshake.operators.patches import PatchGrid
+from deshake.run import Run
 
 
 def grid_of(
     shape: tuple[int, int], *, radius: int = 5, hop: int = 12, margin: int = 5
 ) -> PatchGrid:
-    return PatchGrid(shape, radius, hop, margin, threads=2)
+    return PatchGrid(shape, radius, hop, margin, run=Run(2))
 
 
 @pytest.mark.parametrize("shape", [(50, 70), (12, 12), (1, 1), (13, 200)])
@@ -52,8 +53,8 @@ def test_every_patch_is_in_one_strip_and_batch() -> None:
 
 
 def test_strips_do_not_depend_on_the_threads() -> None:
-    a = PatchGrid((500, 900), 5, 12, 5, threads=1)
-    b = PatchGrid((500, 900), 5, 12, 5, threads=4)
+    a = PatchGrid((500, 900), 5, 12, 5, run=Run(1))
+    b = PatchGrid((500, 900), 5, 12, 5, run=Run(4))
     assert a.strips == b.strips
 
 

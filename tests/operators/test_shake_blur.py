@@ -12,6 +12,7 @@ from deshake.geometry.rotations import displacements, grid_steps, homographies
 from deshake.operators.convolution import Convolution
 from deshake.operators.local_filters import LocalFilters
 from deshake.operators.shake_blur import ShakeBlur, blur_filters, observation_mask
+from deshake.run import Run
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -42,7 +43,7 @@ def test_dot_test(
 ) -> None:
     mask = np.random.default_rng(0).random(kernel.camera.shape).astype(np.float32)
     mask[10:20, 10:30] = 0
-    blur = ShakeBlur(kernel, margin=margin, mask=mask if masked else None, kind=kind, threads=2)
+    blur = ShakeBlur(kernel, margin=margin, mask=mask if masked else None, kind=kind, run=Run(2))
     error = dot_test(
         blur.forward,
         blur.adjoint,
@@ -111,11 +112,11 @@ def rolled(camera: Camera, roll: float) -> RotationKernel:
 
 def test_the_frame_has_one_filter_where_that_will_do() -> None:
     camera = Camera.uniform(90, 120)
-    shifted = blur_filters(rolled(camera, 0.0), threads=1)
+    shifted = blur_filters(rolled(camera, 0.0), run=Run(1))
     assert isinstance(shifted, Convolution)
     assert shifted.margin == 4
-    assert blur_filters(rolled(camera, 0.0), margin=9, threads=1).latent_shape == (108, 138)
-    assert isinstance(blur_filters(rolled(camera, 0.01), threads=1), LocalFilters)
+    assert blur_filters(rolled(camera, 0.0), margin=9, run=Run(1)).latent_shape == (108, 138)
+    assert isinstance(blur_filters(rolled(camera, 0.01), run=Run(1)), LocalFilters)
     assert isinstance(blur_filters(rolled(Camera.from_focal(150, 90, 120), 0.0)), LocalFilters)
 
 

@@ -5,7 +5,8 @@ import time
 
 import pytest
 
-from deshake.operators.strips import Strip, available_threads, in_order, row_bands
+from deshake.operators.strips import Strip, in_order, row_bands
+from deshake.run import Run
 
 STRIPS = [Strip(row, 0, 4) for row in range(30)]
 
@@ -16,17 +17,17 @@ def test_results_come_in_order(threads: int) -> None:
         time.sleep(0.002 * (strip.row % 3 == 0))
         return strip.row**2
 
-    assert list(in_order(work, STRIPS, threads)) == [(s, s.row**2) for s in STRIPS]
+    assert list(in_order(work, STRIPS, Run(threads))) == [(s, s.row**2) for s in STRIPS]
 
 
 def test_work_is_shared_by_the_threads() -> None:
     both = threading.Barrier(2, timeout=60)
-    list(in_order(lambda _: both.wait(), STRIPS[:2], 2))
+    list(in_order(lambda _: both.wait(), STRIPS[:2], Run(2)))
 
 
 def test_few_results_wait_at_once() -> None:
     started: list[Strip] = []
-    results = in_order(started.append, STRIPS, 2)
+    results = in_order(started.append, STRIPS, Run(2))
     next(results)
     time.sleep(0.05)
     assert len(started) < len(STRIPS) // 2
@@ -43,17 +44,13 @@ def test_errors_reach_the_caller(threads: int) -> None:
             raise ArithmeticError(message)
 
     with pytest.raises(ArithmeticError, match="strip seven"):
-        list(in_order(work, STRIPS, threads))
-    assert len(list(in_order(lambda _: None, STRIPS, threads))) == len(STRIPS)
+        list(in_order(work, STRIPS, Run(threads)))
+    assert len(list(in_order(lambda _: None, STRIPS, Run(threads)))) == len(STRIPS)
 
 
 def test_part_of_a_strip() -> None:
     assert Strip(3, 10, 20).part(2, 5) == Strip(3, 12, 15)
     assert Strip(3, 10, 20).count == 10
-
-
-def test_there_is_a_processor() -> None:
-    assert available_threads() >= 1
 
 
 def test_bands_cover_all_rows_once():

@@ -10,6 +10,7 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.operators.shake_blur import ShakeBlur
 from deshake.pair.camera_tones import blurred_planes, fitted_factor, needs_curves, with_tones_of
 from deshake.pair.registration import Registration
+from deshake.run import Run
 
 HEIGHT, WIDTH = 120, 160
 CAMERA = Camera.from_focal(200, HEIGHT, WIDTH)
@@ -88,7 +89,7 @@ def test_wrong_colours_give_way_to_those_of_the_blurred_photo(pair):
 def test_a_grey_pair_passes_and_threads_do_not_change_a_byte(pair):
     blur, _, g, noisy = pair
     grey, dark = (np.ascontiguousarray(a[..., 1]) for a in (g, developed(noisy)))
-    photos = [with_tones_of(grey, dark, STILL, blur, EVERYWHERE, threads=n) for n in (1, 3)]
+    photos = [with_tones_of(grey, dark, STILL, blur, EVERYWHERE, run=Run(n)) for n in (1, 3)]
     assert photos[0].pixels.shape == (1, HEIGHT, WIDTH)
     assert photos[0].denoised.tobytes() == photos[1].denoised.tobytes()
 

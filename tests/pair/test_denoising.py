@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from deshake.pair.denoising import denoised_tones, noisy_photo
+from deshake.run import Run
 
 
 def pair(lab, slope=0.004, floor=0.0006):
@@ -70,7 +71,7 @@ def test_threads_do_not_change_a_byte(lab):
     _, g, f_N = pair(lab)
     ones = np.ones(lab.shape, np.float32)
     same = partial(noisy_photo, g, f_N, lambda image: (image, ones))
-    results = {same(threads=n)[0].denoised.tobytes() for n in (1, 3)}
+    results = {same(run=Run(n))[0].denoised.tobytes() for n in (1, 3)}
     assert len(results) == 1
 
 

@@ -13,6 +13,7 @@ from deshake.pair.denoising import NoisyPhoto, noisy_photo
 from deshake.pair.fusion import fuse
 from deshake.pair.residual import residual_richardson_lucy
 from deshake.restore.sparse_gradients import sparse_gradients
+from deshake.run import Run
 
 
 class Case(NamedTuple):
@@ -137,7 +138,7 @@ def test_colours_keep_their_brightness_and_progress_is_reported(lab, pair):
     case = pair(0.1)
     reports = []
     colour = fused(
-        case, lab.all_axes, progress=lambda part, text: reports.append((part, text))
+        case, lab.all_axes, run=Run(progress=lambda part, text: reports.append((part, text)))
     ).pixels
     np.testing.assert_allclose(colour.mean((0, 1)), case.g.mean((0, 1)), rtol=0.01)
     parts = [part for part, _ in reports]
@@ -158,7 +159,7 @@ def test_threads_change_no_byte_and_the_photos_are_left_alone(lab, pair):
     case = pair(0.02)
     arrays = case.g, case.valid, case.noisy.pixels, case.noisy.denoised
     kept = [image.copy() for image in arrays]
-    results = {fused(case, lab.all_axes, threads=n, iterations=1).pixels.tobytes() for n in (1, 4)}
+    results = {fused(case, lab.all_axes, run=Run(n), iterations=1).pixels.tobytes() for n in (1, 4)}
     assert len(results) == 1
     for image, before in zip(arrays, kept, strict=True):
         np.testing.assert_array_equal(image, before)

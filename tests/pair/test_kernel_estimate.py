@@ -12,6 +12,7 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.operators.warps import Warps
 from deshake.pair.kernel_estimate import estimate_pair_kernel
+from deshake.run import Run
 
 SHAPE = (160, 220)
 MARGIN = 20
@@ -36,7 +37,7 @@ def shaken(sharp, camera, path=PATH, *, sigma=0.0, offset=(0, 0, 0), seed=0):
 
 
 def estimate(g, f_reg, camera, **choices):
-    choices = {"blur_size": 14, "threads": 1} | choices
+    choices = {"blur_size": 14, "run": Run(1)} | choices
     return estimate_pair_kernel(g, f_reg, np.ones(SHAPE, np.float32), camera, **choices)
 
 
@@ -119,7 +120,7 @@ def test_colours_clipped_lights_and_unknown_parts(photo, camera):
     valid = np.ones(SHAPE, bool)
     valid[:, :30] = False
     f_reg[:, :30] = 0.5
-    result = estimate_pair_kernel(g, f_reg, valid, camera, blur_size=14, noise=twins, threads=1)
+    result = estimate_pair_kernel(g, f_reg, valid, camera, blur_size=14, noise=twins, run=Run(1))
     assert likeness(result.kernel, truth) > 0.95
     assert result.scale == pytest.approx(RATIO, rel=0.02)
 
@@ -159,8 +160,7 @@ def test_threads_change_no_byte_and_progress_rises(known, camera):
         f_reg,
         camera,
         noise=twins,
-        threads=3,
-        progress=lambda share, _text: shares.append(share),
+        run=Run(3, lambda share, _text: shares.append(share)),
     )
     assert result.kernel.weights.tobytes() == alone.kernel.weights.tobytes()
     assert result.scale == alone.scale
@@ -201,7 +201,7 @@ def test_narrow_photos_have_bounds_that_fit(photo):
     rows = slice(50, 98)
     wide = [np.tile(picture[rows], (1, 5)) for picture in (g, f_reg)]
     camera = narrow.cropped(-440, 0, 1100, 48)
-    result = estimate_pair_kernel(*wide, np.ones((48, 1100)), camera, threads=1)
+    result = estimate_pair_kernel(*wide, np.ones((48, 1100)), camera, run=Run(1))
     assert result.kernel.extent_px() < 3
 
 

@@ -7,6 +7,7 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.rotations import grid_steps
 from deshake.operators.warps import Warps
 from deshake.pair.pair_rows import ROW_BLOCK, PairRows
+from deshake.run import Run
 
 SHAPE = (60, 80)
 CAMERA = Camera.from_focal(90.0, *SHAPE)
@@ -46,7 +47,7 @@ def test_all_parts_are_those_of_exact_warps(twins):
     theta, at = rotations(7), places()
     f, g = pictures(2, 1), pictures(2, 2)
     noise = [0.3 * pictures(2, 10 + t) for t in range(twins)]
-    rows = PairRows(CAMERA, theta, f, g, at, noise=noise, threads=1)
+    rows = PairRows(CAMERA, theta, f, g, at, noise=noise, run=Run(1))
     b = exact_columns(theta, f, at)
     gram = b.T @ b
     for e in noise:
@@ -71,7 +72,7 @@ def test_all_parts_are_those_of_exact_warps(twins):
 def test_slope_is_that_of_the_misfit():
     theta, at = rotations(6), places()
     rows = PairRows(
-        CAMERA, theta, pictures(2, 1), pictures(2, 2), at, noise=[pictures(2, 3)], threads=1
+        CAMERA, theta, pictures(2, 1), pictures(2, 2), at, noise=[pictures(2, 3)], run=Run(1)
     )
     rng = np.random.default_rng(0)
     w, direction = rng.dirichlet(np.ones(6)), rng.normal(size=6)
@@ -87,7 +88,7 @@ def test_bands_and_threads_change_nothing(monkeypatch):
     results = []
     for entries, threads in ((4_000_000, 1), (20_000, 1), (20_000, 3)):
         monkeypatch.setattr("deshake.pair.pair_rows._ENTRIES", entries)
-        rows = PairRows(CAMERA, theta, f, g, at, noise=noise, threads=threads)
+        rows = PairRows(CAMERA, theta, f, g, at, noise=noise, run=Run(threads))
         results.append((rows.right, rows.gram(np.arange(30)), rows.slope(w)))
     for one, other in zip(results[0], results[1], strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-5)
@@ -100,16 +101,16 @@ def test_the_noise_twin_takes_off_the_bias():
     theta, at = rotations(5), places()
     f, g = pictures(2, 1), pictures(2, 2)
     chosen = np.arange(5)
-    clean = PairRows(CAMERA, theta, f, g, at, threads=1)
+    clean = PairRows(CAMERA, theta, f, g, at, run=Run(1))
     exact, right = clean.gram(chosen), clean.right
     draws, plain, rights = [], [], []
     for seed in range(40):
         noisy = f + 0.8 * pictures(2, 1000 + seed)
         twins = [0.8 * pictures(2, 5000 + 2 * seed + t) for t in range(2)]
-        rows = PairRows(CAMERA, theta, noisy, g, at, noise=twins, threads=1)
+        rows = PairRows(CAMERA, theta, noisy, g, at, noise=twins, run=Run(1))
         draws.append(rows.gram(chosen))
         rights.append(rows.right)
-        plain.append(PairRows(CAMERA, theta, noisy, g, at, threads=1).gram(chosen))
+        plain.append(PairRows(CAMERA, theta, noisy, g, at, run=Run(1)).gram(chosen))
     error = np.std(draws, axis=0) / np.sqrt(len(draws))
     assert np.all(np.abs(np.mean(draws, axis=0) - exact) < 4.5 * error)
     error = np.std(rights, axis=0) / np.sqrt(len(rights))

@@ -14,6 +14,7 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.rotations import homographies
 from deshake.pair.registration import Registration, register, registered
 from deshake.pair.rotation_search import distance_px
+from deshake.run import Run
 from deshake.simulation.shake_path import random_path
 
 HEIGHT, WIDTH, MARGIN = 240, 320, 90
@@ -66,7 +67,7 @@ def short(scene, theta, ratio, sigma, seed=2):
 def test_the_rotation_and_the_exposure_are_estimated(degrees, ratio, sigma, blur):
     scene, theta = light(), np.radians(degrees)
     registration = register(
-        shaken(scene, blur), short(scene, theta, ratio, sigma), CAMERA, threads=1
+        shaken(scene, blur), short(scene, theta, ratio, sigma), CAMERA, run=Run(1)
     )
     assert distance_px(CAMERA, registration.theta, theta) < max(0.08 * blur, 0.8)
     assert registration.scale == pytest.approx(ratio, rel=0.25 if sigma > 0.2 else 0.08)
@@ -76,7 +77,7 @@ def test_the_rotation_and_the_exposure_are_estimated(degrees, ratio, sigma, blur
 def test_the_registered_photo_matches_the_blurred_one():
     scene, theta = light("astronaut"), np.radians([2, -4, 3])
     noisy = short(scene, theta, 8, 0.02)
-    registration = register(shaken(scene, 10), noisy, CAMERA, threads=1)
+    registration = register(shaken(scene, 10), noisy, CAMERA, run=Run(1))
     f_reg, valid = registered(noisy, registration)
     inside = cv2.erode(valid, np.ones((9, 9))) > 0
     error = (registration.scale * f_reg - exposure_at(scene, np.zeros(3)))[inside]
@@ -89,7 +90,7 @@ def test_the_registered_photo_matches_the_blurred_one():
 def test_a_focal_length_that_is_wrong_by_a_fifth_does_not_upset_it(factor):
     scene, theta = light(), np.radians([2, -3, 2])
     wrong = Camera.from_focal(320 * factor, HEIGHT, WIDTH)
-    registration = register(shaken(scene, 14), short(scene, theta, 8, 0.05), wrong, threads=1)
+    registration = register(shaken(scene, 14), short(scene, theta, 8, 0.05), wrong, run=Run(1))
     middle = np.array([[(WIDTH - 1) / 2, (HEIGHT - 1) / 2, 1.0]]).T
     places = []
     for camera, turned in ((CAMERA, theta), (wrong, registration.theta)):
@@ -104,7 +105,7 @@ def test_a_photo_turned_and_resized_is_registered_all_the_same(turns, size):
     upright = short(scene, theta, 4, 0.02)
     resized = cv2.resize(upright, None, fx=size, fy=size, interpolation=cv2.INTER_AREA)
     stored = np.ascontiguousarray(np.rot90(resized, -turns))
-    registration = register(shaken(scene, 8), stored, CAMERA, threads=1)
+    registration = register(shaken(scene, 8), stored, CAMERA, run=Run(1))
     assert abs(abs(np.degrees(registration.theta[2])) - 90) < 3
     f_reg, valid = registered(stored, registration)
     inside = cv2.erode(valid, np.ones((9, 9))) > 0
@@ -117,41 +118,40 @@ def test_a_photo_turned_and_resized_is_registered_all_the_same(turns, size):
 def test_photos_of_different_scenes_are_refused(one, other):
     noisy = short(light(other), np.radians([1, 2, 1]), 8, 0.05)
     with pytest.raises(EstimationError, match="do not show the same scene"):
-        register(shaken(light(one), 12), noisy, CAMERA, threads=1)
+        register(shaken(light(one), 12), noisy, CAMERA, run=Run(1))
 
 
 def test_a_mirrored_photo_of_a_symmetric_scene_is_refused():
     scene = light()
     scene = 0.65 * scene + 0.35 * scene[:, ::-1]
     g, f_N = shaken(scene, 10), short(scene, np.zeros(3), 8, 0.03)
-    assert register(g, f_N, CAMERA, threads=1).confidence > 0.9
+    assert register(g, f_N, CAMERA, run=Run(1)).confidence > 0.9
     with pytest.raises(EstimationError, match="one of the two photos is mirrored"):
-        register(g, f_N[:, ::-1], CAMERA, threads=1)
+        register(g, f_N[:, ::-1], CAMERA, run=Run(1))
 
 
 def test_a_scene_beyond_the_range_needs_a_wider_range():
     scene, theta = light(), np.radians([0, 13, 0])
     pair = shaken(scene, 10), short(scene, theta, 8, 0.03)
     with pytest.raises(EstimationError, match="same scene"):
-        register(*pair, CAMERA, max_angle=np.radians(4), threads=1)
-    registration = register(*pair, CAMERA, max_angle=np.radians(14), threads=1)
+        register(*pair, CAMERA, max_angle=np.radians(4), run=Run(1))
+    registration = register(*pair, CAMERA, max_angle=np.radians(14), run=Run(1))
     assert distance_px(CAMERA, registration.theta, theta) < 2
 
 
 def test_black_photos_and_wrong_cameras_are_refused():
     g = shaken(light(), 8)
     with pytest.raises(EstimationError, match="shows nothing"):
-        register(g, np.zeros_like(g), CAMERA, threads=1)
+        register(g, np.zeros_like(g), CAMERA, run=Run(1))
     with pytest.raises(ValueError, match="does not fit"):
-        register(g, g, Camera.from_focal(320, WIDTH, HEIGHT), threads=1)
+        register(g, g, Camera.from_focal(320, WIDTH, HEIGHT), run=Run(1))
 
 
 def test_threads_change_nothing_and_progress_is_reported():
     scene, shares = light(), []
     pair = shaken(scene, 8), short(scene, np.radians([1, 1, 1]), 8, 0.05)
     one, other = (
-        register(*pair, CAMERA, threads=n, progress=lambda share, _: shares.append(share))
-        for n in (1, 3)
+        register(*pair, CAMERA, run=Run(n, lambda share, _: shares.append(share))) for n in (1, 3)
     )
     assert np.array_equal(one.theta, other.theta)
     assert one.scale == other.scale

@@ -10,6 +10,7 @@ from deshake.operators.filter_flow import reach
 from deshake.operators.shake_blur import ShakeBlur
 from deshake.pair.denoising import NoisyPhoto
 from deshake.pair.residual import gain_map, joint_bilateral, residual_richardson_lucy
+from deshake.run import Run
 
 
 @pytest.fixture(scope="module")
@@ -143,7 +144,7 @@ def test_progress_is_reported(lab, pair):
     _, g, noisy = pair
     shares = []
     residual_richardson_lucy(
-        g, noisy, lab.all_axes, iterations=2, progress=lambda part, _: shares.append(part)
+        g, noisy, lab.all_axes, iterations=2, run=Run(progress=lambda part, _: shares.append(part))
     )
     assert shares == sorted(shares)
     assert len(shares) == 12

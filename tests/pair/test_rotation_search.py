@@ -7,6 +7,7 @@ import pytest
 from deshake.blind.variational.coarse_to_fine import turn
 from deshake.geometry.camera import Camera
 from deshake.pair.rotation_search import Candidate, distance_px, distinct, exhaustive_search
+from deshake.run import Run
 
 SHAPE = (48, 64)
 
@@ -32,7 +33,7 @@ def test_the_rotation_is_right_to_about_a_pixel(focal, degrees):
     theta = np.radians(degrees) * min(1, 90 / focal)
     a = texture()
     b = turn(a[None], camera, theta)[0]  # a(x) = b(H^-1 x)
-    best = exhaustive_search(a, b, camera, np.radians(10), threads=1)[0]
+    best = exhaustive_search(a, b, camera, np.radians(10), run=Run(1))[0]
     assert distance_px(camera, best.theta, theta) < 1.6
     assert best.score > 0.75
 
@@ -42,14 +43,14 @@ def test_rotations_beyond_the_range_score_low():
     theta = np.radians([0, 8, 0])
     a = texture()
     b = turn(a[None], camera, theta)[0]
-    near = exhaustive_search(a, b, camera, np.radians(3), threads=1)[0]
+    near = exhaustive_search(a, b, camera, np.radians(3), run=Run(1))[0]
     assert near.score < 0.5
-    assert exhaustive_search(a, b, camera, np.radians(8.5), threads=1)[0].score > 0.75
+    assert exhaustive_search(a, b, camera, np.radians(8.5), run=Run(1))[0].score > 0.75
 
 
 def test_unlike_pictures_score_low():
     camera = Camera.from_focal(64, *SHAPE)
-    candidates = exhaustive_search(texture(1), texture(2), camera, np.radians(5), threads=1)
+    candidates = exhaustive_search(texture(1), texture(2), camera, np.radians(5), run=Run(1))
     assert candidates[0].score < 0.4
 
 
@@ -57,7 +58,11 @@ def test_threads_change_nothing_and_progress_ends_at_one():
     camera, shares = Camera.from_focal(64, *SHAPE), []
     runs = [
         exhaustive_search(
-            texture(1), texture(2), camera, np.radians(5), threads=n, progress=shares.append
+            texture(1),
+            texture(2),
+            camera,
+            np.radians(5),
+            run=Run(n, lambda share, _: shares.append(share)),
         )
         for n in (1, 3)
     ]

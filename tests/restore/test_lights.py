@@ -6,6 +6,7 @@ import pytest
 from deshake.operators.filter_flow import FilterFlow
 from deshake.restore.lights import behind_lights, trust
 from deshake.restore.richardson_lucy import latent_start
+from deshake.run import Run
 
 
 @pytest.fixture(scope="module")
@@ -13,9 +14,9 @@ def night(lab):
     """Make a night photo, its first estimate and its blur."""
     sharp, g, clipped, around = lab.lamps()
     kernel = lab.all_axes
-    flow = FilterFlow(kernel.camera, kernel.theta, threads=2)
+    flow = FilterFlow(kernel.camera, kernel.theta, run=Run(2))
     blur = flow.filters(kernel.weights)
-    f = latent_start(g, blur, clipped=clipped, iterations=6, threads=2, progress=lambda *_: None)
+    f = latent_start(g, blur, clipped=clipped, iterations=6, run=Run(2, lambda *_: None))
     return sharp, g, clipped, around, blur, f, flow.margin
 
 
@@ -48,7 +49,7 @@ def test_the_scene_behind_lamps_is_restored(night, lab):
         blur,
         m,
         iterations=6,
-        progress=lambda share, text: reports.append((share, text)),
+        run=Run(progress=lambda share, text: reports.append((share, text))),
     )
 
     def error(latent):
@@ -69,7 +70,7 @@ def test_the_misfit_of_trusted_pixels_falls(night):
     def misfit(iterations):
         """Return the weighted divergence that Richardson-Lucy lowers."""
         f = first.copy()
-        behind_lights(f, g[None], blur, m, iterations=iterations, progress=lambda *_: None)
+        behind_lights(f, g[None], blur, m, iterations=iterations, run=Run())
         Af = np.maximum(blur.forward(f)[0], 1e-6)
         return float(np.sum(m * (Af - g * np.log(Af)), dtype=np.float64))
 

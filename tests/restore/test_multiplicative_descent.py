@@ -7,10 +7,11 @@ from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import blur_filters
 from deshake.restore.multiplicative_descent import MultiplicativeDescent
 from deshake.restore.total_variation import gradient
+from deshake.run import Run
 
 
 def descent(g, kernel, clipped=None, **options):
-    settings = {"fastest": 0.0, "threads": 2, **options}
+    settings = {"fastest": 0.0, "run": Run(2), **options}
     blur = blur_filters(kernel, channels=len(channels_first(g)))
     return MultiplicativeDescent(g, blur, clipped, **settings)
 
@@ -105,7 +106,7 @@ def test_threads_do_not_change_a_byte(name, fastest, lab):
     g = lab.noisy(lab.shaken(lab.kernels[name], lab.colours()), 0.01)
     results = set()
     for threads in (1, 3):
-        going = descent(g, lab.kernels[name], fastest=fastest, threads=threads)
+        going = descent(g, lab.kernels[name], fastest=fastest, run=Run(threads))
         sums = [going.step() for _ in range(3)]
         results.add((going.f.tobytes(), *sums))
     assert len(results) == 1
@@ -127,7 +128,7 @@ def test_unseen_pixels_keep_their_value(lab):
 def test_bands_and_threads_do_not_show(smooth, fastest, lab, monkeypatch):
     g = lab.noisy(lab.shaken(lab.all_axes, lab.colours()), 0.01)
     settings = {"smooth": smooth, "fastest": fastest}
-    whole, banded = (descent(g, lab.all_axes, threads=n, **settings) for n in (1, 3))
+    whole, banded = (descent(g, lab.all_axes, run=Run(n), **settings) for n in (1, 3))
     for _ in range(2):
         whole.step()
     monkeypatch.setattr("deshake.restore.multiplicative_descent._BAND", 7)

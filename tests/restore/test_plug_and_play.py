@@ -7,6 +7,7 @@ from deshake.operators.filter_flow import FilterFlow
 from deshake.operators.patch_inverse import PatchInverse
 from deshake.restore.plug_and_play import plug_and_play
 from deshake.restore.sparse_gradients import sparse_gradients
+from deshake.run import Run
 from deshake.signal.half_quadratic import HalfQuadratic
 
 SIGMA = 0.01
@@ -18,7 +19,7 @@ def start(lab):
     kernel = lab.all_axes
     sharp = lab.colours()
     g = lab.noisy(lab.shaken(kernel, sharp), SIGMA)
-    flow = FilterFlow(kernel.camera, kernel.theta, channels=3, threads=2)
+    flow = FilterFlow(kernel.camera, kernel.theta, channels=3, run=Run(2))
     blur = flow.filters(kernel.weights)
     m = flow.margin
     first = sparse_gradients(g, kernel).pixels.transpose(2, 0, 1)
@@ -29,7 +30,7 @@ def start(lab):
     def make(threads=2):
         m = np.ones(lab.shape, np.float32)
         begin = f.copy(), blur.forward(f), planes, PatchInverse(blur)
-        return HalfQuadratic(*begin, m=m, s=s, threads=threads)
+        return HalfQuadratic(*begin, m=m, s=s, run=Run(threads))
 
     return make, flow.margin
 
@@ -43,7 +44,7 @@ def test_the_result_of_sparse_gradients_is_improved(start, lab):
         return lab.psnr(descent.f[:, m:-m, m:-m], sharp)
 
     first = quality()
-    plug_and_play(descent, stages=4, progress=lambda *_: None)
+    plug_and_play(descent, stages=4, run=Run())
     assert quality() > first + 0.2
     frame = descent.f[:, m:-m, m:-m]
     np.testing.assert_allclose(frame.mean((1, 2)), sharp.mean((1, 2)), rtol=0.01)
@@ -55,7 +56,7 @@ def test_threads_do_not_change_a_byte(start):
     results = []
     for threads in (1, 3):
         descent = make(threads)
-        plug_and_play(descent, stages=1, progress=lambda *_: None)
+        plug_and_play(descent, stages=1, run=Run())
         results.append(descent.f.tobytes())
     assert results[0] == results[1]
 
@@ -63,7 +64,9 @@ def test_threads_do_not_change_a_byte(start):
 def test_each_stage_is_reported(start):
     make, _ = start
     reports = []
-    plug_and_play(make(), stages=2, progress=lambda share, text: reports.append((share, text)))
+    plug_and_play(
+        make(), stages=2, run=Run(progress=lambda share, text: reports.append((share, text)))
+    )
     assert [share for share, _ in reports] == [0.5, 1]
     assert "stage 2" in reports[1][1]
 

@@ -9,6 +9,7 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.operators.shake_blur import ShakeBlur, blur_filters
 from deshake.restore.multiplicative_descent import MultiplicativeDescent
 from deshake.restore.richardson_lucy import richardson_lucy, richardson_lucy_tv
+from deshake.run import Run
 
 NAMES = ("uniform", "pan", "roll", "all")
 
@@ -32,7 +33,7 @@ def test_stops_near_the_best_iteration(sigma, within, accelerated, lab):
     g = lab.noisy(lab.shaken(lab.all_axes, sharp), sigma)
     stopped = richardson_lucy(g, lab.all_axes, accelerated=accelerated)
     fastest = 0.75 if accelerated else 0.0
-    going = MultiplicativeDescent(g, blur_filters(lab.all_axes), None, fastest=fastest, threads=2)
+    going = MultiplicativeDescent(g, blur_filters(lab.all_axes), None, fastest=fastest, run=Run(2))
     gains = []
     for done in range(1, 31):
         going.step()
@@ -62,7 +63,7 @@ def test_plain_iterations_never_lower_the_likelihood(name, lab):
     inner = kernel.camera.cropped(r, r, width - 2 * r, height - 2 * r)
     blur = ShakeBlur(kernel.for_camera(inner), margin=r)
     observed = g[r:-r, r:-r].astype(np.float64)
-    going = MultiplicativeDescent(g, blur_filters(kernel), None, fastest=0, threads=2)
+    going = MultiplicativeDescent(g, blur_filters(kernel), None, fastest=0, run=Run(2))
     likelihood = []
     for _ in range(14):
         going.step()
@@ -164,7 +165,7 @@ def test_threads_do_not_change_a_byte(lab):
     sharp = lab.colours()
     g = lab.noisy(lab.shaken(lab.all_axes, sharp), 0.003)
     one, four = (
-        richardson_lucy(g, lab.all_axes, clipped=g[..., 0] > 0.7, threads=t) for t in (1, 4)
+        richardson_lucy(g, lab.all_axes, clipped=g[..., 0] > 0.7, run=Run(t)) for t in (1, 4)
     )
     assert one.pixels.tobytes() == four.pixels.tobytes()
     assert one.iterations == four.iterations
@@ -195,7 +196,7 @@ def test_progress_is_reported(iterations, lab):
         g,
         lab.all_axes,
         iterations=iterations,
-        progress=lambda part, text: reports.append((part, text)),
+        run=Run(progress=lambda part, text: reports.append((part, text))),
     )
     parts = [part for part, _ in reports]
     assert len(parts) == done.iterations
@@ -273,7 +274,7 @@ def test_total_variation_threads_do_not_change_a_byte(lab):
     g = lab.noisy(lab.shaken(lab.all_axes, lab.colours()), 0.003)
     clipped = g[..., 0] > 0.7
     one, four = (
-        richardson_lucy_tv(g, lab.all_axes, clipped=clipped, iterations=5, threads=t)
+        richardson_lucy_tv(g, lab.all_axes, clipped=clipped, iterations=5, run=Run(t))
         for t in (1, 4)
     )
     assert one.pixels.tobytes() == four.pixels.tobytes()

@@ -7,6 +7,7 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.restore.richardson_lucy import richardson_lucy
 from deshake.restore.sparse_gradients import sparse_gradients
+from deshake.run import Run
 
 NAMES = ("uniform", "pan", "roll", "all")
 
@@ -112,7 +113,7 @@ def test_threads_do_not_change_a_byte(lab):
     sharp = lab.colours()
     g = lab.noisy(lab.shaken(lab.all_axes, sharp), 0.003)
     one, four = (
-        sparse_gradients(g, lab.all_axes, clipped=g[..., 0] > 0.7, threads=t) for t in (1, 4)
+        sparse_gradients(g, lab.all_axes, clipped=g[..., 0] > 0.7, run=Run(t)) for t in (1, 4)
     )
     assert one.pixels.tobytes() == four.pixels.tobytes()
 
@@ -136,7 +137,9 @@ def test_the_photo_is_left_alone(lab):
 def test_progress_is_reported(lab):
     reports = []
     g = lab.noisy(lab.shaken(lab.all_axes, lab.scene()), 0.003)
-    sparse_gradients(g, lab.all_axes, progress=lambda part, text: reports.append((part, text)))
+    sparse_gradients(
+        g, lab.all_axes, run=Run(progress=lambda part, text: reports.append((part, text)))
+    )
     parts = [part for part, _ in reports]
     assert parts == sorted(parts)
     assert 0 < parts[0] < 0.2

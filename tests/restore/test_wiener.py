@@ -10,6 +10,7 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.operators.shake_blur import ShakeBlur
 from deshake.restore.wiener import point_spread, unsupervised_wiener, wiener
+from deshake.run import Run
 
 METHODS = [wiener, unsupervised_wiener]
 
@@ -129,9 +130,9 @@ def test_the_photo_is_left_alone_and_the_result_is_the_same_again(method, lab, u
     before = g.copy()
     g.setflags(write=False)
     reports = []
-    first = method(g, uniform, threads=1, progress=lambda part, text: reports.append((part, text)))
+    first = method(g, uniform, run=Run(1, lambda part, text: reports.append((part, text))))
     np.testing.assert_array_equal(g, before)
-    assert first.pixels.tobytes() == method(g, uniform, threads=4).pixels.tobytes()
+    assert first.pixels.tobytes() == method(g, uniform, run=Run(4)).pixels.tobytes()
     assert reports == [(1, "deblurring, colour 1")]
 
 

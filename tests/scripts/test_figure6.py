@@ -13,6 +13,7 @@ from skimage import data
 
 from deshake.geometry.camera import Camera
 from deshake.operators.filter_flow import FilterFlow
+from deshake.run import Run
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +70,7 @@ def test_patterns_choose_cases(figure6, tmp_path):
 
 def test_the_true_kernel_correlates(figure6, sharp, smear):
     kernel = figure6.true_kernel(smear, Camera.uniform(*sharp.shape))
-    flow = FilterFlow(kernel.camera, kernel.theta, threads=1)
+    flow = FilterFlow(kernel.camera, kernel.theta, run=Run(1))
     latent = np.pad(sharp, flow.margin, mode="reflect")
     blurred = flow.filters(kernel.weights).forward(latent[None])[0]
     expected = correlate(sharp, smear.astype(np.float32), mode="mirror")

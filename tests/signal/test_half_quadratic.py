@@ -5,6 +5,7 @@ import pytest
 
 from deshake.operators.filter_flow import FilterFlow
 from deshake.operators.patch_inverse import PatchInverse
+from deshake.run import Run
 from deshake.signal.half_quadratic import _COLOUR, _POWER, HalfQuadratic
 from deshake.signal.opponent import reflect, squared_lengths
 from deshake.signal.shrinkage import shrunk
@@ -16,7 +17,7 @@ RHO, ALPHA = 0.3, 0.05
 def problem(lab):
     """Make a descent from a rough estimate, with uneven trust and noise."""
     kernel = lab.all_axes
-    flow = FilterFlow(kernel.camera, kernel.theta, channels=3, threads=2)
+    flow = FilterFlow(kernel.camera, kernel.theta, channels=3, run=Run(2))
     blur = flow.filters(kernel.weights)
     g = np.ascontiguousarray(lab.noisy(lab.shaken(kernel, lab.colours()), 0.01).transpose(2, 0, 1))
     rng = np.random.default_rng(8)
@@ -35,7 +36,7 @@ def problem(lab):
     def make(*, pair=False):
         more = second if pair else {}
         begin = f.copy(), blur.forward(f), g, PatchInverse(blur)
-        return HalfQuadratic(*begin, m=m, s=s, **more, threads=2)
+        return HalfQuadratic(*begin, m=m, s=s, **more, run=Run(2))
 
     return make
 

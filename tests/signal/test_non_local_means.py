@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from deshake.run import Run
 from deshake.signal import non_local_means as module
 from deshake.signal.non_local_means import non_local_means
 
@@ -81,7 +82,8 @@ def test_threads_do_not_change_a_byte(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(module, "_TILE", 32)
     u = noise((3, 70, 70))
     assert (
-        non_local_means(u, 1.0, threads=1).tobytes() == non_local_means(u, 1.0, threads=3).tobytes()
+        non_local_means(u, 1.0, run=Run(1)).tobytes()
+        == non_local_means(u, 1.0, run=Run(3)).tobytes()
     )
 
 

@@ -15,6 +15,7 @@ from deshake.geometry.distortion import pinhole
 from deshake.lens.lens_warp import LensWarp
 from deshake.metadata.metadata import Metadata
 from deshake.operators.shake_blur import ShakeBlur
+from deshake.run import Run
 from deshake.simulation.shake_path import CameraPath, random_path
 from deshake.simulation.shaken_photo import shake, shake_photo
 
@@ -102,7 +103,9 @@ def test_gain_clips_lights(photo, camera):
 
 def test_progress_is_reported(photo, camera):
     shares = []
-    shake(photo, camera, random_path(camera, 4), progress=lambda part, _: shares.append(part))
+    shake(
+        photo, camera, random_path(camera, 4), run=Run(progress=lambda part, _: shares.append(part))
+    )
     assert shares == sorted(shares)
     assert len(shares) > 4
     assert 0 < shares[0] < shares[-1] <= 1

@@ -12,6 +12,7 @@ from deshake.formats.photo import read_photo
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.operators.shake_blur import ShakeBlur
+from deshake.run import Run
 from deshake.stages import blind_estimate
 from deshake.stages.blind_estimate import FOCAL_LENGTHS, estimate_blind
 from deshake.stages.camera_choice import CameraChoice
@@ -90,7 +91,7 @@ def test_a_camera_that_stood_still_leaves_the_photo_as_it_is(shaken):
     photo, truth, _ = shaken
     shares = []
     still = RotationKernel.delta(truth.camera)
-    result = deblur(photo, still, progress=lambda share, _: shares.append(share))
+    result = deblur(photo, still, run=Run(progress=lambda share, _: shares.append(share)))
     assert np.array_equal(result.pixels, photo.pixels)
     assert shares == [1]
 
@@ -135,7 +136,7 @@ def test_clipped_pixels_are_left_out_of_the_estimate(shaken):
 def test_deblurring_comes_nearer_to_the_sharp_photo(shaken, method):
     photo, truth, sharp = shaken
     report = []
-    result = deblur(photo, truth, method, progress=lambda share, _: report.append(share))
+    result = deblur(photo, truth, method, run=Run(progress=lambda share, _: report.append(share)))
     before, after = (
         np.sqrt(np.mean((p.pixels[8:-8, 8:-8, 0] - sharp[8:-8, 8:-8]) ** 2))
         for p in (photo, result)
@@ -154,11 +155,10 @@ def test_the_focal_length_that_explains_the_photo_best_is_kept(shaken, monkeypat
     auto = estimate_blind(
         photo,
         replace(options, camera=CameraChoice(focal="auto")),
-        threads=1,
-        progress=lambda share, _: shares.append(share),
+        run=Run(1, lambda share, _: shares.append(share)),
     )
     each = [
-        estimate_blind(photo, replace(options, camera=CameraChoice(focal_35mm=film)), threads=1)
+        estimate_blind(photo, replace(options, camera=CameraChoice(focal_35mm=film)), run=Run(1))
         for film in blind_estimate.FOCAL_LENGTHS
     ]
     best = max(each, key=lambda estimate: estimate.content.confidence)

@@ -14,6 +14,7 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import homographies
 from deshake.operators.shake_blur import ShakeBlur
 from deshake.pair.registration import Registration
+from deshake.run import Run
 from deshake.stages.deblurring import deblur, deblur_file
 from deshake.stages.methods import RestorationOptions
 
@@ -137,7 +138,7 @@ def test_the_photos_are_registered_if_nothing_tells_how_they_lie(pair):
         kernel,
         RestorationOptions("fusion"),
         noisy=noisy,
-        progress=lambda share, text: reports.append((share, text)),
+        run=Run(progress=lambda share, text: reports.append((share, text))),
     )
     assert psnr(done.pixels, sharp) > psnr(blurred.pixels, sharp)
     shares = [share for share, _ in reports]

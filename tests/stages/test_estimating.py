@@ -6,6 +6,7 @@ import pytest
 from PIL import Image
 
 from deshake.errors import OutputError
+from deshake.run import Run
 from deshake.stages import estimating
 from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.estimate_options import EstimateOptions
@@ -52,7 +53,7 @@ def test_the_latent_picture_is_checked_before_any_work(photo, tmp_path, name, wh
             OPTIONS,
             latent=tmp_path / name,
             overwrite=True,
-            progress=lambda share, _: shares.append(share),
+            run=Run(progress=lambda share, _: shares.append(share)),
         )
     assert shares == []
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]

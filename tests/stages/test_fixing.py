@@ -6,6 +6,7 @@ from PIL import Image
 
 from deshake.errors import OutputError, PhotoError
 from deshake.files.kernel_file import read_kernel
+from deshake.run import Run
 from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.deblurring import deblur_file
 from deshake.stages.estimate_options import EstimateOptions
@@ -37,7 +38,7 @@ def test_progress_rises_from_estimate_to_deblurring(photo, tmp_path):
         None,
         OPTIONS,
         restoration=RestorationOptions(iterations=3),
-        progress=lambda share, text: reports.append((share, text)),
+        run=Run(progress=lambda share, text: reports.append((share, text))),
     )
     shares = [share for share, _ in reports]
     assert shares == sorted(shares)
@@ -57,7 +58,7 @@ def test_progress_rises_from_estimate_to_deblurring(photo, tmp_path):
 )
 def test_outputs_are_checked_before_any_work(photo, kernel, tmp_path, name, what):
     reports = []
-    tell = {"progress": lambda share, _: reports.append(share), "overwrite": True}
+    tell = {"run": Run(progress=lambda share, _: reports.append(share)), "overwrite": True}
     with pytest.raises(OutputError, match=what):
         deblur_file(photo, kernel, tmp_path / name, **tell)
     with pytest.raises(OutputError, match=what):
@@ -68,7 +69,7 @@ def test_outputs_are_checked_before_any_work(photo, kernel, tmp_path, name, what
 def test_a_format_that_cannot_hold_the_photo_is_told_before_any_work(kernel, tmp_path):
     path, reports = tmp_path / "clear.png", []
     Image.new("RGBA", (80, 64), (1, 2, 3, 4)).save(path)
-    tell = {"progress": lambda share, _: reports.append(share)}
+    tell = {"run": Run(progress=lambda share, _: reports.append(share))}
     with pytest.raises(PhotoError, match="transparency"):
         deblur_file(path, kernel, tmp_path / "out.jpg", **tell)
     with pytest.raises(PhotoError, match="transparency"):

@@ -10,6 +10,7 @@ from skimage import data
 from deshake.errors import OutputError, PhotoError
 from deshake.files.kernel_file import read_kernel
 from deshake.formats.photo import read_photo
+from deshake.run import Run
 from deshake.stages import fixing, outputs
 from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.estimate_options import EstimateOptions
@@ -58,8 +59,7 @@ def test_a_sharp_photo_comes_out(pair, photos, tmp_path):
         OPTIONS,
         noisy=pair[1],
         restoration=RestorationOptions("fusion"),
-        threads=1,
-        progress=lambda share, text: reports.append((share, text)),
+        run=Run(1, lambda share, text: reports.append((share, text))),
     )
     out = read_photo(tmp_path / "out.png", transfer="linear")
     blurred, noisy = (read_photo(path, transfer="linear") for path in pair)
@@ -83,7 +83,7 @@ def test_the_kernel_goes_with_the_photo(pair, tmp_path, monkeypatch):
     monkeypatch.setattr(outputs, "photo_bytes", fail)
     out, kernel = tmp_path / "out.png", tmp_path / "k.npz"
     with pytest.raises(KeyboardInterrupt):
-        fix_file(pair[0], out, kernel, OPTIONS, noisy=pair[1], restoration=QUICK, threads=1)
+        fix_file(pair[0], out, kernel, OPTIONS, noisy=pair[1], restoration=QUICK, run=Run(1))
     assert {path.name for path in tmp_path.iterdir()} == {"long.png", "short.png"}
 
 
@@ -134,7 +134,7 @@ def test_a_missing_photo_is_named(pair, tmp_path):
 def test_an_assumed_lens_is_told_once(pair, tmp_path, caplog):
     options = replace(OPTIONS, camera=CameraChoice())
     estimate = fix_file(
-        pair[0], tmp_path / "out.png", None, options, noisy=pair[1], restoration=QUICK, threads=1
+        pair[0], tmp_path / "out.png", None, options, noisy=pair[1], restoration=QUICK, run=Run(1)
     )
     assert sum("50 mm" in note for note in estimate.report()["notes"]) == 1
     assert caplog.text.count("50 mm-equivalent is assumed") == 1

@@ -16,6 +16,7 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.operators.warps import Warps
 from deshake.pair.registration import Registration
+from deshake.run import Run
 from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.estimate_options import EstimateOptions
 from deshake.stages.estimating import estimate_file
@@ -64,8 +65,7 @@ def test_a_pair_of_files_gives_the_kernel(pair, tmp_path):
         tmp_path / "k.npz",
         options(),
         noisy=folder / "noisy.tif",
-        threads=1,
-        progress=lambda share, _: shares.append(share),
+        run=Run(1, lambda share, _: shares.append(share)),
     )
     content = read_kernel(tmp_path / "k.npz")
     kernel = content.kernel
@@ -94,7 +94,7 @@ def test_where_the_photos_agree_badly_the_photo_is_left_as_it_is(pair):
     other = np.ascontiguousarray(noisy.pixels[::-1, ::-1])
     known = Registration(np.zeros(3), RATIO, 1.0, CAMERA)
     estimate = estimate_pair(
-        blurred, noisy.with_pixels(other), options(), registration=known, threads=1
+        blurred, noisy.with_pixels(other), options(), registration=known, run=Run(1)
     )
     assert not estimate.trusted
     assert not estimate.report()["trusted"]
@@ -105,7 +105,7 @@ def test_where_the_photos_agree_badly_the_photo_is_left_as_it_is(pair):
 def test_the_kernel_file_tells_how_it_came_about(pair, tmp_path):
     folder, _ = pair
     blurred, noisy = folder / "blurred.tif", folder / "noisy.tif"
-    estimate_file(blurred, tmp_path / "k.npz", options(uniform=True), noisy=noisy, threads=1)
+    estimate_file(blurred, tmp_path / "k.npz", options(uniform=True), noisy=noisy, run=Run(1))
     provenance = read_kernel(tmp_path / "k.npz").provenance
     assert provenance["command"] == "estimate-pair"
     assert provenance["options"] == {
@@ -128,7 +128,7 @@ def test_a_registration_is_gone_by(pair, tmp_path):
     off = TURN + np.array([0, 2, 0]) * STEPS
     write_registration(file, RegistrationFile(off, RATIO, CAMERA, 0.9))
     estimate = estimate_file(
-        blurred, tmp_path / "k.npz", options(), noisy=noisy, registration=file, threads=1
+        blurred, tmp_path / "k.npz", options(), noisy=noisy, registration=file, run=Run(1)
     )
     np.testing.assert_array_equal(estimate.registration.theta, off)
     assert estimate.camera.source == "the registration"
@@ -175,7 +175,7 @@ def test_tone_curves_are_matched(pair, grey):
     noisy = noisy.with_pixels(np.clip(curve, 0, 1))
     if grey:
         noisy = replace(noisy, pixels=np.ascontiguousarray(noisy.pixels[..., 1]))
-    estimate = estimate_pair(blurred, noisy, options(), threads=1)
+    estimate = estimate_pair(blurred, noisy, options(), run=Run(1))
     assert estimate.content.provenance["tone_curves"]
     assert "the photos have tone curves of their own, which were matched" in estimate.notes
     kernel = estimate.content.kernel

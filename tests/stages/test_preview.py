@@ -8,6 +8,7 @@ from PIL import Image
 
 from deshake.errors import PhotoError
 from deshake.formats.photo import encode_photo, read_photo
+from deshake.run import Run
 from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.estimate_options import EstimateOptions
 from deshake.stages.preview import preview_estimate, preview_options, preview_photo
@@ -71,7 +72,7 @@ def test_the_kernel_is_that_of_the_reduced_photo(photo, tmp_path):
     photo = read_photo(tmp_path / "b.png")
     small = preview_photo(photo)
     options = EstimateOptions(camera=CameraChoice(focal_35mm=40), blur_size=30, uniform=True)
-    estimate = preview_estimate(photo, small, options, threads=1)
+    estimate = preview_estimate(photo, small, options, run=Run(1))
     assert estimate.content.kernel.camera.shape == small.shape == (480, 640)
     assert estimate.camera.camera.shape == small.shape
     assert estimate.camera.camera.focal_px == pytest.approx(40 / 43.267 * 800, rel=1e-3)

@@ -13,6 +13,7 @@ from deshake.files.registration_file import read_registration
 from deshake.formats.photo import read_photo
 from deshake.geometry.camera import Camera
 from deshake.pair.registration import Registration
+from deshake.run import Run
 from deshake.stages import registering
 from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.estimate_options import EstimateOptions
@@ -40,7 +41,7 @@ def test_registrations_are_named_after_the_blurred_photo(tmp_path):
 
 def test_a_shift_is_found_and_written(pair, tmp_path):
     options = replace(OPTIONS, transfer="linear")
-    match = register_file(*pair, tmp_path / "r.npz", options, threads=1)
+    match = register_file(*pair, tmp_path / "r.npz", options, run=Run(1))
     read = read_registration(tmp_path / "r.npz")
     assert np.array_equal(read.theta, match.registration.theta)
     assert read.scale == match.registration.scale == pytest.approx(4, rel=0.1)
@@ -72,7 +73,7 @@ def test_the_checkerboard_shows_both(tmp_path):
 
 @pytest.mark.parametrize("name", ["p.png", "p.jpg", "p.tif"])
 def test_the_preview_is_of_the_format_of_its_name(pair, tmp_path, name):
-    register_file(*pair, tmp_path / "r.npz", OPTIONS, preview=tmp_path / name, threads=1)
+    register_file(*pair, tmp_path / "r.npz", OPTIONS, preview=tmp_path / name, run=Run(1))
     with Image.open(tmp_path / name) as picture:
         assert picture.size == (200, 160)
         assert picture.mode == "L"  # one of the two is grey
@@ -85,7 +86,7 @@ def test_file_and_preview_stay_together(pair, tmp_path, monkeypatch, step):
 
     monkeypatch.setattr(registering, step, fail)
     with pytest.raises(KeyboardInterrupt):
-        register_file(*pair, tmp_path / "r.npz", OPTIONS, preview=tmp_path / "p.png", threads=1)
+        register_file(*pair, tmp_path / "r.npz", OPTIONS, preview=tmp_path / "p.png", run=Run(1))
     assert {path.name for path in tmp_path.iterdir()} == {"long.png", "short.png"}
 
 
@@ -101,14 +102,14 @@ def test_a_zoom_between_the_two_is_told(pair, tmp_path):
     g = with_focal_length(pair[0], 35, tmp_path / "g.jpg")
     same = with_focal_length(pair[1], 35, tmp_path / "same.jpg")
     zoomed = with_focal_length(pair[1], 50, tmp_path / "zoomed.jpg")
-    match = register_file(g, same, tmp_path / "r.npz", EstimateOptions(), threads=1)
+    match = register_file(g, same, tmp_path / "r.npz", EstimateOptions(), run=Run(1))
     assert "35 mm" in match.camera.source
     with pytest.raises(PhotoError, match=r"taken at 1\.43 times the focal length of"):
-        register_file(g, zoomed, tmp_path / "z.npz", EstimateOptions(), threads=1)
+        register_file(g, zoomed, tmp_path / "z.npz", EstimateOptions(), run=Run(1))
     register_file(
         g,
         zoomed,
         tmp_path / "z.npz",
         EstimateOptions(camera=CameraChoice(focal_35mm=35)),
-        threads=1,
+        run=Run(1),
     )

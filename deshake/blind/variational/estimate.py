@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +14,7 @@ from deshake.blind.variational.scales import ScaleByScale
 from deshake.errors import EstimationError
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from deshake.run import Run
 
 __all__ = ["BLUR_SHARES", "estimate_variational"]
 
@@ -49,8 +45,7 @@ def estimate_variational(
     uniform: bool = False,
     finest: bool = False,
     roll_rate: float = priors.ROLL_RATE,
-    threads: int | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    run: Run = Run(),
 ) -> BlindEstimate:
     """Estimate the blur kernel of one photo by variational inference, coarse to fine.
 
@@ -75,10 +70,8 @@ def estimate_variational(
     roll_rate : float
         Rate of the prior on turns about the optical axis, `priors.ROLL_RATE`; 0 for none, where
         the camera was not in a hand.
-    threads : int, optional
-        Threads to use; by default all processors.
-    progress : callable, optional
-        Called with the share done, 0..1, and a text.
+    run : Run, optional
+        Threads to use, and who receives the progress.
 
     Raises
     ------
@@ -105,7 +98,7 @@ def estimate_variational(
     contrast = _contrast_scale(picture)
     small = resize((picture * contrast)[None], shape)[0]
     usable = resize(1 - bad.astype(np.float32)[None], shape)[0] > 1 - 1e-3
-    report_progress = _rising(progress)
+    run = run.rising()
     trials = []
     for bound in bounds:
         plan = PyramidPlan(whole.cropped(x, y, w, h).scaled(*shape), bound * scale, axes)
@@ -116,8 +109,7 @@ def estimate_variational(
                 usable,
                 finest=finest,
                 roll_rate=roll_rate,
-                threads=threads,
-                progress=report_progress,
+                run=run,
             )
         )
         if len(bounds) == 1 or trials[-1].try_coarse() <= _CLOSE:
@@ -129,19 +121,6 @@ def estimate_variational(
     final = RotationKernel(kernel.theta, kernel.weights, kernel.steps, whole).centred()
     latent = scales.latent_gradients() / contrast
     return BlindEstimate(final, confidence, notes, scales.reports, latent)
-
-
-def _rising(progress: Callable[[float, str], None] | None) -> Callable[[float, str], None]:
-    """Report progress that never falls, even if the work starts again."""
-    highest = 0.0
-
-    def report_progress(share: float, text: str) -> None:
-        nonlocal highest
-        highest = max(highest, share)
-        if progress is not None:
-            progress(highest, text)
-
-    return report_progress
 
 
 def _contrast_scale(grey: Image) -> np.float32:

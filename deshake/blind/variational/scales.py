@@ -30,6 +30,8 @@ from deshake.operators.shake_blur import observation_mask
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from deshake.run import Run
+
 __all__ = ["ScaleByScale", "ScaleReport"]
 
 Image = NDArray[np.float32]
@@ -71,16 +73,14 @@ class ScaleByScale:
         *,
         finest: bool,
         roll_rate: float,
-        threads: int | None,
-        progress: Callable[[float, str], None],
+        run: Run,
     ) -> None:
         self.plan = plan
         self.gradients = gradients
         self.usable = usable
         self.finest = finest
         self.roll_rate = roll_rate
-        self.threads = threads
-        self.progress = progress
+        self._run = run
         self.levels = plan.levels()
         costs = np.array([lev.camera.height * lev.camera.width + 20000 for lev in self.levels])
         self.shares = costs / costs.sum()
@@ -102,7 +102,7 @@ class ScaleByScale:
         """Solve the remaining scales; return the last kernel and its confidence."""
         while self._continues():
             self._step()
-        self.progress(1.0, "kernel estimated")
+        self._run.report(1.0, "kernel estimated")
         assert self.kernel is not None  # noqa: S101 - there is at least one level
         kept = self.kernel.above(_CUT)
         if kept.extent_px() < _STILL_PX:
@@ -146,8 +146,9 @@ class ScaleByScale:
         name = f"scale {number + 1} of {len(self.levels)}"
         self.before = self.kernel
         done, share = float(self.shares[:number].sum()), float(self.shares[number])
+        run = self._run.part(done, done + share)
         self.kernel, self.latent = self._estimate(
-            level, active, f, lambda part: self.progress(done + share * part, name)
+            level, active, f, lambda part: run.report(part, name)
         )
 
     @property
@@ -198,9 +199,7 @@ class ScaleByScale:
         self, level: Level, theta: NDArray[np.float64], g: Image, mask: Image
     ) -> VariationalModel:
         hop = _HOPS[min(level.index, len(_HOPS) - 1)]
-        flow = FilterFlow(
-            level.camera, theta, margin=0, hop=hop, channels=len(g), threads=self.threads
-        )
+        flow = FilterFlow(level.camera, theta, margin=0, hop=hop, channels=len(g), run=self._run)
         return VariationalModel(
             flow,
             g,

@@ -12,6 +12,7 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.operators.shake_blur import ShakeBlur
+from deshake.run import Run
 from deshake.signal.poisson import poisson_image
 
 SHAPE = 100, 130
@@ -40,8 +41,7 @@ def under_way(
         np.ones(SHAPE, bool) if usable is None else usable,
         finest=finest,
         roll_rate=0.01,
-        threads=2,
-        progress=lambda _share, _text: None,
+        run=Run(2, lambda _share, _text: None),
     )
 
 

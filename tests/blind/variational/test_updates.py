@@ -23,6 +23,7 @@ from deshake.geometry.rotations import grid_steps
 from deshake.operators.filter_flow import FilterFlow
 from deshake.operators.shake_blur import observation_mask
 from deshake.operators.warps import Warps
+from deshake.run import Run
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -133,7 +134,7 @@ def exact(dense_weights: Callable[..., np.ndarray]) -> Callable[..., Case]:
         mask = np.ones(SHAPE, np.float32)
         if masked:
             mask[rng.random(SHAPE) < 0.2] = 0
-        flow = FilterFlow(camera, theta, margin=0, hop=8, channels=2, threads=1)
+        flow = FilterFlow(camera, theta, margin=0, hop=8, channels=2, run=Run(1))
         return Case(VariationalModel(flow, g, mask, PRIOR), Dense(c, g, mask))
 
     return make
@@ -271,7 +272,7 @@ def test_a_tiny_rotational_case_is_nearly_the_dense_one(
     q = posterior(shape, 7, inner=inner)
     smooth = cv2.GaussianBlur(q.f.transpose(1, 2, 0), (0, 0), 1.2).transpose(2, 0, 1)
     q = replace(q, f=4 * smooth)
-    flow = FilterFlow(camera, theta, margin=0, hop=4, channels=2, threads=1)
+    flow = FilterFlow(camera, theta, margin=0, hop=4, channels=2, run=Run(1))
     g = flow.filters(rng.random(7) / 4).forward(q.f) + 0.3 * rng.normal(size=q.f.shape)
     model = VariationalModel(flow, g.astype(np.float32), mask, PRIOR)
     dense = Dense(dense_weights(camera, theta), g, mask)
@@ -310,7 +311,7 @@ def shaken(sharp: np.ndarray, *, uniform: bool) -> Shaken:
     blurred += np.random.default_rng(0).normal(0, 0.5, blurred.shape).astype(np.float32)
     g = np.zeros((2, height, width), np.float32)
     g[0, :, :-1], g[1, :-1] = np.diff(blurred, axis=1), np.diff(blurred, axis=0)
-    flow = FilterFlow(camera, theta, margin=0, hop=16, channels=2, threads=1)
+    flow = FilterFlow(camera, theta, margin=0, hop=16, channels=2, run=Run(1))
     model = VariationalModel(flow, g, observation_mask(camera, theta), priors.gradients(0))
     near = np.abs(indices).max(1) <= 1
     return Shaken(model, start(g, near / near.sum()))

@@ -4,23 +4,25 @@ import os
 
 import pytest
 
-from deshake.batch.run import Resources, run_jobs
-from deshake.operators.strips import available_threads
+from deshake.batch.jobs import Resources, run_jobs
+from deshake.run import Run, available_threads
 
 
 def test_processors_are_shared_out():
     processors = available_threads()
-    assert Resources().shared(1) == (1, processors)
-    assert Resources().shared(1000) == (processors, 1)
-    assert Resources(jobs=2).shared(1000) == (2, max(1, processors // 2))
-    assert Resources(threads=processors).shared(1000) == (1, processors)
-    assert Resources(jobs=3, threads=5).shared(1000) == (3, 5)
-    assert Resources(jobs=3).shared(2)[0] == 2
+    assert Resources().shared(1, None) == (1, processors)
+    assert Resources().shared(1000, None) == (processors, 1)
+    assert Resources(jobs=2).shared(1000, None) == (2, max(1, processors // 2))
+    assert Resources().shared(1000, processors) == (1, processors)
+    assert Resources(jobs=3).shared(1000, 5) == (3, 5)
+    assert Resources(jobs=3).shared(2, None)[0] == 2
 
 
 def test_one_photo_is_worked_on_here(trial, jobs):
     told = []
-    [result] = run_jobs(jobs("x"), trial(), Resources(), lambda *word: told.append(word))
+    [result] = run_jobs(
+        jobs("x"), trial(), Resources(), Run(progress=lambda *word: told.append(word))
+    )
     assert result.figures["pid"] == os.getpid()
     assert told == [(0.5, "half")]
 
@@ -29,8 +31,8 @@ def test_many_are_not_and_how_far_they_are_adds_up(trial, jobs):
     made = jobs("x", "x", "skipped", "x", existing="skip")
     made[2].output.touch()
     told = []
-    resources = Resources(jobs=1, threads=1)
-    results = list(run_jobs(made, trial(), resources, lambda *word: told.append(word)))
+    resources = Resources(jobs=1)
+    results = list(run_jobs(made, trial(), resources, Run(1, lambda *word: told.append(word))))
     assert [result.status for result in results] == ["done", "done", "skipped", "done"]
     assert os.getpid() not in {result.figures.get("pid") for result in results}
     shares = [share for share, _ in told]

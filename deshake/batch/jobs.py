@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from deshake.batch.cluster import run_on_cluster
 from deshake.batch.memory import Budget
 from deshake.batch.processes import run_in_processes
 from deshake.batch.task import run_job
-from deshake.operators.strips import available_threads
+from deshake.run import available_threads
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterator, Sequence
+    from collections.abc import Generator, Iterator, Sequence
 
     from deshake.batch.plan import Job
     from deshake.batch.task import Result
     from deshake.batch.work import Work
-
-    Progress = Callable[[float, str], None]
+    from deshake.run import Run
 
 __all__ = ["Resources", "run_jobs"]
 
@@ -31,8 +30,6 @@ class Resources:
     ----------
     jobs : int, optional
         Photos at once; by default as many as there are processors for their threads.
-    threads : int, optional
-        Threads for each of them; by default the processors are shared out.
     memory : int, optional
         Bytes of memory for all of them; by default a share of what is available.
     scheduler : str, optional
@@ -41,23 +38,22 @@ class Resources:
     """
 
     jobs: int | None = None
-    threads: int | None = None
     memory: int | None = None
     scheduler: str | None = None
 
-    def shared(self, photos: int) -> tuple[int, int]:
-        """Return how many photos at once, and the threads for each."""
+    def shared(self, photos: int, threads: int | None) -> tuple[int, int]:
+        """Return how many photos at once, and the threads for each, unless they are given."""
         processors = available_threads()
-        jobs = self.jobs or max(1, processors // (self.threads or 1))
+        jobs = self.jobs or max(1, processors // (threads or 1))
         jobs = max(1, min(jobs, photos))
-        return jobs, self.threads or max(1, processors // jobs)
+        return jobs, threads or max(1, processors // jobs)
 
 
 def run_jobs(
     jobs: Sequence[Job],
     work: Work,
     resources: Resources,
-    progress: Progress,
+    run: Run,
 ) -> Generator[Result, None, None]:
     """Do the work on photos; yield the result of each photo when it ends.
 
@@ -72,16 +68,16 @@ def run_jobs(
         The work to do with them.
     resources : Resources
         The resources that the run may use.
-    progress : callable
-        Receives the share of the whole work done, 0..1, and a text.
+    run : Run
+        Threads for each photo; by default the processors are shared out. And who receives the
+        progress of all photos together.
 
     """
     if len(jobs) == 1 and resources.memory is None and resources.scheduler is None:
         [job] = jobs
-        threads = resources.shared(1)[1]
-        yield run_job(job, work, threads=threads, progress=progress)
+        yield run_job(job, work, replace(run, threads=resources.shared(1, run.threads)[1]))
         return
-    overall = _Overall(jobs, progress)
+    overall = _Overall(jobs, run)
     for number, result in _elsewhere(jobs, work, resources, overall):
         overall.part(number, 1.0)
         yield result
@@ -92,9 +88,9 @@ def _elsewhere(
 ) -> Iterator[tuple[int, Result]]:
     """Do the work in processes, or on a cluster."""
     if resources.scheduler is not None:
-        threads = resources.threads or 1
+        threads = overall.run.threads or 1
         return run_on_cluster(jobs, work, resources.scheduler, threads=threads)
-    processes, threads = resources.shared(len(jobs))
+    processes, threads = resources.shared(len(jobs), overall.run.threads)
     return run_in_processes(
         jobs,
         work,
@@ -108,7 +104,7 @@ def _elsewhere(
 class _Overall:
     """The progress of all photos together. Photos without any work do not count."""
 
-    def __init__(self, jobs: Sequence[Job], progress: Progress) -> None:
+    def __init__(self, jobs: Sequence[Job], run: Run) -> None:
         self._shares = {
             number: 0.0
             for number, job in enumerate(jobs)
@@ -116,7 +112,7 @@ class _Overall:
         }
         self._sum = 0.0
         self._done = 0
-        self._progress = progress
+        self.run = run
 
     def part(self, number: int, share: float, text: str = "") -> None:  # noqa: ARG002
         """Report the progress of one photo."""
@@ -126,4 +122,4 @@ class _Overall:
         self._done += share == 1.0 > self._shares[number]
         self._shares[number] = share
         count = len(self._shares)
-        self._progress(self._sum / count, f"{self._done} of {count} photos")
+        self.run.report(self._sum / count, f"{self._done} of {count} photos")
