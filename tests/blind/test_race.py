@@ -6,6 +6,7 @@ from deshake.blind.agreement import agreement
 from deshake.blind.race import race
 from deshake.blind.spot import is_spot
 from deshake.geometry.camera import Camera
+from deshake.run import Run
 from deshake.signal.pyramid import Pyramid
 
 
