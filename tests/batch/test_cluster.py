@@ -19,7 +19,10 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 
 pytest.importorskip("distributed")
-pytestmark = pytest.mark.skipif(os.name == "nt", reason="needs POSIX signals")
+pytestmark = [
+    pytest.mark.skipif(os.name == "nt", reason="needs POSIX signals"),
+    pytest.mark.long,
+]
 
 # A scheduler in a process of its own, and workers in theirs; tells its address and their numbers.
 CLUSTER = """

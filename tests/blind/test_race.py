@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from deshake.blind.agreement import agreement
 from deshake.blind.race import race
@@ -8,6 +9,8 @@ from deshake.blind.spot import is_spot
 from deshake.geometry.camera import Camera
 from deshake.run import Run
 from deshake.signal.pyramid import Pyramid
+
+pytestmark = pytest.mark.long
 
 
 def test_a_known_shake_wins(ended, shaken) -> None:

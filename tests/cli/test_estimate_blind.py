@@ -22,6 +22,8 @@ from deshake.operators.shake_blur import ShakeBlur
 if TYPE_CHECKING:
     from pathlib import Path
 
+pytestmark = pytest.mark.long
+
 FAST = ("--blur-size", 3)
 EDGES = (*FAST, "--estimator", "edges")
 LENS = ("--focal-35mm", 40)

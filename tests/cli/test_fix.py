@@ -15,6 +15,8 @@ from PIL import Image
 from deshake.files.kernel_file import read_kernel
 from deshake.metadata.provenance import read_provenance
 
+pytestmark = pytest.mark.long
+
 LENS = ("--focal-35mm", 40)
 EDGES = ("--estimator", "edges")
 FAST = (*LENS, *EDGES, "--blur-size", 3, "--region", "20,10,60,50", "--iterations", 2)

@@ -15,6 +15,8 @@ from deshake.metadata.provenance import read_provenance
 from deshake.pair.registration import register
 from deshake.stages import deblurring, registering
 
+pytestmark = pytest.mark.long
+
 LENS = ("--focal-px", 150)
 BLUR = ("--blur-size", 8)
 QUIET = ("--threads", 1, "-q")

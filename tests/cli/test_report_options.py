@@ -20,6 +20,8 @@ from deshake.cli.main import main
 from deshake.files.kernel_file import KernelFile, read_kernel, write_kernel
 from deshake.geometry.kernel import RotationKernel
 
+pytestmark = pytest.mark.long
+
 QUICK = ("--method", "rl", "--iterations", 2)
 HOSTILE = '<b onclick="x">&amp; \'é.png'
 

@@ -15,6 +15,8 @@ from deshake.pair.residual import residual_richardson_lucy
 from deshake.restore.sparse_gradients import sparse_gradients
 from deshake.run import Run
 
+pytestmark = pytest.mark.long
+
 
 class Case(NamedTuple):
     """A sharp frame, the blurred photo, a short exposure that misses a side, the same denoised."""

@@ -14,6 +14,8 @@ from deshake.operators.warps import Warps
 from deshake.pair.kernel_estimate import estimate_pair_kernel
 from deshake.run import Run
 
+pytestmark = pytest.mark.long
+
 SHAPE = (160, 220)
 MARGIN = 20
 RATIO = 6.0

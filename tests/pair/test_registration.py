@@ -17,6 +17,8 @@ from deshake.pair.rotation_search import distance_px
 from deshake.run import Run
 from deshake.simulation.shake_path import random_path
 
+pytestmark = pytest.mark.long
+
 HEIGHT, WIDTH, MARGIN = 240, 320, 90
 CAMERA = Camera.from_focal(320, HEIGHT, WIDTH)
 

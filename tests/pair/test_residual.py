@@ -12,6 +12,8 @@ from deshake.pair.denoising import NoisyPhoto
 from deshake.pair.residual import gain_map, joint_bilateral, residual_richardson_lucy
 from deshake.run import Run
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def pair(lab):

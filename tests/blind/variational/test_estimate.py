@@ -19,6 +19,8 @@ from deshake.run import Run
 if TYPE_CHECKING:
     from deshake.blind.result import BlindEstimate
 
+pytestmark = pytest.mark.long
+
 HEIGHT, WIDTH = 80, 104
 CAMERA = Camera.from_focal(float(WIDTH), HEIGHT, WIDTH)
 BORDER = 11
