@@ -19,7 +19,7 @@ pytestmark = pytest.mark.long
 
 LENS = ("--focal-35mm", 40)
 EDGES = ("--estimator", "edges")
-FAST = (*LENS, *EDGES, "--blur-size", 3, "--region", "20,10,60,50", "--iterations", 2)
+FAST = (*LENS, *EDGES, "--uniform", "--blur-size", 3, "--region", "20,10,60,50", "--iterations", 2)
 
 
 def test_gives_the_bytes_of_its_stages_with_any_threads(deshake, shaken, tmp_path):
