@@ -13,10 +13,13 @@ from deshake.errors import DeshakeError, OutputError
 from deshake.files.disk import STREAM, check_output
 from deshake.files.part_files import remove_stale_parts
 from deshake.formats.output_names import output_name
+from deshake.metadata.provenance import read_provenance
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
+
+    from deshake.batch.name_template import NameTemplate
 
 __all__ = ["Existing", "Extra", "Job", "PlanError", "plan"]
 
@@ -131,6 +134,7 @@ def plan(
     inputs: Sequence[Path],
     output: Path | None = None,
     *,
+    template: NameTemplate | None = None,
     name: Callable[[Path], str] = output_name,
     beside: bool = True,
     extras: Mapping[str, Extra] | None = None,
@@ -138,6 +142,7 @@ def plan(
     recursive: bool = False,
     existing: Existing = "refuse",
     dry: bool = False,
+    check: Callable[[Sequence[Job]], None] | None = None,
 ) -> list[Job]:
     """Decide where the results for photos go, and check that they can go there.
 
@@ -151,6 +156,10 @@ def plan(
         For one photo, a file or an existing folder. For several, or a folder of them, a folder,
         which is made if it is missing and its parent is there; the folders that photos are found
         in are made in it.
+    template : NameTemplate, optional
+        Gives the place of each result instead of `output`. The folder that it begins with is made
+        if it is missing and its parent is there. Earlier results of the template, which say so in
+        their provenance, are no photos.
     name : callable
         Gives the name of a photo's result.
     beside : bool
@@ -165,6 +174,8 @@ def plan(
         What is done about results that exist already.
     dry : bool
         Whether nothing is made or removed.
+    check : callable, optional
+        Receives the jobs before anything is made.
 
     Returns
     -------
@@ -186,28 +197,29 @@ def plan(
     _check_places(output, extras, several=several)
     into = output is not None and (several or output.is_dir())
     tops = [extra.path for extra in extras.values() if extra.path and extra.name]
-    if output is not None and into:
+    if template is not None:
+        tops.insert(0, template.top)
+    elif output is not None and into:
         tops.insert(0, output)
     own = [top for top in tops if identity(top) not in [identity(path) for path in inputs]]
-    jobs = []
-    for found in find_photos(inputs, recursive=recursive, without=own):
+
+    def place(found: Found) -> Path | None:
         source = found.path
+        if template is not None:
+            return template.place(found)
         if output is None:
-            result = source.with_name(name(source)) if beside else None
-        else:
-            result = output / found.below / name(source) if into else output
-        others = {kind: extra.place(found, result) for kind, extra in extras.items()}
-        given: dict[str, Path] = {}
-        problem: DeshakeError | None = None
-        for kind, find in needs.items():
-            try:
-                path = find(found)
-            except DeshakeError as error:
-                problem = error
-            else:
-                given |= {} if path is None else {kind: path}
-        jobs.append(Job(source, result, others, given, problem, existing=existing))
-    _check_collisions(jobs)
+            return source.with_name(name(source)) if beside else None
+        return output / found.below / name(source) if into else output
+
+    jobs = [
+        _job(found, place, extras, needs, existing)
+        for found in find_photos(inputs, recursive=recursive, without=own)
+    ]
+    if template is not None:
+        jobs = _without_results(jobs, inputs)
+    _check_collisions(jobs, "add more fields to the name" if template else None)
+    if check is not None:
+        check(jobs)
     jobs = [_staying(job, tops) for job in jobs]
     if dry:
         for top in tops:
@@ -223,6 +235,31 @@ def plan(
     return [_checked(job, known, tops if dry else []) for job in jobs]
 
 
+def _job(
+    found: Found,
+    place: Callable[[Found], Path | None],
+    extras: Mapping[str, Extra],
+    needs: Mapping[str, Callable[[Found], Path | None]],
+    existing: Existing,
+) -> Job:
+    """Return the job of a photo; what is wrong with its names stands in it."""
+    try:
+        result = place(found)
+    except DeshakeError as error:
+        return Job(found.path, None, problem=error, existing=existing)
+    others = {kind: extra.place(found, result) for kind, extra in extras.items()}
+    given: dict[str, Path] = {}
+    problem: DeshakeError | None = None
+    for kind, find in needs.items():
+        try:
+            path = find(found)
+        except DeshakeError as error:
+            problem = error
+        else:
+            given |= {} if path is None else {kind: path}
+    return Job(found.path, result, others, given, problem, existing=existing)
+
+
 def _check_places(output: Path | None, extras: Mapping[str, Extra], *, several: bool) -> None:
     """Refuse one file for the results of several photos."""
     if not several:
@@ -236,7 +273,18 @@ def _check_places(output: Path | None, extras: Mapping[str, Extra], *, several: 
             raise PlanError(f"{path} is a file; for several photos, {option} names a folder")
 
 
-def _check_collisions(jobs: Sequence[Job]) -> None:
+def _without_results(jobs: Sequence[Job], named: Sequence[Path]) -> list[Job]:
+    """Return the jobs whose photos are no earlier results of other jobs, but all that are named."""
+    made = {mark: job for job in jobs if job.output and (mark := identity(job.output))}
+
+    def is_result(job: Job) -> bool:
+        other = made.get(identity(job.source) or (0, 0), job)
+        return other is not job and read_provenance(job.source) is not None
+
+    return [job for job in jobs if job.source in named or not is_result(job)]
+
+
+def _check_collisions(jobs: Sequence[Job], hint: str | None = None) -> None:
     """Refuse two outputs of one name."""
     taken: dict[str, Job] = {}
     folders: dict[Path, str] = {}
@@ -250,7 +298,7 @@ def _check_collisions(jobs: Sequence[Job]) -> None:
             if other is not job:
                 raise PlanError(
                     f"{other.source} and {job.source} would both be written to {path}",
-                    hint="name each photo once, or take them one by one",
+                    hint=hint or "name each photo once, or take them one by one",
                 )
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final, Self
 from urllib.parse import quote
 
-from deshake.batch.verdict import confidence_words, summary_words
+from deshake.batch.verdict import UNSHAKEN, confidence_words, summary_words
 from deshake.errors import OutputError
 from deshake.files.disk import STREAM, atomic_write, check_output, write_bytes
 from deshake.pictures.report_page import Entry, article, embedded, page_head, page_tail
@@ -240,6 +240,8 @@ class Report:
                 hint=result.hint,
             )
         output = None if job.output is None else (str(job.output), self._address(job.output))
+        if figures.get("verdict") == UNSHAKEN:
+            return Entry(number, name, UNSHAKEN, figures["reason"], command, result.seconds)
         if result.status == "skipped":
             why = "its result exists already"
             return Entry(number, name, "skipped", why, command, result.seconds, output)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from deshake.batch.estimate_work import check_inputs, kernel_origin
 from deshake.batch.footprint import estimate_memory, restoration_memory, worked_size
-from deshake.batch.verdict import verdict_figures
+from deshake.batch.verdict import UNSHAKEN, blur_words, verdict_figures
 from deshake.errors import DeshakeError
 from deshake.files.disk import STREAM, sha256
 from deshake.files.kernel_file import read_kernel
@@ -19,6 +19,7 @@ from deshake.pictures.report_pictures import ReportPictures, report_pictures
 from deshake.stages.deblurring import deblur_file
 from deshake.stages.finishing import AS_IT_IS, Finish
 from deshake.stages.fixing import fix_file
+from deshake.stages.inspecting import photo_blur
 from deshake.stages.methods import RestorationOptions
 from deshake.stages.photo_provenance import photo_origin, registration_origin
 from deshake.stages.registering import known_registration
@@ -52,6 +53,8 @@ class Fix:
         What is wanted of the result beside it; the ``mask`` is the job's.
     room : int, optional
         Bytes that a report has for the photo's pictures; by default there is no report.
+    only_shaken : bool
+        Whether photos that are sharp, soft or out of focus are passed over.
 
     """
 
@@ -59,9 +62,13 @@ class Fix:
     restoration: RestorationOptions = field(default_factory=RestorationOptions)
     finish: Finish = AS_IT_IS
     room: int | None = None
+    only_shaken: bool = False
 
     def __call__(self, job: Job, run: Run) -> dict[str, Any]:
-        """Fix the photo of a job."""
+        """Fix the photo of a job, or pass it over."""
+        passed_over = self.passed_over(job)
+        if passed_over is not None:
+            return passed_over
         observed = _Observed(self.room)
         result = fix_file(
             job.source,
@@ -70,7 +77,7 @@ class Fix:
             self.options,
             noisy=job.needs.get("noisy"),
             restoration=self.restoration,
-            finish=_with_mask(self.finish, job),
+            finish=_wishes(self.finish, job),
             observer=observed,
             overwrite=job.overwrite,
             overwrite_others=job.overwrite_others,
@@ -80,6 +87,22 @@ class Fix:
         content = result.content
         verdict = verdict_figures(content.kernel, content.confidence, result.notes)
         return result.report() | verdict | self.finish.report() | observed.figures()
+
+    def passed_over(self, job: Job) -> dict[str, Any] | None:
+        """Return the verdict on a photo that is passed over, as JSON data; else None.
+
+        Raises
+        ------
+        PhotoError, EstimationError
+            If the photo cannot be read, or has no texture.
+
+        """
+        if not self.only_shaken or job.keeps_result:
+            return None
+        blur = photo_blur(job.source, transfer=self.options.transfer)
+        if blur.kind in {"shaken", "unclear"}:
+            return None
+        return {"verdict": UNSHAKEN, "reason": blur_words(blur.report())}
 
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:
         """Predict the memory that it takes."""
@@ -108,7 +131,7 @@ class Fix:
         known = photo_origin(
             self.restoration,
             transfer=self.options.transfer,
-            finish=self.finish,
+            finish=_wishes(self.finish, job),
             **_digests(job),
         )
         if self.finish.preview:  # the estimate's options are not quite these
@@ -158,7 +181,7 @@ class Deblur:
             search_angle=self.search_angle,
             transfer=self.transfer,
             restoration=self.restoration,
-            finish=_with_mask(self.finish, job),
+            finish=_wishes(self.finish, job),
             observer=observed,
             overwrite=job.overwrite,
             overwrite_others=job.overwrite_others,
@@ -206,7 +229,10 @@ class Deblur:
     def origin(self, job: Job) -> dict[str, Any]:
         """Return the inputs and the options, and those of the kernel."""
         known = photo_origin(
-            self.restoration, transfer=self.transfer, finish=self.finish, **_digests(job)
+            self.restoration,
+            transfer=self.transfer,
+            finish=_wishes(self.finish, job),
+            **_digests(job),
         )
         kernel = job.needs["kernel"]
         provenance = {} if str(kernel) == STREAM else read_kernel(kernel).provenance
@@ -234,9 +260,9 @@ class _Observed:
         return {} if self._pictures is None else {"pictures": self._pictures}
 
 
-def _with_mask(finish: Finish, job: Job) -> Finish:
-    """Return what is wanted of a job's result, the mask being the job's own."""
-    return replace(finish, mask=job.needs.get("mask"))
+def _wishes(finish: Finish, job: Job) -> Finish:
+    """Return what is wanted of a job's result: with its own mask, for a file of its name."""
+    return replace(finish, mask=job.needs.get("mask"), file=finish.file.called(job.place))
 
 
 @lru_cache

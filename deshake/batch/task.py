@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 from deshake.batch.resume import doubt, made_by
+from deshake.batch.verdict import UNSHAKEN
 from deshake.errors import DeshakeError, OutputError, describe
 from deshake.run import Run
 
@@ -36,7 +37,7 @@ class Result:
     job : Job
         The job.
     status : {"done", "skipped", "failed"}
-        Skipped: its result was there already.
+        Skipped: its result was there already, or the figures say that it is not shaken.
     seconds : float
         Time that it took.
     figures : dict
@@ -99,6 +100,9 @@ def run_job(job: Job, work: Work, run: Run = Run()) -> Result:
                 # Another run made the result in the meantime.
                 return Result(job, "skipped", time.perf_counter() - start, {}, tuple(warnings))
             return failure(job, error, time.perf_counter() - start, warnings)
+    if figures.get("verdict") == UNSHAKEN:
+        seconds = time.perf_counter() - start
+        return Result(job, "skipped", seconds, figures, tuple(warnings))
     # Each note is a warning as well, unless the user wants only errors.
     notes = dict.fromkeys([*warnings, *figures.pop("notes", [])])
     pictures = figures.pop("pictures", None)

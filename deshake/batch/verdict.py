@@ -11,10 +11,20 @@ if TYPE_CHECKING:
 
     from deshake.geometry.kernel import RotationKernel
 
-__all__ = ["Verdict", "confidence_words", "summary_words", "verdict_figures"]
+__all__ = [
+    "UNSHAKEN",
+    "Verdict",
+    "blur_words",
+    "confidence_words",
+    "summary_words",
+    "verdict_figures",
+]
 
 Verdict = Literal["improved", "left", "doubtful"]
 """Improved: deblurred by a kernel that is trusted; left: as it is; doubtful: by another kernel."""
+
+UNSHAKEN: Final = "unshaken"
+"""Verdict on a photo that is passed over, because it is not shaken."""
 
 _LEFT: Final = "left as it is"
 _STILL: Final = "the kernel is that of a camera that stood still"
@@ -50,7 +60,21 @@ def confidence_words(confidence: float) -> str:
 
 def summary_words(figures: Mapping[str, Any]) -> str:
     """Say in a few words what was done to a photo, by the figures of its result."""
+    if figures["verdict"] == UNSHAKEN:
+        return f"passed over: {figures['reason']}"
     if figures["verdict"] == "left":
         return f"{_LEFT}: {figures['reason']}"
     extent, words = figures["extent_px"], confidence_words(figures["confidence"])
     return f"shake of {extent:.{0 if extent >= 10 else 1}f} px, {words}"
+
+
+def blur_words(figures: Mapping[str, Any]) -> str:
+    """Say in a few words what blurs a photo, by the figures of `BlurKind.report`."""
+    if figures["verdict"] == "unclear":
+        return "unclear: too little detail"
+    words = str(figures["verdict"]) if figures["certain"] else f"perhaps {figures['verdict']}"
+    if figures["verdict"] != "shaken":
+        return words
+    width = figures["width_px"]
+    shown = f"{width:.{0 if width >= 10 else 1}f}"
+    return f"{words}, about {shown} px at {figures['direction']:.0f} degrees"

@@ -35,6 +35,7 @@ __all__ = [
     "frame_options",
     "photos_argument",
     "planned",
+    "reading_options",
     "refuse_stdout",
     "run_batch",
 ]
@@ -64,11 +65,9 @@ _SKIP_EXISTING = click.option(
     "sheet, its kernel) is made again, and the result stays.",
 )
 _FRAME_OPTIONS = (_DRY_RUN, _SKIP_EXISTING, overwrite_option, json_option)
-_BATCH_OPTIONS = (
+_READING_OPTIONS = (
     _DRY_RUN,
     _FAIL_FAST,
-    _SKIP_EXISTING,
-    overwrite_option,
     json_option,
     click.option(
         "--scheduler",
@@ -95,6 +94,7 @@ _BATCH_OPTIONS = (
         help="Also take the photos of folders in folders; links to folders are followed.",
     ),
 )
+_BATCH_OPTIONS = (*_READING_OPTIONS[:2], _SKIP_EXISTING, overwrite_option, *_READING_OPTIONS[2:])
 
 
 @dataclass(frozen=True)
@@ -102,9 +102,9 @@ class Batch:
     """The options of the batch frame; those for one photo or pair have the first four."""
 
     as_json: bool
-    overwrite: bool
-    skip_existing: bool
     dry_run: bool
+    overwrite: bool = False
+    skip_existing: bool = False
     recursive: bool = False
     jobs: int | None = None
     memory: int | None = None
@@ -128,6 +128,11 @@ class Batch:
 def frame_options(command: F) -> F:
     """Add the options of `Batch` that one photo has, and hand them over as ``batch``."""
     return _collected(command, _FRAME_OPTIONS)
+
+
+def reading_options(command: F) -> F:
+    """Add the options of `Batch` that a command without results has, as ``batch``."""
+    return _collected(command, _READING_OPTIONS)
 
 
 def batch_options(command: F) -> F:
@@ -200,6 +205,7 @@ def run_batch(
     *,
     note: Callable[[Result], str] | None = None,
     report: ReportOptions | None = None,
+    passed_over: Callable[[Job], dict[str, Any] | None] | None = None,
 ) -> int:
     """Do the work on all photos, report each result, and return the exit code.
 
@@ -219,6 +225,8 @@ def run_batch(
         Returns the line on standard error for a photo that is done.
     report : ReportOptions, optional
         Options of the report.
+    passed_over : callable, optional
+        Returns the verdict on a photo that the work passes over, for a dry run.
 
     """
     from deshake.batch.jobs import Resources, run_jobs
@@ -228,7 +236,7 @@ def run_batch(
         context, jobs, overwrite=batch.existing != "refuse", dry=batch.dry_run
     )
     if batch.dry_run:
-        return _print_plan(jobs, work, batch)
+        return _print_plan(jobs, work, batch, passed_over)
     start = time.monotonic()
     if batch.scheduler is not None:
         _check_files(jobs)
@@ -264,19 +272,32 @@ def _check_files(jobs: Sequence[Job]) -> None:
             raise click.UsageError("--scheduler does not go with standard input or output.")
 
 
-def _print_plan(jobs: Sequence[Job], work: Work, batch: Batch) -> int:
+def _print_plan(
+    jobs: Sequence[Job],
+    work: Work,
+    batch: Batch,
+    passed_over: Callable[[Job], dict[str, Any] | None] | None,
+) -> int:
     """Print the plan for each photo, or why there is none."""
     from deshake.batch.task import failure, problem
+    from deshake.errors import DeshakeError
 
     code = 0
     for job in jobs:
-        status = "skip" if job.skipped else "do"
-        refusal = problem(job, work)
+        refusal, verdict = problem(job, work), None
+        if passed_over is not None and refusal is None and not job.skipped:
+            try:
+                verdict = passed_over(job)
+            except DeshakeError as error:
+                refusal = error
+        status = "skip" if job.skipped or verdict else "do"
         failed = None if refusal is None else failure(job, refusal)
         code = code if failed is None else 1
         if batch.as_json:
-            report = {"status": status} | job.files() if failed is None else failed.report()
-            print_json(report)
+            report = {"status": status} | job.files() | (verdict or {})
+            print_json(report if failed is None else failed.report())
+        elif verdict:
+            click.echo(f"{status} {job.source}: {verdict['reason']}")
         elif failed is None:
             to = "" if job.output is None else f" -> {job.output}"
             click.echo(f"{status} {job.source}{to}")
@@ -297,7 +318,8 @@ def _print_result(
         print_json(result.report())
     elif line is not None and result.status == "done":
         click.echo(line(result))
-    if note is not None and result.status == "done" and context.verbosity >= 0:
+    worked_on = result.status == "done" or "verdict" in result.figures
+    if note is not None and worked_on and context.verbosity >= 0:
         print_note(note(result))
     if result.status == "failed":
         _print_failure(result, context)
@@ -312,12 +334,17 @@ def _print_failure(result: Result, context: Context) -> None:
 
 def _print_summary(results: Sequence[Result], photos: int, seconds: float) -> None:
     """Print the number of photos for each outcome, and the names of the failed ones."""
+    from deshake.batch.verdict import UNSHAKEN
+
     count = Counter(result.status for result in results)
     left = sum(result.figures.get("verdict") == "left" for result in results)
     parts = [f"{count['done'] - left} done"]
     if left:
         parts.append(f"{left} left as {'it is' if left == 1 else 'they are'}")
-    parts += [f"{count[status]} {status}" for status in ("skipped", "failed")]
+    unshaken = sum(result.figures.get("verdict") == UNSHAKEN for result in results)
+    if unshaken:
+        parts.append(f"{unshaken} not shaken")
+    parts += [f"{count['skipped'] - unshaken} skipped", f"{count['failed']} failed"]
     if photos > len(results):
         parts.append(f"{photos - len(results)} not begun")
     warned = sum(bool(result.warnings) for result in results)

@@ -9,10 +9,10 @@ import click
 from deshake.cli.batch import (
     batch_options,
     for_masks,
-    planned,
     refuse_stdout,
     run_batch,
 )
+from deshake.cli.file_options import file_options, planned_results
 from deshake.cli.finishing_options import finish_options
 from deshake.cli.options import (
     FILE,
@@ -47,8 +47,9 @@ __all__ = ["command"]
 @click.argument("photos", type=FILE, nargs=-1, required=True, metavar="PHOTO KERNEL | PHOTO|DIR...")
 @output_option(
     "PHOTO's name with .deshaken before its ending",
-    metavar="FILE|DIR",
-    note="; for several photos or a folder of them, a folder",
+    metavar="FILE|DIR|NAMES",
+    note="; for several photos or a folder of them, a folder, or a name with the fields {folder}, "
+    "{parent}, {stem} and {ext}, as in 'sharp/{folder}/{stem}_sharp.{ext}'",
 )
 @click.option(
     "--kernel",
@@ -67,6 +68,7 @@ __all__ = ["command"]
 @search_angle_option
 @restoration_options
 @finish_options
+@file_options
 @report_options
 @transfer_option
 @batch_options
@@ -129,7 +131,7 @@ def command(
     if mask is not None:
         needs["mask"] = for_masks(mask, photos)
     extras = {"sheet": Extra(None, comparison_name)} if finish.compare else {}
-    jobs = planned(photos, output, batch, extras=extras, needs=needs)
+    jobs = planned_results(photos, output, batch, finish, extras=extras, needs=needs)
     work = Deblur(chosen, transfer, finish, search_angle, report.room(len(jobs)))
     return run_batch(context, jobs, work, batch, report=report)
 

@@ -10,10 +10,10 @@ from deshake.cli.batch import (
     batch_options,
     for_masks,
     photos_argument,
-    planned,
     refuse_stdout,
     run_batch,
 )
+from deshake.cli.file_options import file_options, planned_results
 from deshake.cli.finishing_options import finish_options
 from deshake.cli.options import (
     FILE,
@@ -47,8 +47,9 @@ __all__ = ["command"]
 @photos_argument
 @output_option(
     "PHOTO's name with .deshaken before its ending",
-    metavar="FILE|DIR",
-    note="; for several photos or a folder of them, a folder",
+    metavar="FILE|DIR|NAMES",
+    note="; for several photos or a folder of them, a folder, or a name with the fields {folder}, "
+    "{parent}, {stem} and {ext}, as in 'sharp/{folder}/{stem}_sharp.{ext}'",
 )
 @click.option(
     "--keep-kernels",
@@ -56,11 +57,17 @@ __all__ = ["command"]
     metavar="DIR",
     help="Write each photo's kernel file into this folder.",
 )
+@click.option(
+    "--only-shaken",
+    is_flag=True,
+    help="Pass over the photos that inspect calls sharp, soft or out of focus.",
+)
 @noisy_option
 @search_angle_option
 @estimate_options
 @restoration_options
 @finish_options
+@file_options
 @report_options
 @batch_options
 @general_options
@@ -72,6 +79,7 @@ def command(
     photos: tuple[Path, ...],
     output: Path | None,
     keep_kernels: Path | None,
+    only_shaken: bool,
     camera: Path | None,
     noisy: Path | None,
     method: str | None,
@@ -100,7 +108,7 @@ def command(
 
     chosen = restoration(noisy, method=method, quality=quality, iterations=iterations)
     if noisy is not None:
-        _check_estimate(**choices)
+        _check_estimate(only_shaken=only_shaken, **choices)
         check_pair(photos, noisy)
     elif choices["search_angle"] is not None:
         raise click.UsageError("--search-angle needs --noisy.")
@@ -112,21 +120,34 @@ def command(
         needs["mask"] = for_masks(mask, photos)
     if finish.compare:
         extras["sheet"] = Extra(None, comparison_name)
-    jobs = planned(photos, output, batch, extras=extras, needs=needs)
-    work = Fix(chosen_estimate(camera, **choices), chosen, finish, report.room(len(jobs)))
-    return run_batch(context, jobs, work, batch, note=_what_was_done, report=report)
+    jobs = planned_results(photos, output, batch, finish, extras=extras, needs=needs)
+    estimate, room = chosen_estimate(camera, **choices), report.room(len(jobs))
+    work = Fix(estimate, chosen, finish, room, only_shaken)
+    return run_batch(
+        context,
+        jobs,
+        work,
+        batch,
+        note=_what_was_done,
+        report=report,
+        passed_over=work.passed_over if only_shaken else None,
+    )
 
 
 def _what_was_done(result: Result) -> str:
     """Say in a line what was written for a photo, and what was done to it."""
     from deshake.batch.verdict import summary_words
 
-    return f"{result.job.source} -> {result.job.output}: {summary_words(result.figures)}"
+    to = "" if result.status == "skipped" else f" -> {result.job.output}"
+    return f"{result.job.source}{to}: {summary_words(result.figures)}"
 
 
-def _check_estimate(*, region: object, estimator: str, focal: object, **_: object) -> None:
+def _check_estimate(
+    *, region: object, estimator: str, focal: object, only_shaken: bool, **_: object
+) -> None:
     """Refuse options that only a blind estimate uses."""
     chosen = {"region": region is not None, "estimator": estimator != "edges", "focal": focal}
+    chosen["only-shaken"] = only_shaken
     for name, given in chosen.items():
         if given:
             raise click.UsageError(f"--{name} does not go with --noisy.")

@@ -49,6 +49,7 @@ class _Entry(NamedTuple):
 
 COMMANDS: Final = {
     "fix": _Entry("deshake.cli.fix", "Remove camera shake from photos, in one go."),
+    "inspect": _Entry("deshake.cli.inspect", "Say what blurs photos, and what files are."),
     "calibrate": _Entry("deshake.cli.calibrate", "Find photos' focal lengths in pixels."),
     "register": _Entry("deshake.cli.register", "Find how a noisy photo lies to a blurred one."),
     "estimate-blind": _Entry(

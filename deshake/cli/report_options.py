@@ -31,6 +31,7 @@ F = TypeVar("F", bound="Callable[..., Any]")
 
 _OF_THE_RUN = {
     *("output", "report", "report_images", "open_after", "overwrite", "skip_existing", "dry_run"),
+    "only_shaken",
     *("as_json", "fail_fast", "scheduler", "memory", "jobs", "recursive"),
     *("noisy", "kernel", "registration", "mask", "keep_kernels"),  # named by each job
 }
@@ -223,32 +224,48 @@ def _open(path: Path) -> None:
 
 def _commands(ctx: click.Context) -> Callable[[Job], str]:
     """Return what gives the command for one photo of a run."""
-    options: list[str] = []
+    options: dict[str, list[str]] = {}
     for param in ctx.command.params:
         name = param.name or ""
         value = ctx.params.get(name)
         default = ctx.get_parameter_source(name) is ParameterSource.DEFAULT
         of_the_photo = isinstance(param, click.Option) and name not in _OF_THE_RUN
         if of_the_photo and not default and value is not None and value is not False:
-            options += [param.opts[-1]] if value is True else [param.opts[-1], _said(value)]
+            options[name] = [param.opts[-1], *([] if value is True else [_said(value)])]
 
     def command(job: Job) -> str:
         words = ["deshake", ctx.info_name or "", _argument(job.source)]
         if job.output is not None:
-            words += ["-o", _argument(job.output)]
+            words += ["-o", _doubled(_argument(job.output))]
         for name, path in job.needs.items():
             words += [f"--{name}", _argument(path)]
         if "kernel" in job.others:
             words += ["--keep-kernels", _argument(job.others["kernel"].parent)]
-        return shlex.join([*words, *options])
+        for name, typed in options.items():
+            words += typed if _concerns(job, name, typed[-1]) else []
+        return shlex.join(words)
 
     return command
+
+
+def _concerns(job: Job, name: str, value: str) -> bool:
+    """Return whether an option concerns the file of a job's result: some are for one format."""
+    from deshake.formats.encoding import SUFFIXES
+
+    form = None if job.output is None else SUFFIXES.get(job.output.suffix.lower())
+    wanted = {"jpeg_quality": "JPEG", "format": SUFFIXES.get(f".{value}")}
+    return wanted.get(name, form) == form
 
 
 def _argument(path: Path) -> str:
     """Return a path that is not taken for an option."""
     name = str(path)
     return f"./{name}" if name.startswith("-") and name != "-" else name
+
+
+def _doubled(name: str) -> str:
+    """Return a name for -o, where a single brace would begin a field."""
+    return name.replace("{", "{{").replace("}", "}}")
 
 
 def _said(value: Any) -> str:  # noqa: ANN401 - what options convert to

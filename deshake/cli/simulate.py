@@ -6,6 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from deshake.cli.file_options import (
+    NO_JPEG,
+    check_ending,
+    chosen_format,
+    format_option,
+    is_typed,
+    quality_option,
+)
 from deshake.cli.options import (
     FILE,
     camera_option,
@@ -94,6 +102,8 @@ _BLUR_PX = 20.0
 @lens_options
 @camera_option
 @transfer_option
+@format_option
+@quality_option
 @overwrite_option
 @general_options
 @click.pass_obj
@@ -106,6 +116,7 @@ def command(
     path: Path | None,
     blur_px: float | None,
     noise_sigma: float | None,
+    jpeg_quality: int | None,
     **options: Any,  # noqa: ANN401
 ) -> None:
     """Shake a sharp photo by a known rotation.
@@ -117,8 +128,16 @@ def command(
     """
     if path is not None and blur_px is not None:
         raise click.UsageError("--path and --blur-size cannot both be given.")
-    from deshake.simulation.shaken_photo import simulate_file
+    from deshake.simulation.shaken_photo import shaken_name, simulate_file
+    from deshake.stages.result_file import ResultFile
 
+    file = ResultFile(form=chosen_format(options.pop("format"), output), jpeg_quality=jpeg_quality)
+    if output is not None:
+        check_ending(output, file)
+    sharp_is_jpeg = options["sharp"] is not None and ResultFile().is_jpeg(options["sharp"])
+    is_jpeg = file.is_jpeg(output or shaken_name(photo, file.form)) or sharp_is_jpeg
+    if jpeg_quality is not None and not is_jpeg and is_typed("jpeg_quality"):
+        raise click.UsageError(NO_JPEG)
     with context.bar("shaking") as bar:
         simulate_file(
             photo,
@@ -126,6 +145,7 @@ def command(
             path=path,
             blur_px=_BLUR_PX if blur_px is None else blur_px,
             noise_sigma=noise_sigma or 0.0,
+            file=file,
             run=context.run(bar),
             **options,
         )

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import re
-from typing import TypeVar
+from typing import Final, TypeVar
 
 import click
 
-__all__ = ["Grid", "Number", "Region", "Share", "Size"]
+__all__ = ["Grid", "Number", "PhotoFormat", "Region", "Share", "Size"]
 
 T = TypeVar("T")
 
@@ -67,6 +67,20 @@ class Share(_Typed[float]):
         if not 0 <= share <= 1:
             self.fail(f"{value!r} is not a number from 0 to 1", param, ctx)
         return share
+
+
+class PhotoFormat(click.Choice[str]):
+    """A format in which photos are written; jpg and tif are other words for jpeg and tiff."""
+
+    _SHORT: Final = {"jpg": "jpeg", "tif": "tiff"}
+
+    def __init__(self) -> None:
+        super().__init__(["jpeg", "png", "tiff", "webp", "avif", "jp2"], case_sensitive=False)
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Read the name."""
+        name = value.lower()
+        return super().convert(self._SHORT.get(name, name), param, ctx)
 
 
 class Region(_Typed[tuple[int, int, int, int]]):

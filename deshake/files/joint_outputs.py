@@ -6,6 +6,7 @@ import contextlib
 import os
 from typing import TYPE_CHECKING, BinaryIO, Protocol
 
+from deshake.errors import OutputError
 from deshake.files.disk import STREAM, atomic_write, write_bytes
 
 if TYPE_CHECKING:
@@ -20,9 +21,17 @@ class AddOutput(Protocol):
     """Adds a file to the outputs; ``-`` is standard output."""
 
     def __call__(
-        self, path: str | os.PathLike[str], data: bytes, *, overwrite: bool = False
+        self,
+        path: str | os.PathLike[str],
+        data: bytes,
+        *,
+        overwrite: bool = False,
+        modified: int | None = None,
     ) -> None:
         """Add an output; `overwrite` decides whether an existing file may be replaced.
+
+        `modified` is its modification time in nanoseconds, by default the present. It has this time
+        before it has its name.
 
         Raises
         ------
@@ -64,7 +73,13 @@ def joint_outputs(*made_from: str | os.PathLike[str]) -> Iterator[AddOutput]:
     try:
         with contextlib.ExitStack() as files:
 
-            def add(path: str | os.PathLike[str], data: bytes, *, overwrite: bool = False) -> None:
+            def add(
+                path: str | os.PathLike[str],
+                data: bytes,
+                *,
+                overwrite: bool = False,
+                modified: int | None = None,
+            ) -> None:
                 if os.fspath(path) == STREAM:
                     streamed.append(data)
                 else:
@@ -74,6 +89,8 @@ def joint_outputs(*made_from: str | os.PathLike[str]) -> Iterator[AddOutput]:
                     )
                     stream.write(data)
                     stream.flush()
+                    if modified is not None:
+                        _set_time(stream.fileno(), modified)
                     os.fsync(stream.fileno())
 
             yield add
@@ -99,6 +116,16 @@ def _named_at_the_end(
         status = os.fstat(stream.fileno())
         if not os.path.lexists(path):
             created.append((path, _identity(status)))
+
+
+def _set_time(handle: int, modified: int) -> None:
+    """Set the modification time of an open file."""
+    if os.utime not in os.supports_fd:
+        raise OutputError(
+            "this system cannot keep the time of a photo", hint="leave out --preserve"
+        )
+    with contextlib.suppress(OSError):  # a file system without such times
+        os.utime(handle, ns=(os.fstat(handle).st_atime_ns, modified))
 
 
 def _remove(path: str, identity: _Identity) -> None:

@@ -87,6 +87,7 @@ def converted(encoding: Encoding, form: Format) -> Encoding:
         bits=10 if deep and form == "AVIF" else 0,
         grey=encoding.grey,
         transfer=encoding.transfer,
+        quality=encoding.quality,
         matrix=encoding.matrix,
         lossless=encoding.format == "PNG",
         compressed=True,
@@ -114,7 +115,8 @@ def lost(encoding: Encoding, form: Format) -> list[str]:
         return [f"its texts, beside EXIF, XMP and IPTC, are left out of a {form}"]
     if encoding.format == "HEIF" and form == "JPEG":
         bits = f" of {encoding.bits} bits" if encoding.bits else ""
-        return [f"a HEIC{bits}, written as a JPEG of quality 95 (-o NAME.tif loses nothing)"]
+        written = f"a JPEG of quality {encoding.quality}"
+        return [f"a HEIC{bits}, written as {written} (-o NAME.tif loses nothing)"]
     if encoding.depth == 32 and form != "TIFF":
         return ["what lies beyond white is cut off (-o NAME.tif keeps it)"]
     return []

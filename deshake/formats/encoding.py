@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from deshake.metadata.metadata import Metadata
 
 __all__ = [
+    "ENDINGS",
     "MAX_PIXELS",
     "READ_ONLY",
     "SUFFIXES",
@@ -55,6 +56,9 @@ SUFFIXES: dict[str, Format] = {
     ".jp2": "JPEG2000",
 }
 """Formats that are read and written, by the ending of the name."""
+
+ENDINGS: dict[Format, str] = {form: suffix for suffix, form in reversed(SUFFIXES.items())}
+"""The usual ending of each format that is written."""
 
 _RAW_SUFFIXES = (
     *(".dng", ".gpr"),  # any maker's
@@ -102,7 +106,9 @@ class Encoding:
     transfer : Transfer
         The curve from codes to linear light.
     quantisation : tuple of tuples of int
-        JPEG quantisation tables; empty: quality 95.
+        JPEG quantisation tables; empty: those of the quality.
+    quality : int
+        Quality of a JPEG without tables of its own, 1..100.
     subsampling : {0, 1, 2}
         JPEG chroma subsampling: 4:4:4, 4:2:2, 4:2:0.
     progressive : bool
@@ -130,6 +136,7 @@ class Encoding:
     grey: bool = False
     transfer: Transfer = SRGB
     quantisation: tuple[tuple[int, ...], ...] = ()
+    quality: int = 95
     subsampling: int = 0
     progressive: bool = False
     lossless: bool = False

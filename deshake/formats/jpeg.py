@@ -32,14 +32,15 @@ _EXTENDED_XMP: Final = b"http://ns.adobe.com/xmp/extension/\0"
 _RESOURCES: Final = b"Photoshop 3.0\0"
 _ICC: Final = b"ICC_PROFILE\0"
 _GAIN_MAPS: Final = (b"hdrgm:Version", b"HDRGainMap")  # marks in the XMP of the second picture
-_QUALITY: Final = 95  # for photos of other formats
 _MAX_SEGMENT: Final = 65533
 
 Segments = list[tuple[str, bytes]]
 
 
-def decode_jpeg(data: bytes) -> Decoded:
+def decode_jpeg(data: bytes, *, luma: bool = False) -> Decoded:
     """Decode a JPEG; of several pictures in one file (MPO, gain maps), the first.
+
+    With `luma` the colours are not decoded: the picture is grey.
 
     Raises
     ------
@@ -55,6 +56,8 @@ def decode_jpeg(data: bytes) -> Decoded:
                 f"a {picture.mode} JPEG: only grey and RGB photos can be deblurred",
                 hint="convert it to RGB with its colour profile first",
             )
+        if luma:
+            picture.draft("L", picture.size)
         codes = np.asarray(picture)
         tables: dict[int, list[int]] = picture.quantization
         encoding = Encoding(
@@ -70,7 +73,8 @@ def decode_jpeg(data: bytes) -> Decoded:
     notes = ["its extended XMP is damaged, and left out"] if lost else []
     if any(mark in data for mark in _GAIN_MAPS):
         notes.append("its gain map (HDR) is dropped")
-    return Decoded(codes, None, encoding, metadata, notes=tuple(notes), frame=frame_of(data))
+    frame = b"" if luma else frame_of(data)
+    return Decoded(codes, None, encoding, metadata, notes=tuple(notes), frame=frame)
 
 
 def encode_jpeg(picture: Decoded) -> bytes:
@@ -93,7 +97,7 @@ def encode_jpeg(picture: Decoded) -> bytes:
     if encoding.quantisation:
         options["qtables"] = _tables(picture.codes, encoding)
     else:
-        options["quality"] = _QUALITY
+        options["quality"] = encoding.quality
     if metadata.exif:
         options["exif"] = _EXIF + metadata.exif
     if metadata.xmp:

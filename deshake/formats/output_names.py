@@ -6,23 +6,44 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from deshake.files.disk import check_output
-from deshake.formats.encoding import READ_ONLY, WRITTEN_AS
+from deshake.formats.encoding import ENDINGS, READ_ONLY, SUFFIXES, WRITTEN_AS
 
 if TYPE_CHECKING:
     import os
 
-__all__ = ["default_output", "output_name"]
+    from deshake.formats.encoding import Format
+
+__all__ = ["default_output", "output_ending", "output_name"]
 
 
-def output_name(source: str | os.PathLike[str]) -> str:
+def output_name(source: str | os.PathLike[str], form: Format | None = None) -> str:
     """Return the default name of a photo's output: ``<stem>.deshaken.<ext>``.
 
-    The ending is the photo's own. For a format that is only read, it is the ending of the format
-    that replaces it.
+    The ending is that of `output_ending`.
     """
-    path = Path(source)
-    form = READ_ONLY.get(path.suffix.lower())
-    return f"{path.stem}.deshaken{path.suffix if form is None else WRITTEN_AS[form]}"
+    return f"{Path(source).stem}.deshaken{output_ending(source, form)}"
+
+
+def output_ending(source: str | os.PathLike[str], form: Format | None = None) -> str:
+    """Return the ending of the name of a photo's output, with its dot.
+
+    It is the photo's own if it stands for the format of the output. Else it is the usual ending of
+    that format.
+
+    Parameters
+    ----------
+    source : path
+        The photo.
+    form : Format, optional
+        The format of the output; by default the photo's own, or the one that replaces a format
+        that is only read.
+
+    """
+    suffix = Path(source).suffix
+    if form is None:
+        read_only = READ_ONLY.get(suffix.lower())
+        return suffix if read_only is None else WRITTEN_AS[read_only]
+    return suffix if SUFFIXES.get(suffix.lower()) == form else ENDINGS[form]
 
 
 def default_output(

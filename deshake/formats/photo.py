@@ -155,6 +155,14 @@ class Photo:
             raise ValueError(msg)
         return replace(self, pixels=np.asarray(pixels, np.float32), frame=None)
 
+    def with_jpeg_quality(self, quality: int) -> Photo:
+        """Return the photo with another quality, 1..100, for a JPEG; other formats ignore it.
+
+        The JPEG has the tables of this quality, and is encoded also if no pixel changes.
+        """
+        encoding = replace(self.encoding, quality=quality, quantisation=())
+        return replace(self, encoding=encoding, frame=None)
+
     def in_linear_light(self) -> Photo:
         """Return a RAW photo that will be encoded in linear light and in the sensor's colours.
 
@@ -181,7 +189,9 @@ class Photo:
         )
 
 
-def read_photo(path: str | os.PathLike[str], *, transfer: TransferName | None = None) -> Photo:
+def read_photo(
+    path: str | os.PathLike[str], *, transfer: TransferName | None = None, luma: bool = False
+) -> Photo:
     """Read a photo and turn it upright.
 
     The content of the file decides its format; the name matters for RAW files alone.
@@ -193,6 +203,9 @@ def read_photo(path: str | os.PathLike[str], *, transfer: TransferName | None = 
     transfer : {"srgb", "linear", "gamma22"}, optional, keyword-only
         The file's transfer curve. By default that of its ICC profile if it has a simple one,
         else what a PNG's chunks say, else sRGB. A RAW file is linear and takes none.
+    luma : bool, keyword-only
+        Whether the luma of a JPEG is enough: the photo is then grey, and read faster. Other formats
+        have their colours all the same.
 
     Raises
     ------
@@ -214,7 +227,8 @@ def read_photo(path: str | os.PathLike[str], *, transfer: TransferName | None = 
         raise PhotoError("is not a regular file", file=path)
     data = read_bytes(path, _MAX_BYTES, PhotoError)
     try:
-        decoded = _DECODERS[photo_format(data, Path(path).suffix)](data)
+        form = photo_format(data, Path(path).suffix)
+        decoded = decode_jpeg(data, luma=True) if luma and form == "JPEG" else _DECODERS[form](data)
         encoding = _encoding(decoded, transfer)
     except PhotoError as error:
         error.file = os.fspath(path)
@@ -343,8 +357,17 @@ def write_photo(
     write_bytes(path, data, overwrite=overwrite, made_from=inputs)
 
 
-def photo_bytes(path: str | os.PathLike[str], photo: Photo) -> bytes:
+def photo_bytes(path: str | os.PathLike[str], photo: Photo, form: Format | None = None) -> bytes:
     """Return the bytes of a photo's file; warn of metadata that the format cannot hold.
+
+    Parameters
+    ----------
+    path : path
+        Name of the file; `output_format` decides its format.
+    photo : Photo
+        The photo.
+    form : Format, optional
+        A format, whatever the name is.
 
     Raises
     ------
@@ -354,7 +377,7 @@ def photo_bytes(path: str | os.PathLike[str], photo: Photo) -> bytes:
         If the format cannot hold the photo.
 
     """
-    form = output_format(path, photo.source, photo.encoding)
+    form = form or output_format(path, photo.source, photo.encoding)
     for loss in carried(photo.metadata, form, *photo.shape).losses:
         _log.warning("%s: %s", photo.source, loss)
     return encode_photo(photo, form)

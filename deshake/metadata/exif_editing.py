@@ -7,6 +7,7 @@ documented. So bytes are overwritten or appended, never moved.
 from __future__ import annotations
 
 import contextlib
+import math
 import struct
 from typing import Final
 
@@ -17,6 +18,7 @@ __all__ = [
     "complete",
     "maker_note_at",
     "pointers",
+    "scaled",
     "shortened",
     "upright",
     "with_size",
@@ -26,6 +28,9 @@ __all__ = [
 
 _SIZES_BELOW: Final = (0xA002, 0xA003)  # PixelXDimension, PixelYDimension
 _SIZES: Final = (256, 257)  # ImageWidth, ImageLength
+_FOCAL_PLANE: Final = (0xA20E, 0xA20F)  # FocalPlaneXResolution, FocalPlaneYResolution
+_SUBJECTS: Final = (0x9214, 0xA214)  # SubjectArea, SubjectLocation
+_FINE: Final = 1000  # the denominator of changed fractions
 _THUMBNAIL: Final = (513, 514)  # JPEGInterchangeFormat, and its length
 
 
@@ -92,6 +97,24 @@ def with_size(block: bytes, height: int, width: int) -> bytes:
         if directory is not None:
             for tag, size in zip(tags, (width, height), strict=True):
                 _set(out, directory, tag, size)
+    return bytes(out)
+
+
+def scaled(block: bytes, across: float, down: float) -> bytes:
+    """Return an EXIF block for a picture that was reduced by two factors.
+
+    The resolution of the focal plane and the place of the subject are in pixels of the picture, and
+    become smaller. `with_size` changes the size.
+    """
+    first = exif.read_first(block)
+    below = None if first is None else exif.read_below(block, first, exif.EXIF_POINTER)
+    if below is None:
+        return block
+    out = bytearray(block)
+    for tag, factor in zip(_FOCAL_PLANE, (across, down), strict=True):
+        _multiply(out, below, tag, (factor,))
+    for tag in _SUBJECTS:
+        _multiply(out, below, tag, (across, down))
     return bytes(out)
 
 
@@ -204,6 +227,28 @@ def _set(out: bytearray, directory: exif.Directory, tag: int, number: int) -> No
     code = exif.NUMBERS[kind]
     with contextlib.suppress(struct.error):  # too large for the type
         raw = struct.pack(f"{directory.order}{code}", number, *[1] * (len(code) - 1))
+        place = directory.places[tag]
+        out[place : place + len(raw)] = raw
+
+
+def _multiply(
+    out: bytearray, directory: exif.Directory, tag: int, factors: tuple[float, ...]
+) -> None:
+    """Multiply the numbers of a tag by the factors in turn, if none of them is negative."""
+    numbers = directory.numbers(tag)
+    kind = directory.values.get(tag, (0, 0, b""))[0]
+    if not numbers or not all(0 <= number < math.inf for number in numbers):
+        return
+    code = exif.NUMBERS[kind]
+    parts: list[float] = []
+    for at, number in enumerate(numbers):
+        product = number * factors[at % len(factors)]
+        if len(code) == 2:
+            parts += [round(_FINE * product), _FINE]
+        else:
+            parts.append(product if code in "fd" else round(product))
+    with contextlib.suppress(struct.error):  # too large for the type
+        raw = struct.pack(f"{directory.order}{len(parts)}{code[0]}", *parts)
         place = directory.places[tag]
         out[place : place + len(raw)] = raw
 

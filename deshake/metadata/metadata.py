@@ -109,6 +109,17 @@ class Metadata:
             return self
         return replace(self, exif=exif_editing.upright(self.exif), xmp=xmp.upright(self.xmp))
 
+    def scaled(self, across: float, down: float) -> Metadata:
+        """Return the metadata of the photo reduced by two factors, in EXIF and in XMP.
+
+        What is stated in pixels, but for the size of the picture, becomes smaller.
+        """
+        return replace(
+            self,
+            exif=exif_editing.scaled(self.exif, across, down),
+            xmp=xmp.scaled(self.xmp, across, down),
+        )
+
     def tags(self) -> CameraTags:
         """Read the tags that calibration needs; odd values read as None."""
         main = exif.read_first(self.exif)

@@ -22,6 +22,7 @@ __all__ = [
     "insert",
     "merged",
     "property_of",
+    "scaled",
     "upright",
     "with_size",
     "without",
@@ -40,6 +41,10 @@ _ORIENTATION: Final = re.compile(rb"(tiff:Orientation(?:=[\"']|>))[2-8](?=[\"']|
 _SIZE: Final = rb"(%s(?:=[\"']|>))\d{1,9}(?=[\"']|</)"
 _WIDTH: Final = re.compile(_SIZE % b"(?:tiff:ImageWidth|exif:PixelXDimension)")
 _HEIGHT: Final = re.compile(_SIZE % b"(?:tiff:ImageLength|exif:PixelYDimension)")
+_RESOLUTION: Final = re.compile(
+    rb"(exif:FocalPlane([XY])Resolution(?:=[\"']|>))(\d{1,10})(?:/(\d{1,10}))?(?=[\"']|</)"
+)
+_FINE: Final = 1000  # the denominator of changed fractions
 _NOTE: Final = ("xmpNote", "http://ns.adobe.com/xmp/note/")
 _EXTENDED: Final = "HasExtendedXMP"
 _ABOUT: Final = re.compile(rb"rdf:about=(\"[^\"<]{0,200}\"|'[^'<]{0,200}')")
@@ -125,6 +130,23 @@ def with_size(packet: bytes, height: int, width: int) -> bytes:
     """Return a packet with this size of the picture, wherever it states one."""
     packet = _WIDTH.sub(rb"\g<1>%d" % width, packet)
     return _HEIGHT.sub(rb"\g<1>%d" % height, packet)
+
+
+def scaled(packet: bytes, across: float, down: float) -> bytes:
+    """Return a packet for a picture that was reduced by two factors.
+
+    The resolution of the focal plane is in pixels of the picture, and becomes smaller. `with_size`
+    changes the size.
+    """
+
+    def multiplied(match: re.Match[bytes]) -> bytes:
+        top, bottom = int(match[3]), int(match[4] or 1)
+        if not bottom:
+            return match[0]
+        number = top / bottom * (across if match[2] == b"X" else down)
+        return b"%s%d/%d" % (match[1], round(_FINE * number), _FINE)
+
+    return _RESOLUTION.sub(multiplied, packet)
 
 
 def without_thumbnails(packet: bytes) -> bytes:

@@ -31,6 +31,7 @@ VERDICTS: Final = {
     "doubtful": "doubtful",
     "failed": "failed",
     "skipped": "skipped",
+    "unshaken": "not shaken",
 }
 """What may come of a photo, and how the page says it."""
 

@@ -18,6 +18,7 @@ from deshake.files.disk import STREAM, check_output, sha256
 from deshake.files.joint_outputs import joint_outputs
 from deshake.files.kernel_file import KernelFile, kernel_bytes, read_camera
 from deshake.formats.conversion import output_format
+from deshake.formats.output_names import output_ending
 from deshake.formats.photo import photo_bytes, read_photo
 from deshake.geometry.distortion import bent_camera
 from deshake.lens.frame_tags import reframed
@@ -29,18 +30,20 @@ from deshake.simulation.exposure import expose
 from deshake.simulation.shake_path import random_path, read_path
 from deshake.stages.calibration import camera_for
 from deshake.stages.camera_choice import CameraChoice
+from deshake.stages.result_file import AS_THE_PHOTO, ResultFile
 from deshake.version import __version__
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from deshake.formats.encoding import Format
     from deshake.formats.photo import Photo
     from deshake.formats.transfer import TransferName
     from deshake.geometry.camera import Camera
     from deshake.geometry.kernel import RotationKernel
     from deshake.simulation.shake_path import CameraPath
 
-__all__ = ["Shaken", "ShakenPhoto", "shake", "shake_photo", "simulate_file"]
+__all__ = ["Shaken", "ShakenPhoto", "shake", "shake_photo", "shaken_name", "simulate_file"]
 
 _log = logging.getLogger(__name__)
 
@@ -203,6 +206,12 @@ def _at_white(pixels: Image) -> NDArray[np.bool_]:
     return white if pixels.ndim == 2 else np.any(white, axis=-1)
 
 
+def shaken_name(source: Path, form: Format | None = None) -> Path:
+    """Return the default name of a shaken photo: ``<stem>.shaken.<ext>`` beside the sharp one."""
+    ending = source.suffix if form is None else output_ending(source, form)
+    return source.with_name(f"{source.stem}.shaken{ending}")
+
+
 def simulate_file(
     source: Path,
     output: Path | None,
@@ -222,6 +231,7 @@ def simulate_file(
     lens_model: str | None = None,
     camera: Path | None = None,
     transfer: TransferName | None = None,
+    file: ResultFile = AS_THE_PHOTO,
     overwrite: bool = False,
     run: Run = Run(),
 ) -> None:
@@ -248,6 +258,8 @@ def simulate_file(
         Whether to apply the distortion of the photo's lens, or the name of a lens to use instead.
     transfer : {"linear", "srgb", "gamma22"}, optional
         As for `read_photo`.
+    file : ResultFile
+        Format of the shaken photo, and quality of a JPEG.
     overwrite : bool
         Whether existing outputs may be replaced.
     run : Run, optional
@@ -259,7 +271,7 @@ def simulate_file(
         If a file cannot be read or written, or the photo is too small for the shake.
 
     """
-    output = output or source.with_name(f"{source.stem}.shaken{source.suffix}")
+    output = output or shaken_name(source, file.form)
     kernel = kernel or output.with_suffix(".npz")
     outputs = [item for item in (output, kernel, sharp) if item is not None]
     inputs = [item for item in (source, path, camera) if item is not None]
@@ -267,10 +279,10 @@ def simulate_file(
         check_output(item, *inputs, overwrite=overwrite)
         if item.absolute() in [other.absolute() for other in outputs[:number]]:
             raise OutputError("two outputs of this name", hint="name them apart", file=item)
-    photo = read_photo(source, transfer=transfer)
-    for item in outputs:
-        if item != kernel:
-            output_format(item, photo.source, photo.encoding)
+    photo = file.encoded(read_photo(source, transfer=transfer))
+    form = file.format_of(output, photo)
+    if sharp is not None:
+        output_format(sharp, photo.source, photo.encoding)
     choice = CameraChoice(
         focal_px=focal_px,
         focal_35mm=focal_35mm,
@@ -301,13 +313,16 @@ def simulate_file(
     provenance = {
         "deshake": __version__,
         "command": "simulate",
-        "options": drawn | exposed | {"seed": seed, "crop": crop, "transfer": transfer},
+        "options": drawn
+        | exposed
+        | {"seed": seed, "crop": crop, "transfer": transfer}
+        | file.provenance(),
         "input_sha256": photo.sha256,
         "camera": camera_file.source,
     }
     content = KernelFile(result.kernel, provenance=provenance)
     with joint_outputs(photo.source) as add:
-        add(output, photo_bytes(output, result.photo), overwrite=overwrite)
+        add(output, photo_bytes(output, result.photo, form), overwrite=overwrite)
         if sharp is not None:
             add(sharp, photo_bytes(sharp, result.sharp), overwrite=overwrite)
         add(kernel, kernel_bytes(content), overwrite=overwrite)

@@ -14,6 +14,7 @@ from deshake.lens.straightening import straightened
 from deshake.pictures.comparison import comparison_name
 from deshake.stages.blending import Mask, blended, fit_mask, read_mask
 from deshake.stages.preview import preview_photo
+from deshake.stages.result_file import AS_THE_PHOTO, ResultFile
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -44,6 +45,8 @@ class Finish:
         Whether to write the result of a RAW file in linear light.
     with_provenance : bool
         Whether to write the provenance into the metadata of the result.
+    file : ResultFile
+        Wishes for the file of the result.
 
     Raises
     ------
@@ -59,6 +62,7 @@ class Finish:
     keep_geometry: bool = False
     linear: bool = False
     with_provenance: bool = True
+    file: ResultFile = AS_THE_PHOTO
 
     def __post_init__(self) -> None:
         """Check the strength."""
@@ -144,7 +148,7 @@ class Finish:
             options["keep_geometry"] = True
         if self.linear:
             options["linear"] = True
-        return options
+        return options | self.file.provenance()
 
     def report(self) -> dict[str, Any]:
         """Return what the report says beside the figures, as JSON data."""

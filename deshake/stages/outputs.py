@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from deshake.files.disk import check_output
 from deshake.files.joint_outputs import joint_outputs
 from deshake.files.kernel_file import KernelFile, kernel_bytes
-from deshake.formats.conversion import lost, output_format
+from deshake.formats.conversion import lost
 from deshake.formats.photo import encode_photo, photo_bytes
 from deshake.pictures.comparison import comparison_sheet
 from deshake.stages.photo_provenance import with_photo_provenance
@@ -53,9 +53,10 @@ def prepared(photo: Photo, output: Path, finish: Finish) -> Photo:
     """
     if finish.linear:
         photo = photo.in_linear_light()
-    form = output_format(output, photo.source, photo.encoding)
+    form = finish.file.format_of(output, photo)
+    photo = finish.file.encoded(photo)
     if form not in {photo.encoding.format, "PNG", "TIFF"}:  # PNG and TIFF lose nothing
-        encode_photo(photo, form)
+        encode_photo(finish.file.fitted(photo, form), form)
     for note in (*photo.notes, *lost(photo.encoding, form)):
         _log.warning("%s: %s", photo.source, note)
     return photo
@@ -116,14 +117,28 @@ def write_result(
     result = finish.blend(photo, result, mask)
     if observer is not None:
         observer(photo, result, kernel)
+    sheet = finish.sheet(output)
+    drawn = b"" if sheet is None else comparison_sheet(photo, result, kernel)
+    form = finish.file.format_of(output, result)
+    result = finish.file.fitted(result, form)
     if provenance is not None:
         result = with_photo_provenance(result, provenance)
     with joint_outputs(photo.source, *filter(None, [noisy])) as add:
         if kept is not None:
             add(kept[0], kernel_bytes(kept[1]), overwrite=overwrite_others)
-        sheet = finish.sheet(output)
         if sheet is not None:
-            add(sheet, comparison_sheet(photo, result, kernel), overwrite=overwrite_others)
+            add(sheet, drawn, overwrite=overwrite_others)
         if not keep_result:
             check_output(output, photo.source, overwrite=overwrite)
-            add(output, photo_bytes(output, result), overwrite=overwrite)
+            data = photo_bytes(output, result, form)
+            modified = _time_of(photo.source) if finish.file.keeps_time else None
+            add(output, data, overwrite=overwrite, modified=modified)
+
+
+def _time_of(source: Path) -> int | None:
+    """Return the modification time of a photo in nanoseconds; None if it is gone."""
+    try:
+        return source.stat().st_mtime_ns
+    except OSError:
+        _log.warning("%s: the photo is gone: its result has another time", source)
+        return None

@@ -9,18 +9,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final
-
-import cv2
-import numpy as np
+from typing import TYPE_CHECKING, Final
 
 from deshake.run import Run
 from deshake.stages.blind_estimate import estimate_blind
 from deshake.stages.fitting import check_region
+from deshake.stages.reducing import reduced
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from deshake.formats.photo import Photo
     from deshake.stages.estimate_options import EstimateOptions
     from deshake.stages.estimate_result import Estimate
@@ -38,7 +34,7 @@ def preview_photo(photo: Photo) -> Photo:
     Each new pixel is a mean in linear light. It counts as clipped if one of its pixels is clipped.
     Format, depth and metadata do not change.
     """
-    return _reduced(photo, preview_side(max(photo.shape)))
+    return reduced(photo, preview_side(max(photo.shape)))
 
 
 def preview_side(side: float) -> float:
@@ -75,9 +71,9 @@ def preview_estimate(
         For the reasons of `estimate_blind`.
 
     """
-    reduced = _reduced(small, _ESTIMATE_SIDE)
-    scaled = preview_options(options, photo, reduced)
-    estimate = estimate_blind(reduced, scaled, run=run)
+    smaller = reduced(small, _ESTIMATE_SIDE)
+    scaled = preview_options(options, photo, smaller)
+    estimate = estimate_blind(smaller, scaled, run=run)
     kernel = estimate.content.kernel.at_size(*small.shape)
     camera = replace(estimate.camera, camera=estimate.camera.camera.scaled(*small.shape))
     return replace(estimate, content=replace(estimate.content, kernel=kernel), camera=camera)
@@ -109,24 +105,4 @@ def preview_options(options: EstimateOptions, photo: Photo, small: Photo) -> Est
         blur_size=None if options.blur_size is None else max(options.blur_size * scale, 1.0),
         region=region,
         preview=True,
-    )
-
-
-def _reduced(photo: Photo, side: float) -> Photo:
-    """Reduce the longer side of a photo to `side` pixels, if it is longer."""
-    height, width = photo.shape
-    factor = max(photo.shape) / side
-    if factor <= 1:
-        return photo
-    size = max(round(width / factor), 1), max(round(height / factor), 1)
-
-    def means(values: NDArray[Any]) -> NDArray[Any]:
-        return cv2.resize(values, size, interpolation=cv2.INTER_AREA)
-
-    return replace(
-        photo,
-        pixels=means(photo.pixels).astype(np.float32),
-        clipped=means(photo.clipped.astype(np.float32)) > 0,
-        alpha=None if photo.alpha is None else means(photo.alpha),
-        frame=None,
     )

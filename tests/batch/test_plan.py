@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from deshake.batch.name_template import NameTemplate
 from deshake.batch.plan import Extra, PlanError, plan
 from deshake.errors import OutputError
 from deshake.files.part_files import create_part
@@ -174,3 +175,43 @@ def test_an_output_tree_does_not_follow_a_link_out_of_itself(dry):
     assert [job.problem for job in plan(paths("tree"), Path("out"), recursive=True, dry=dry)] == [
         None
     ] * 3
+
+
+def test_a_template_places_results_and_its_folder_is_made():
+    template = NameTemplate("out/{folder}/{stem}_x.{ext}")
+    extras = kernels("k") | {"sheet": Extra(None, lambda path: f"{path.stem}.compare.png")}
+    jobs = plan(paths("in"), template=template, recursive=True, extras=extras)
+    assert outputs(jobs) == ["out/y_x.tif", "out/z_x.jpg", "out/d/q_x.jpg"]
+    assert jobs[-1].others["kernel"] == Path("k/d/q.kernel.npz")
+    assert jobs[-1].others["sheet"] == Path("out/d/q_x.compare.png")
+    assert Path("out/d").is_dir()
+    assert all(job.problem is None for job in jobs)
+    with pytest.raises(OutputError, match="cannot be made: no such file"):
+        plan(paths("in"), template=NameTemplate("no/such/{stem}.{ext}"))
+
+
+def test_results_of_one_name_by_a_template_are_refused_and_nothing_is_made():
+    Path("in/d/z.jpg").touch()
+    with pytest.raises(PlanError, match=r"z\.jpg and in/d/z\.jpg would both") as refusal:
+        plan(paths("in"), template=NameTemplate("out/{stem}.{ext}"), recursive=True)
+    assert "more fields" in refusal.value.hint
+    assert not Path("out").exists()
+
+
+def test_what_is_checked_before_anything_is_made():
+    def check(jobs):
+        raise PlanError(f"not these {len(jobs)}")
+
+    with pytest.raises(PlanError, match="not these 2"):
+        plan(paths("in"), Path("out"), check=check)
+    assert not Path("out").exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs symbolic links")
+def test_a_template_does_not_follow_a_link_out_of_its_folder():
+    for folder in ("out", "elsewhere"):
+        Path(folder).mkdir()
+    Path("out/d").symlink_to(Path("elsewhere").absolute())
+    jobs = plan(paths("in"), template=NameTemplate("out/{folder}/{stem}.{ext}"), recursive=True)
+    assert [job.problem is None for job in jobs] == [True, True, False]
+    assert "leads out of out" in str(jobs[-1].problem)

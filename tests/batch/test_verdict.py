@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from deshake.batch.verdict import confidence_words, summary_words, verdict_figures
+from deshake.batch.verdict import blur_words, confidence_words, summary_words, verdict_figures
 from deshake.blind.estimate import SHARP, SOFT
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
@@ -50,3 +50,16 @@ def test_what_was_done_in_a_line():
     assert summary_words(figures) == "shake of 3.4 px, doubtful"
     figures = {"verdict": "left", "reason": "the photo looks sharp"}
     assert summary_words(figures) == "left as it is: the photo looks sharp"
+    assert summary_words({"verdict": "unshaken", "reason": "soft"}) == "passed over: soft"
+
+
+def test_what_blurs_a_photo_in_words():
+    figures = {"verdict": "out of focus", "certain": True}
+    assert blur_words(figures) == "out of focus"
+    assert blur_words(figures | {"certain": False}) == "perhaps out of focus"
+    figures = {"verdict": "unclear", "certain": False}
+    assert blur_words(figures) == "unclear: too little detail"
+    figures = {"verdict": "shaken", "certain": True, "width_px": 23.4, "direction": 12.3}
+    assert blur_words(figures) == "shaken, about 23 px at 12 degrees"
+    figures |= {"certain": False, "width_px": 4.56}
+    assert blur_words(figures) == "perhaps shaken, about 4.6 px at 12 degrees"

@@ -232,3 +232,36 @@ def test_photo_and_kernel_appear_together_or_not_at_all(deshake, photo, tmp_path
     outcome = deshake("simulate", photo, "--sharp", tmp_path / "sharp.jpg", *FOCAL_35MM)
     assert outcome.code == 130
     assert [path.name for path in tmp_path.iterdir()] == ["photo.jpg"]
+
+
+def test_a_format_and_a_quality_can_be_chosen(deshake, photo, tmp_path):
+    words = ("simulate", photo, "--blur-size", 4, *FOCAL_35MM)
+    assert deshake(*words, "--format", "png", "--kernel", tmp_path / "k.npz").code == 0
+    with Image.open(tmp_path / "photo.shaken.png") as image:
+        assert image.format == "PNG"
+    sizes = []
+    for quality in ((), ("--jpeg-quality", 95), ("--jpeg-quality", 10)):
+        out = tmp_path / f"{len(sizes)}.jpg"
+        assert deshake(*words, "-o", out, *quality).code == 0
+        sizes.append(out.stat().st_size)
+    assert sizes[0] == sizes[1] > 2 * sizes[2]
+    told = read_kernel(tmp_path / "2.npz").provenance["options"]
+    assert told["jpeg_quality"] == 10
+    assert "jpeg_quality" not in read_kernel(tmp_path / "0.npz").provenance["options"]
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--format", "png", "-o", "x.jpg"), "--format does not go with -o x.jpg"),
+        (("--format", "png", "--jpeg-quality", 80), "no result is one: add --format jpeg"),
+        (("--jpeg-quality", 80, "-o", "x.tif"), "no result is one"),
+        (("--jpeg-quality", 0), "--jpeg-quality"),
+        (("--format", "heic"), "'heic' is not one of"),
+    ],
+)
+def test_formats_and_qualities_that_contradict_each_other(deshake, photo, tmp_path, *, words, says):
+    outcome = deshake("simulate", photo, *words)
+    assert outcome.code == 2
+    assert says in outcome.err
+    assert [path.name for path in tmp_path.iterdir()] == ["photo.jpg"]

@@ -3,7 +3,8 @@ from __future__ import annotations
 import click
 import pytest
 
-from deshake.cli.values import Grid, Number, Region, Share
+from deshake.cli.values import Grid, Number, PhotoFormat, Region, Share
+from deshake.formats.encoding import ENDINGS, SUFFIXES
 
 
 @pytest.mark.parametrize("text", ["0", "-1", "nan", "inf", "1e999", "wide", "", "46"])
@@ -67,3 +68,17 @@ def test_the_help_keeps_the_letters_of_a_unit():
     option = click.Option(["--filters"], type=Grid())
     context = click.Context(click.Command("x"))
     assert option.get_help_record(context)[0] == "--filters ROWSxCOLS"
+
+
+@pytest.mark.parametrize(
+    ("text", "value"), [("jpeg", "jpeg"), ("JPG", "jpeg"), ("tif", "tiff"), ("Jp2", "jp2")]
+)
+def test_formats(text, value):
+    assert PhotoFormat().convert(text, None, None) == value
+
+
+def test_formats_are_those_that_are_written():
+    assert {SUFFIXES[f".{name}"] for name in PhotoFormat().choices} == set(ENDINGS)
+    for name in ("gif", "heic", "raw", ""):
+        with pytest.raises(click.BadParameter, match="not one of"):
+            PhotoFormat().convert(name, None, None)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import pytest
 
@@ -71,3 +72,25 @@ def test_standard_output_comes_last(tmp_path, capfdbinary):
         assert capfdbinary.readouterr().out == b""
     assert capfdbinary.readouterr().out == b"shown"
     assert files(tmp_path) == {"a": b"1"}
+
+
+def test_a_file_has_its_time_before_it_has_its_name(tmp_path, monkeypatch):
+    link, seen = os.link, []
+
+    def observed(source, target):
+        seen.append(Path(source).stat().st_mtime_ns)
+        link(source, target)
+
+    monkeypatch.setattr(os, "link", observed)
+    with joint_outputs() as add:
+        add(tmp_path / "a", b"1", modified=1_234_567_890_123_456_789)
+    assert seen == [1_234_567_890_123_456_789]
+    assert (tmp_path / "a").stat().st_mtime_ns == seen[0]
+
+
+def test_a_named_file_of_another_time_is_removed_after_a_failure(tmp_path):
+    with pytest.raises(OutputError, match="exists already"), joint_outputs() as add:  # noqa: PT012
+        add(tmp_path / "sheet", b"mine")
+        add(tmp_path / "result", b"mine", modified=10**18)
+        (tmp_path / "sheet").write_bytes(b"the other's")
+    assert files(tmp_path) == {"sheet": b"the other's"}

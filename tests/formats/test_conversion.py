@@ -30,6 +30,13 @@ def test_the_ending_decides_unless_it_is_the_sources():
             output_format(name, png.source, png.encoding)
 
 
+def test_the_quality_of_a_jpeg_goes_along():
+    heic = Encoding("HEIF", depth=16, bits=10, quality=70)
+    assert converted(heic, "JPEG").quality == 70
+    assert converted(Encoding("PNG"), "JPEG").quality == 95
+    assert "a HEIC of 10 bits, written as a JPEG of quality 70 " in lost(heic, "JPEG")[0]
+
+
 @pytest.mark.parametrize("form", ["RAW", "HEIF"])
 def test_formats_that_are_only_read_become_others(form):
     for name in ("out.dng", "out.NEF", "out.heic"):

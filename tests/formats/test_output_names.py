@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from deshake.errors import OutputError
-from deshake.formats.output_names import default_output, output_name
+from deshake.formats.encoding import ENDINGS
+from deshake.formats.output_names import default_output, output_ending, output_name
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -40,3 +41,27 @@ def test_the_photo_itself_is_refused(tmp_path: Path, *, overwrite: bool) -> None
     source.write_bytes(b"x")
     with pytest.raises(OutputError, match="the output is the input itself"):
         default_output(source, source, overwrite=overwrite)
+
+
+@pytest.mark.parametrize(
+    ("name", "form", "ending"),
+    [
+        ("a.JPG", None, ".JPG"),
+        ("a.JPE", "JPEG", ".JPE"),
+        ("a.JPG", "PNG", ".png"),
+        ("a.tiff", "TIFF", ".tiff"),
+        ("a.nef", None, ".tif"),
+        ("a.nef", "JPEG", ".jpg"),
+        ("a.heic", "TIFF", ".tif"),
+        ("noending", "JPEG2000", ".jp2"),
+    ],
+)
+def test_the_ending_is_the_photos_own_if_it_stands_for_the_format(
+    name: str, form: str | None, ending: str
+) -> None:
+    assert output_ending(name, form) == ending
+    assert output_name(name, form).endswith(f".deshaken{ending}")
+
+
+def test_every_format_has_its_usual_ending() -> None:
+    assert set(ENDINGS.values()) == {".jpg", ".png", ".tif", ".webp", ".avif", ".jp2"}

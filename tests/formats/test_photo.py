@@ -329,3 +329,19 @@ def test_the_curve_of_a_png_becomes_a_profile_in_other_formats(tmp_path: Path) -
         again = read_photo(tmp_path / name)
         assert again.encoding.transfer == LINEAR
         assert np.abs(again.pixels - photo.pixels).max() < 0.01
+
+
+def test_luma_alone_is_the_grey_of_a_jpeg(tmp_path: Path) -> None:
+    codes = np.random.default_rng(0).integers(40, 200, (6, 8, 3), np.uint8).repeat(16, 0)
+    Image.fromarray(codes.repeat(16, 1)).save(tmp_path / "a.jpg", quality=95)
+    colours, luma = (read_photo(tmp_path / "a.jpg", luma=luma) for luma in (False, True))
+    assert (colours.pixels.ndim, luma.pixels.ndim) == (3, 2)
+    assert luma.frame is None
+    assert luma.sha256 == colours.sha256
+    shown = np.asarray(Image.open(tmp_path / "a.jpg").convert("L")) / 255
+    grey = np.where(
+        luma.pixels <= 0.0031308, 12.92 * luma.pixels, 1.055 * luma.pixels ** (1 / 2.4) - 0.055
+    )
+    assert np.abs(grey - shown).max() < 0.02
+    write_photo(tmp_path / "a.png", colours)
+    assert read_photo(tmp_path / "a.png", luma=True).pixels.ndim == 3

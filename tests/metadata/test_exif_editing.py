@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import io
+import math
 import struct
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ from deshake.metadata import exif
 from deshake.metadata.exif_editing import (
     maker_note_at,
     pointers,
+    scaled,
     shortened,
     upright,
     with_size,
@@ -154,7 +156,7 @@ def test_a_block_too_long_or_damaged_is_unchanged(make_exif: Callable[..., bytes
 
 
 def changed_everywhere(block: bytes) -> None:
-    block = with_size(without_thumbnail(upright(block)), 5, 6)
+    block = scaled(with_size(without_thumbnail(upright(block)), 5, 6), 0.3, 0.4)
     pointers(block)
     assert len(shortened(with_software(block, "deshake"), 300)[0]) <= 300
 
@@ -196,3 +198,36 @@ def test_a_size_that_does_not_fit_its_type_stays() -> None:
     block = exif.new_block(exif.Tree("<", {256: (6, 1, b"\x50")}))
     assert exif.read_first(with_size(block, 9, 200)).numbers(256) == [80]
     assert exif.read_first(with_size(block, 9, 100)).numbers(256) == [100]
+
+
+@pytest.mark.parametrize(
+    ("kind", "code", "value", "half"),
+    [(3, "H", [80], [40]), (4, "I", [81], [40]), (5, "II", [81, 2], [20.25]), (11, "f", [9], [4.5]),
+     (12, "d", [9], [4.5]), (5, "II", [1, 0], [math.nan]), (9, "i", [-6], [-6]),
+     (2, "4s", [b"80"], []),
+     (5, "II", [0xFFFFFFFF, 1], [0xFFFFFFFF])],
+)  # fmt: skip
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_the_resolution_of_the_focal_plane_is_reduced(
+    order: str, kind: int, code: str, value: list[int], half: list[float]
+) -> None:
+    raw = struct.pack(f"{order}{code}", *value)
+    count = len(raw) if kind == 2 else 1
+    tree = exif.Tree(order, {}, {0xA20E: (kind, count, raw), 0xA20F: (kind, count, raw)})
+    block = exif.new_block(tree)
+    small = scaled(block, 0.5, 1)
+    below = exif.read_below(small, exif.read_first(small), exif.EXIF_POINTER)
+    assert below.numbers(0xA20E) == pytest.approx(half, nan_ok=True)
+    before = exif.read_below(block, exif.read_first(block), exif.EXIF_POINTER)
+    assert below.numbers(0xA20F) == pytest.approx(before.numbers(0xA20F), nan_ok=True)
+    assert len(small) == len(block)
+
+
+def test_the_place_of_the_subject_is_reduced_across_and_down() -> None:
+    area = 3, 4, struct.pack("<4H", 100, 80, 40, 20)
+    block = exif.new_block(exif.Tree("<", {}, {0x9214: area, 0xA214: (3, 2, area[2][:4])}))
+    small = scaled(block, 0.5, 0.25)
+    below = exif.read_below(small, exif.read_first(small), exif.EXIF_POINTER)
+    assert below.numbers(0x9214) == [50, 20, 20, 5]
+    assert below.numbers(0xA214) == [50, 20]
+    assert scaled(b"", 0.5, 0.5) == b""

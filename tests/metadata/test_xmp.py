@@ -105,3 +105,18 @@ def test_hostile_packets_take_no_long_time(part: bytes) -> None:
     xmp.property_of(packet, "own", "P")
     xmp.without_padding(packet)
     assert time.process_time() - start < 5
+
+
+@pytest.mark.parametrize(
+    ("text", "small"),
+    [
+        (b'exif:FocalPlaneXResolution="80/1"', b'exif:FocalPlaneXResolution="40000/1000"'),
+        (b"exif:FocalPlaneYResolution='81'", b"exif:FocalPlaneYResolution='20250/1000'"),
+        (b"<exif:FocalPlaneXResolution>9/2</exif", b"<exif:FocalPlaneXResolution>2250/1000</exif"),
+        (b'exif:FocalPlaneXResolution="80/0"', b'exif:FocalPlaneXResolution="80/0"'),
+        (b'exif:FocalPlaneXResolution="many"', b'exif:FocalPlaneXResolution="many"'),
+        (b'exif:FocalPlaneResolutionUnit="2"', b'exif:FocalPlaneResolutionUnit="2"'),
+    ],
+)
+def test_the_resolution_of_the_focal_plane_is_reduced(text: bytes, small: bytes) -> None:
+    assert xmp.scaled(text, 0.5, 0.25) == small

@@ -1,0 +1,185 @@
+"""Say in a second what blurs a photo: nothing, a shake, a soft lens, or the focus. No kernel.
+
+A shaken photo is blurred more along the shake than across it. A photo out of focus is blurred
+alike in all directions, and a soft one is, too, but little. So the verdict weighs three measures:
+the blur that depends on the direction (`spectrum_fit`), the spread of the sharper edges
+(`edge_spread`), and the sharpness of the steepest edges (`sharpness`).
+
+A camera that turns about a point of the frame leaves that point sharp, and blurs the rest in
+different directions. So the quarters of a photo that is not shaken as a whole are judged, too.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from dataclasses import dataclass, replace
+from typing import Any, Final, Literal, NamedTuple
+
+import numpy as np
+
+from deshake.blind.edge_spread import EdgeSpread, edge_spread
+from deshake.blind.sharpness import looks_sharp, sharpness
+from deshake.blind.spectrum_fit import DirectedBlur, directed_blur
+from deshake.errors import EstimationError
+from deshake.signal.pyramid import RATIO, Pyramid
+
+__all__ = ["BlurKind", "Kind", "Measures", "blur_kind", "judged", "measured"]
+
+Kind = Literal["sharp", "shaken", "soft", "out of focus", "unclear"]
+"""Unclear is a photo with too few edges to judge."""
+
+
+@dataclass(frozen=True)
+class _Settings:
+    """Thresholds, tuned on the 63 cases `tune` of `scripts/benchmark_shakes.py`.
+
+    Parameters
+    ----------
+    shaken, perhaps : float
+        Evidence of a shake, no unit: from the first on a photo is shaken, from the second on it is
+        perhaps shaken.
+    edges_worth : float
+        Evidence per unit of `round_edges` less the ratio of the edges' two spreads.
+    round_edges : float
+        Ratio of the shorter spread to the longer one; rounder edges give no evidence.
+    spread : float
+        Px of the photo: edges with a smaller longer spread give no evidence.
+    out_of_focus, soft : float
+        Px of the photo: least longer spread of the edges of a photo out of focus, and of a soft
+        one.
+    sharp : float
+        Sharpness at the finest scale: a photo with more is perhaps sharp, unless it is shaken.
+    sharp_at_half, less_evidence : float
+        Sharpness at half the size. A photo with more has a narrow blur, if any; so it has less
+        evidence of a shake.
+    path : float
+        Extent of a hand's path over the standard deviation of the blur along it.
+    quarters : int
+        Least number of clearly shaken quarters in a photo that is perhaps shaken.
+    quarters_pixels : float
+        Largest size of the photo whose quarters are judged; a larger one is reduced first.
+
+    """
+
+    shaken: float = 0.27
+    perhaps: float = 0.18
+    edges_worth: float = 0.5
+    round_edges: float = 0.75
+    spread: float = 1.2
+    out_of_focus: float = 1.45
+    soft: float = 0.55
+    sharp: float = 0.615
+    sharp_at_half: float = 0.7
+    less_evidence: float = 0.1
+    path: float = math.sqrt(12)
+    quarters: int = 2
+    quarters_pixels: float = 3e6
+
+
+_SETTINGS: Final = _Settings()
+_HALF: Final = 2  # index of the scale of half the size
+
+
+class Measures(NamedTuple):
+    """What a verdict is made of: `looks_sharp`, `sharpness` at two sizes, and the two fits."""
+
+    sharp: bool
+    sharpness: float
+    sharpness_at_half: float
+    directed: DirectedBlur
+    edges: EdgeSpread | None
+
+
+@dataclass(frozen=True)
+class BlurKind:
+    """What blurs a photo.
+
+    Parameters
+    ----------
+    kind : {"sharp", "shaken", "soft", "out of focus", "unclear"}
+        The verdict.
+    certain : bool
+        Whether the measures leave little doubt.
+    width_px : float, optional
+        Extent of a shake along its direction, in pixels of the photo: in its middle, or in the
+        quarter where it is widest.
+    direction : float, optional
+        Direction of a shake in degrees, 0..180: 0 is level, 90 upright, and 45 rises to the right.
+
+    """
+
+    kind: Kind
+    certain: bool
+    width_px: float | None = None
+    direction: float | None = None
+
+    def report(self) -> dict[str, Any]:
+        """Return the verdict as JSON data."""
+        figures: dict[str, Any] = {"verdict": self.kind, "certain": self.certain}
+        if self.width_px is not None and self.direction is not None:
+            figures |= {"width_px": round(self.width_px, 1), "direction": round(self.direction, 1)}
+        return figures
+
+
+def blur_kind(pyramid: Pyramid) -> BlurKind:
+    """Say what blurs a photo, without an estimate of its kernel."""
+    measures = measured(pyramid)
+    whole = judged(measures)
+    if measures.sharp or whole.kind == "shaken":
+        return whole
+    return _shaken_quarters(pyramid) or whole
+
+
+def _shaken_quarters(pyramid: Pyramid) -> BlurKind | None:
+    """Return the widest shake of a photo's quarters; None: too few of them are clearly shaken."""
+    level = pyramid.level_of(_SETTINGS.quarters_pixels)
+    scale = pyramid.at(level)
+    height, width = (side // 2 for side in scale.camera.shape)
+    shakes = []
+    for y in (0, scale.camera.height - height):
+        for x in (0, scale.camera.width - width):
+            place = np.s_[y : y + height, x : x + width]
+            usable = None if scale.usable is None else scale.usable[place]
+            camera = scale.camera.cropped(x, y, width, height)
+            with contextlib.suppress(EstimationError):  # a quarter without texture
+                quarter = judged(measured(Pyramid(scale.picture[place], camera, usable)))
+                if quarter.certain and quarter.width_px is not None:
+                    wide = quarter.width_px * RATIO**level
+                    shakes.append(replace(quarter, certain=False, width_px=wide))
+    if len(shakes) < _SETTINGS.quarters:
+        return None
+    return max(shakes, key=lambda shake: shake.width_px or 0)
+
+
+def measured(pyramid: Pyramid) -> Measures:
+    """Take the measures of a photo."""
+    return Measures(
+        looks_sharp(pyramid),
+        sharpness(pyramid, 0),
+        sharpness(pyramid, min(_HALF, pyramid.coarsest)),
+        directed_blur(pyramid),
+        edge_spread(pyramid),
+    )
+
+
+def judged(measures: Measures) -> BlurKind:
+    """Return the verdict on the measures of a photo."""
+    s, directed = _SETTINGS, measures.directed
+    if measures.sharp:
+        return BlurKind("sharp", certain=True)
+    longer, shorter = measures.edges or (0.0, 0.0)
+    evidence = directed.strength
+    if longer > s.spread:
+        evidence += s.edges_worth * max(0.0, s.round_edges - shorter / longer)
+    if measures.sharpness_at_half > s.sharp_at_half:
+        evidence -= s.less_evidence
+    if evidence >= s.perhaps and directed.sigma_px > 0:
+        direction = (180 - directed.direction) % 180  # y points down
+        return BlurKind("shaken", evidence >= s.shaken, s.path * directed.sigma_px, direction)
+    if measures.edges is None:
+        return BlurKind("unclear", certain=False)
+    if measures.sharpness > s.sharp or longer < s.soft:
+        return BlurKind("sharp", certain=False)
+    kind: Kind = "soft" if longer < s.out_of_focus else "out of focus"
+    return BlurKind(kind, certain=evidence < s.perhaps / 2)

@@ -1,0 +1,142 @@
+"""Measure how the blur of a photo differs by direction, from the power spectrum of its tiles.
+
+Natural scenes are alike at every scale: the power of a scene falls with the frequency by a power
+law, and depends on the direction in the same way at every frequency. A blur of covariance
+``Sigma`` takes ``omega^T Sigma omega`` from the logarithm of the power. So a linear fit of the
+logarithm separates the two at a scale where the blur is about a pixel wide. The part of ``Sigma``
+that depends on the direction has the direction of the shake and its width (after Goldstein &
+Fattal, "Blur-Kernel Estimation from Spectral Irregularities", ECCV 2012, who measure the kernel by
+the same property).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deshake.blind.tile_choice import chosen, covering
+from deshake.signal.noise import noise_level
+from deshake.signal.pyramid import RATIO
+
+if TYPE_CHECKING:
+    from deshake.signal.pyramid import Pyramid
+
+__all__ = ["DirectedBlur", "directed_blur"]
+
+Image = NDArray[np.float32]
+Spectrum = NDArray[np.float64]
+
+_TILE = 64  # px of the scale: side of a tile
+_TILES = 48  # largest number of tiles at a scale
+_OVERLAP = 1.5  # tiles a tile's side, where they cover the frame
+_LONGEST_EDGES = 8.0  # px of the scale: width of the blur for the choice of tiles
+_BAND = (0.04, 0.3)  # cycles per pixel of the scale: frequencies of the fit
+_MOST_CLIPPED = 0.02  # share of a tile's pixels; clipped lights have spectra of their own
+_LEAST_POWER = 0.1  # share of the power that noise leaves at the least
+_ENOUGH_TILES = 8  # fewer tiles make a fit less certain
+_NARROWEST = 1.0  # px of the photo: a narrower blur is no shake
+_RESOLVED = 0.15  # squared px of the scale: least variance along the blur
+_WIDER = -0.25
+"""Squared px of the scale: mean variance over the directions. A blur far wider than a pixel changes
+the power law itself; the fit then gives a variance below this one, and the scale is too fine."""
+
+
+class DirectedBlur(NamedTuple):
+    """The part of a blur that depends on the direction.
+
+    Parameters
+    ----------
+    strength : float
+        Difference of the variances along and across the blur over two, in squared pixels of the
+        scale that shows it best; 0 if no scale shows any.
+    sigma_px : float
+        Standard deviation along the direction, in pixels of the photo.
+    direction : float
+        Direction in degrees, 0..180, from the x axis towards the y axis (down).
+
+    """
+
+    strength: float
+    sigma_px: float
+    direction: float
+
+
+def directed_blur(pyramid: Pyramid) -> DirectedBlur:
+    """Measure the directed blur of a photo at the scale that shows it best."""
+    best = DirectedBlur(0.0, 0.0, 0.0)
+    for level in range(max(pyramid.coarsest, 1)):
+        spectra, noise = _spectra(pyramid, level)
+        if not len(spectra):
+            continue
+        mean, cosine, sine = _fitted(spectra, noise)
+        directed = math.hypot(cosine, sine)
+        strength = directed * min(1.0, math.sqrt(len(spectra) / _ENOUGH_TILES))
+        sigma = math.sqrt(2 * directed) * RATIO**level
+        resolved = mean + directed > _RESOLVED and mean > _WIDER and sigma >= _NARROWEST
+        if resolved and strength > best.strength:
+            best = DirectedBlur(strength, sigma, math.degrees(math.atan2(sine, cosine)) / 2 % 180)
+    return best
+
+
+def _spectra(pyramid: Pyramid, level: int) -> tuple[Spectrum, Spectrum]:
+    """Return the power spectra of tiles (N, T, T / 2 + 1) and their noise's power (N,)."""
+    scale = pyramid.at(level)
+    picture = scale.picture
+    if min(picture.shape) < _TILE:
+        return np.zeros((0, 0, 0)), np.zeros(0)
+    corners = covering(picture.shape, _TILE)
+    if len(corners) * _OVERLAP**2 > _TILES:
+        corners = chosen(pyramid, level, _TILE, _TILES, width=_LONGEST_EDGES)
+    else:
+        corners = _overlapping(picture.shape)
+    window = np.hanning(_TILE + 2)[1:-1]
+    window = np.outer(window, window)
+    tiles = []
+    for y, x in corners:
+        place = np.s_[y : y + _TILE, x : x + _TILE]
+        if scale.usable is None or (~scale.usable[place]).mean() <= _MOST_CLIPPED:
+            tiles.append(picture[place])
+    if not tiles:
+        return np.zeros((0, 0, 0)), np.zeros(0)
+    block = np.sqrt(np.clip(np.stack(tiles), 0, 1))  # near display values: lights do not dominate
+    centred = block - block.mean((1, 2), keepdims=True)
+    power = np.abs(np.fft.rfft2(centred * window)) ** 2 / np.square(window).sum()
+    return power, np.array([noise_level(tile) ** 2 for tile in block])
+
+
+def _overlapping(shape: tuple[int, int]) -> list[tuple[int, int]]:
+    """Return the upper left pixels of tiles that overlap."""
+    rows, columns = (
+        np.linspace(0, n - _TILE, math.ceil(_OVERLAP * n / _TILE)).astype(int) for n in shape
+    )
+    return [(int(y), int(x)) for y in rows for x in columns]
+
+
+def _fitted(spectra: Spectrum, noise: Spectrum) -> tuple[float, float, float]:
+    """Return the blur's variance: its mean, and its cosine and sine of twice the angle."""
+    across, down = np.fft.rfftfreq(_TILE)[None], np.fft.fftfreq(_TILE)[:, None]
+    frequency = np.hypot(across, down)
+    inside = (frequency >= _BAND[0]) & (frequency <= _BAND[1]) & ((across > 0) | (down > 0))
+    rho = frequency[inside]
+    angle = np.arctan2(down, across + 0 * down)[inside]
+    edges = np.maximum((spectra[:, inside] * rho**2).sum(1), 1e-30)  # all tiles count alike
+    power = (spectra[:, inside] / edges[:, None]).mean(0)
+    power = np.maximum(power - (noise / edges).mean(), _LEAST_POWER * power)
+    omega = 2 * np.pi * rho
+    design = np.stack(
+        [
+            np.ones_like(rho),
+            -np.log(rho),  # the scene: its power law, and its directions
+            *(part(n * angle) for n in (2, 4) for part in (np.cos, np.sin)),
+            -(omega**2),  # the blur
+            -(omega**2) * np.cos(2 * angle),
+            -(omega**2) * np.sin(2 * angle),
+        ],
+        1,
+    )
+    solution = np.linalg.lstsq(design, np.log(np.maximum(power, 1e-30)), rcond=None)[0]
+    mean, cosine, sine = solution[-3:]
+    return float(mean), float(cosine), float(sine)

@@ -1,0 +1,176 @@
+"""How results are called and written: options of ``fix`` and ``deblur``."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial, wraps
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+import click
+from click.core import ParameterSource
+
+from deshake.cli.batch import planned
+from deshake.cli.values import PhotoFormat
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from deshake.batch.name_template import NameTemplate
+    from deshake.batch.plan import Job
+    from deshake.cli.batch import Batch
+    from deshake.formats.encoding import Format
+    from deshake.stages.finishing import Finish
+    from deshake.stages.result_file import ResultFile
+
+__all__ = [
+    "NO_JPEG",
+    "check_ending",
+    "chosen_format",
+    "file_options",
+    "format_option",
+    "is_typed",
+    "planned_results",
+    "quality_option",
+]
+
+F = TypeVar("F", bound="Callable[..., Any]")
+
+NO_JPEG = "--jpeg-quality is for JPEGs, and no result is one: add --format jpeg."
+"""A message."""
+
+format_option = click.option(
+    "--format",
+    type=PhotoFormat(),
+    help="Format of the result, whose name ends accordingly.  [default: the photo's own, or that "
+    "of the ending of -o]",
+)
+quality_option = click.option(
+    "--jpeg-quality",
+    type=click.IntRange(1, 100),
+    metavar="N",
+    help="Quality of results that are JPEGs; it changes nothing in other formats.  [default: the "
+    "photo's own tables if it is a JPEG, else 95]",
+)
+
+
+def file_options(command: F) -> F:
+    """Add what `ResultFile` takes, and put it into ``finish``, which `finish_options` hands on."""
+
+    @wraps(command)
+    def collected(*args: Any, finish: Finish, **values: Any) -> Any:  # noqa: ANN401
+        from deshake.stages.result_file import ResultFile
+
+        file = ResultFile(
+            form=chosen_format(values.pop("format"), values["output"]),
+            jpeg_quality=values.pop("jpeg_quality"),
+            max_size=values.pop("max_size"),
+            keeps_time=values.pop("preserve"),
+        )
+        return command(*args, finish=replace(finish, file=file), **values)
+
+    for option in (
+        click.option(
+            "--preserve",
+            is_flag=True,
+            help="Give the result the modification time of the photo. It has the photo's "
+            "permissions always.",
+        ),
+        click.option(
+            "--max-size",
+            type=click.IntRange(1, 1_000_000),
+            metavar="PX",
+            help="Reduce the result, when it is written, to so many pixels on its longer side, as "
+            "in 2048 for mail; smaller ones stay.  [default: the photo's size]",
+        ),
+        quality_option,
+        format_option,
+    ):
+        collected = option(collected)
+    return cast("F", collected)
+
+
+def chosen_format(name: str | None, output: Path | None) -> Format | None:
+    """Return the format that --format names.
+
+    If the configuration file or the environment has it, an output with an ending comes first.
+    """
+    from deshake.formats.encoding import SUFFIXES
+
+    if name is None:
+        return None
+    stated = None if output is None or output.is_dir() else SUFFIXES.get(output.suffix.lower())
+    return SUFFIXES[f".{name}"] if stated is None or is_typed("format") else None
+
+
+def is_typed(name: str) -> bool:
+    """Return whether an option stands on the command line."""
+    source = click.get_current_context().get_parameter_source(name)
+    return source is ParameterSource.COMMANDLINE
+
+
+def planned_results(
+    photos: Sequence[Path],
+    output: Path | None,
+    batch: Batch,
+    finish: Finish,
+    **more: Any,  # noqa: ANN401 - what `plan` takes
+) -> list[Job]:
+    """Plan the jobs, with results called and written as the options say.
+
+    Raises
+    ------
+    click.UsageError
+        If the options contradict each other.
+
+    """
+    from deshake.formats.output_names import output_name
+
+    form = finish.file.form
+    template: NameTemplate | None = None
+    if output is not None and {"{", "}"} & set(str(output)):
+        template, output = _named(output, finish.file)
+    if output is not None and len(photos) == 1 and not (photos[0].is_dir() or output.is_dir()):
+        check_ending(output, finish.file)
+    return planned(
+        photos,
+        output,
+        batch,
+        template=template,
+        name=partial(output_name, form=form),
+        check=partial(_check_quality, finish=finish),
+        **more,
+    )
+
+
+def check_ending(output: Path, file: ResultFile) -> None:
+    """Refuse the name of a file that ends as another format than --format does."""
+    from deshake.formats.encoding import SUFFIXES
+
+    if file.form is not None and SUFFIXES.get(output.suffix.lower()) != file.form:
+        raise click.UsageError(
+            f"--format does not go with -o {output}: the ending of this name is not that of a "
+            f"{file.form}."
+        )
+
+
+def _named(output: Path, file: ResultFile) -> tuple[NameTemplate | None, Path | None]:
+    """Return the template that -o is, or the path that it is if its braces are those of a name."""
+    from deshake.batch.name_template import NameTemplate
+
+    try:
+        template = NameTemplate(str(output), file.form)
+    except ValueError as error:
+        raise click.UsageError(f"-o {output}: {error}") from None
+    return (template, None) if template.has_fields else (None, template.name)
+
+
+def _check_quality(jobs: Sequence[Job], finish: Finish) -> None:
+    """Refuse --jpeg-quality where no result is a JPEG."""
+    from deshake.batch.plan import PlanError
+
+    if finish.file.jpeg_quality is None or not is_typed("jpeg_quality"):
+        return
+    outputs = [job.output for job in jobs if job.output is not None]
+    if outputs and not any(map(finish.file.is_jpeg, outputs)):
+        raise PlanError(NO_JPEG)
