@@ -2,8 +2,15 @@ from __future__ import annotations
 
 import pytest
 
+from deshake.blind.race import Entry, Finish
 from deshake.blind.trust import confidence
 from deshake.geometry.kernel import RotationKernel
+
+
+@pytest.fixture(scope="module")
+def ended(shaken) -> Finish:
+    """A race that the true kernel won, some twelve pixels wide."""
+    return Finish(Entry("true", 3, 0, shaken.kernel), margin=0.05, agreement=0.9, at_rest=False)
 
 
 def wide(kernel: RotationKernel, times: int) -> RotationKernel:

@@ -15,6 +15,8 @@ from deshake.metadata.provenance import read_provenance
 from deshake.pair.registration import register
 from deshake.stages import deblurring, registering
 
+pytestmark = pytest.mark.long
+
 LENS = ("--focal-px", 150)
 BLUR = ("--blur-size", 8)
 QUIET = ("--threads", 1, "-q")
@@ -24,7 +26,7 @@ QUIET = ("--threads", 1, "-q")
     ("chosen", "how"),
     [((), ()), (("--uniform",), ("--method", "residual", "--iterations", 4))],
 )
-def test_gives_the_bytes_of_its_stages(deshake, pair, tmp_path, chosen, how):
+def test_gives_the_bytes_of_its_stages_with_any_threads(deshake, pair, tmp_path, chosen, how):
     blurred, noisy = pair
     known, kernel, sharp = (tmp_path / name for name in ("r.npz", "k.npz", "sharp.png"))
     told = ("--registration", known, *QUIET)

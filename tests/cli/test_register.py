@@ -77,15 +77,6 @@ def test_says_what_it_found_in_one_line(deshake, pair, tmp_path):
     assert (quiet.code, quiet.out, quiet.err) == (0, "", "")
 
 
-def test_runs_and_threads_do_not_change_a_byte(deshake, pair, tmp_path):
-    found = set()
-    for number, threads in enumerate((1, 3)):
-        out = tmp_path / f"{number}.npz"
-        assert deshake("register", *pair, *LENS, "--threads", threads, "-o", out).code == 0
-        found.add(out.read_bytes())
-    assert len(found) == 1
-
-
 def test_a_camera_file_stands_for_the_options(deshake, pair, tmp_path):
     deshake("calibrate", pair[0], *LENS, "-o", tmp_path / "c.npz")
     for name, lens in (("one", LENS), ("two", ("--camera", tmp_path / "c.npz"))):

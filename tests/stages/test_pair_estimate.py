@@ -22,6 +22,8 @@ from deshake.stages.estimate_options import EstimateOptions
 from deshake.stages.estimating import estimate_file
 from deshake.stages.pair_estimate import estimate_pair
 
+pytestmark = pytest.mark.long
+
 SHAPE = (150, 210)
 MARGIN = 25
 CAMERA = Camera.from_focal(220.0, *SHAPE)
