@@ -21,7 +21,7 @@ __all__ = [
 ]
 
 Verdict = Literal["improved", "left", "doubtful"]
-"""Improved: deblurred by a kernel that is not doubtful; left: as it is; doubtful: by a doubtful one."""
+"""Improved: by a kernel that is not doubtful; left: as it is; doubtful: by a doubtful kernel."""
 
 UNSHAKEN: Final = "unshaken"
 """Verdict on a photo that is passed over, because it is not shaken."""

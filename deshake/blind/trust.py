@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 __all__ = ["DOUBTFUL", "confidence"]
 
 DOUBTFUL: Final = 0.8
-"""Confidence below which a kernel is doubtful: the user should compare the result with the photo."""
+"""Confidence below which a kernel is doubtful, and the user should look at the result."""
 
 _EVEN = -4.4  # log odds: the constant term
 _OF_MARGIN = 25.0  # log odds per unit of margin
