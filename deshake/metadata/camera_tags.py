@@ -40,7 +40,7 @@ _LENS_MODEL: Final = 0xA434
 
 _MM_PER_UNIT: Final = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # by that unit; 4, 5 are in use
 
-_ASCII, _SHORT, _LONG, _FRACTION, _UNDEFINED = 2, 3, 4, 5, 7
+_ASCII, _SHORT, _LONG, _FRACTION, _UNDEFINED, _SIGNED = 2, 3, 4, 5, 7, 9
 _TEXTS: Final = frozenset({_MAKE, _MODEL, _LENS_MAKE, _LENS_MODEL})
 _FRACTIONS: Final = frozenset({_EXPOSURE, _F_NUMBER, _FOCAL, _ZOOM, _ACROSS, _DOWN})
 _INTEGERS: Final = frozenset({_ISO, _FOCAL_35MM, _UNIT, *_SIZE, *_PIXELS})
@@ -198,11 +198,11 @@ def _directories(block: bytes, main: exif.Directory) -> Iterator[exif.Directory]
 def _has_type(tag: int, kind: int, count: int, raw: bytes) -> bool:
     """Return whether piexif reads a value right, and an array of numbers is short."""
     if tag in _TEXTS:
-        return kind == _ASCII and raw.endswith(b"\0")
+        return kind == _ASCII and b"\0" in raw
     if tag in _FRACTIONS:
         return (kind, count) == (_FRACTION, 1)
     if tag in _INTEGERS:
-        return kind in {_SHORT, _LONG} and count == 1
+        return kind in {_SHORT, _LONG, _SIGNED} and count == 1
     if tag in _POINTERS:
         return (kind, count) == (_LONG, 1)
     if tag == _CROP_SIZE:
