@@ -1,9 +1,10 @@
 """The few tags that calibration needs: piexif reads sound blocks, `exif.Directory` all others.
 
-piexif 1.1.3 trusts what a block states. A count in it can take gigabytes of memory, a value beyond
-the end is cut short, and a text without its NUL loses a letter. Values come without their types: a
-fraction is two numbers, and two numbers are the same. Therefore it gets a block only if each
-directory that it reads is sound, and each tag that calibration needs has the type of the standard.
+piexif 1.1.3 trusts a block. A false count can cost it gigabytes of memory. Without an error, it
+shortens a value that lies beyond the end, and a text without its NUL. It returns values without
+their types, so one fraction looks like two whole numbers. Therefore piexif gets a block only if
+each directory that it reads is sound, and each tag that calibration needs has a type of the
+standard.
 """
 
 from __future__ import annotations
@@ -46,9 +47,9 @@ _FRACTIONS: Final = frozenset({_EXPOSURE, _F_NUMBER, _FOCAL, _ZOOM, _ACROSS, _DO
 _INTEGERS: Final = frozenset({_ISO, _FOCAL_35MM, _UNIT, *_SIZE, *_PIXELS})
 _POINTERS: Final = frozenset({exif.EXIF_POINTER, exif.GPS_POINTER, exif.INTEROP_POINTER})
 _CLASSIC: Final = 42  # the version of TIFF that EXIF uses; 43 is BigTIFF
-_MOST_NUMBERS: Final = (
-    1024  # of a tag: Python caches how piexif decodes an array, 32 bytes a number
-)
+# The longest array that piexif gets. For each of 100 lengths, the struct module caches 32 bytes a
+# number.
+_MOST_NUMBERS: Final = 1024
 
 
 @dataclass(frozen=True)
