@@ -34,7 +34,8 @@ from deshake.lens.sensor_sizes import sensor_size
 from deshake.lens.whole_frame import WholeFrame, whole_frame
 
 if TYPE_CHECKING:
-    from deshake.metadata.metadata import CameraTags, Metadata
+    from deshake.metadata.camera_tags import CameraTags
+    from deshake.metadata.metadata import Metadata
 
 __all__ = ["FULL_FRAME_DIAGONAL", "FocalLength", "assumed_focal_length", "focal_length"]
 

@@ -28,7 +28,7 @@ from deshake.geometry.distortion import fit_distortion
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from deshake.metadata.metadata import CameraTags
+    from deshake.metadata.camera_tags import CameraTags
 
 __all__ = ["LensProfile", "crop_factor", "find_profile"]
 

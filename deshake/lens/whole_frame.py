@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from deshake.metadata.metadata import CameraTags
+    from deshake.metadata.camera_tags import CameraTags
 
 __all__ = ["WholeFrame", "whole_frame"]
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import struct
 import subprocess
 import sys
 
@@ -73,6 +74,29 @@ def test_nothing_to_go_by_is_an_error_with_a_hint(deshake, tmp_path):
     assert outcome.err.startswith(f"error: {path}: no focal length in its metadata\nhint: ")
     assert "--focal-35mm" in outcome.err
     assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    "gps",
+    [
+        pytest.param((1, 2, 2, b"N\0"), id="sound"),
+        pytest.param((2, 5, 2**32 - 1, b""), id="a count of gigabytes"),
+        pytest.param((1, 99, 1, b"N\0"), id="a type that does not exist"),
+    ],
+)
+def test_damage_beside_the_focal_length_does_no_harm(deshake, tmp_path, gps):
+    def directory(*entries):
+        packed = b"".join(struct.pack("<HHI4s", *entry) for entry in entries)
+        return struct.pack("<H", len(entries)) + packed + bytes(4)
+
+    pointers = [(34665, 4, 1, struct.pack("<I", 38)), (34853, 4, 1, struct.pack("<I", 56))]
+    block = b"II*\0\10\0\0\0" + directory(*pointers)
+    block += directory((0xA405, 3, 1, b"\43\0")) + directory(gps)
+    path = tmp_path / "photo.jpg"
+    Image.new("RGB", (400, 300), "teal").save(path, exif=b"Exif\0\0" + block)
+    outcome = deshake("calibrate", path)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert "404.5 pixels, 35.0 mm-equivalent (EXIF FocalLengthIn35mmFilm = 35 mm)" in outcome.out
 
 
 def test_an_absurd_length_is_an_error(deshake, photo):

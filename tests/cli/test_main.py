@@ -13,7 +13,7 @@ from deshake.cli.main import COMMANDS, cli
 from deshake.errors import DeshakeError, PhotoError
 from deshake.version import __version__
 
-HEAVY = ("numpy", "scipy", "cv2", "PIL", "tifffile", "tqdm")
+HEAVY = ("numpy", "scipy", "cv2", "PIL", "piexif", "tifffile", "tqdm")
 
 
 def raising(error):

@@ -10,7 +10,7 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.distortion import distorted
 from deshake.lens import lens_profiles
 from deshake.lens.lens_profiles import crop_factor, find_profile
-from deshake.metadata.metadata import CameraTags
+from deshake.metadata.camera_tags import CameraTags
 
 lensfun = pytest.importorskip("lensfunpy")
 

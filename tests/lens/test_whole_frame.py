@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from deshake.lens.whole_frame import whole_frame
-from deshake.metadata.metadata import CameraTags
+from deshake.metadata.camera_tags import CameraTags
 
 
 def of(taken: tuple[int, int] | None, width: int, height: int, **more: tuple[float, float]):

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from deshake.metadata.metadata import CameraTags, Metadata
+from deshake.metadata.camera_tags import CameraTags
+from deshake.metadata.metadata import Metadata
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -27,7 +27,7 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.distortion import distorted, pinhole
 from deshake.lens.lens_profiles import find_profile
 from deshake.lens.lens_warp import LensWarp
-from deshake.metadata.metadata import CameraTags
+from deshake.metadata.camera_tags import CameraTags
 from deshake.run import Run
 from deshake.simulation.shake_path import random_path
 from deshake.simulation.shaken_photo import shake
