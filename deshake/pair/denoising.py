@@ -23,12 +23,13 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from deshake.operators.planes import channels_first, fitted, image_like
+from deshake.operators.strips import bands
 from deshake.run import Run
 from deshake.signal.non_local_means import non_local_means
 from deshake.signal.pair_noise import noise_of_pair
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     Resample = Callable[[NDArray[np.float32]], tuple[NDArray[np.float32], NDArray[np.float32]]]
 
@@ -133,12 +134,12 @@ def _denoised(f_N: Image, slope: float, floor: float, run: Run) -> Image:
     a = max(slope, floor / _STEEPEST)
     root = np.empty(filled.shape, np.float32)
     least = floor + 0.375 * a * a
-    for rows in _bands(filled):
+    for rows in bands(filled.shape[1], _BAND):
         part = np.maximum(a * filled[:, rows] + np.float32(least), 0)
         root[:, rows] = np.sqrt(part, out=part) * np.float32(2 / a)
     f_D = non_local_means(root, _STRENGTH, run=run)
     del root
-    for rows in _bands(f_D):
+    for rows in bands(f_D.shape[1], _BAND):
         part = np.square(f_D[:, rows] * np.float32(a / 2))
         part -= np.float32(least)
         f_D[:, rows] = np.maximum(part, 0) / np.float32(a)
@@ -176,8 +177,3 @@ def _tone_noise(plane: Image) -> float:
     finest = (down[:, 1:] - down[:, :-1]) / 2
     deviations = (_MAD * float(np.median(np.abs(part))) for part in (fine, finest) if part.size)
     return max(_LEAST_TONE, *deviations)
-
-
-def _bands(planes: Image) -> Iterator[slice]:
-    """Cut planes (C, h, w) into bands of rows."""
-    return (slice(top, top + _BAND) for top in range(0, planes.shape[1], _BAND))
