@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.geometry.rotations import displacements, homographies
+from deshake.geometry.rotations import displacements, homographies, reach
 from deshake.operators.convolution import Convolution
-from deshake.operators.filter_flow import FilterFlow, reach
+from deshake.operators.filter_flow import FilterFlow
 from deshake.operators.local_filters import LocalFilters
 from deshake.operators.planes import channels_first, image_like
 from deshake.operators.strips import Strip, bands

@@ -33,7 +33,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.operators.filter_flow import reach
+from deshake.geometry.rotations import reach
 from deshake.operators.planes import channels_first, fitted, image_like
 from deshake.operators.shake_blur import blur_filters
 from deshake.operators.strips import bands, with_halo
