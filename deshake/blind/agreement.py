@@ -14,7 +14,7 @@ import numpy as np
 import scipy.fft
 
 from deshake.geometry.rotations import displacements, homographies
-from deshake.operators.bilinear import splat_on_raster
+from deshake.operators.bilinear import BELOW, RIGHT, bilinear_shares
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -84,7 +84,11 @@ def _drawn(
     offsets: NDArray[np.float64], weights: NDArray[np.float64], side: int, sigma: float
 ) -> NDArray[np.float32]:
     """Draw a filter in the middle of a square, smooth it, and scale it to unit norm."""
-    picture = splat_on_raster(offsets + side / 2, weights, (side, side)).astype(np.float32)
+    picture = np.zeros((side, side), np.float32)
+    low, shares = bilinear_shares(offsets + side / 2)
+    left, top = low.astype(np.int64).T
+    for right, below, share in zip(RIGHT, BELOW, shares.T, strict=True):
+        np.add.at(picture, (top + below, left + right), weights * share)
     smooth = cv2.GaussianBlur(picture, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
     norm = np.linalg.norm(smooth)
     unit: NDArray[np.float32] = (smooth / norm).astype(np.float32)

@@ -14,6 +14,8 @@ import scipy.sparse
 from numpy.typing import DTypeLike, NDArray
 
 __all__ = [
+    "BELOW",
+    "RIGHT",
     "bilinear_shares",
     "bilinear_taps",
     "filter_taps",
