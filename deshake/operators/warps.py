@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake.geometry.rotations import homographies, reach
-from deshake.operators.bilinear import BELOW, RIGHT, bilinear_shares
 from deshake.operators.filter_flow import checked_rotations, checked_weights
 from deshake.operators.planes import channels_first, check_size
 from deshake.operators.strips import bands
@@ -187,15 +186,18 @@ def _scatter(out: Image, tile: _Tile, piece: Image) -> None:
     """Add a tile's pixels to a latent image with the weights that `_gather` reads them by."""
     target = out[tile.source]
     height, width = target.shape[:2]
-    low, shares = bilinear_shares(np.stack([tile.x, tile.y], -1))
-    left, top = np.moveaxis(low.astype(np.int64), -1, 0)
+    x0, y0 = np.floor(tile.x), np.floor(tile.y)
+    a, b = (tile.x - x0).astype(np.float64), (tile.y - y0).astype(np.float64)
     planes = piece[..., None] if piece.ndim == 2 else piece
     total = np.zeros((height * width, planes.shape[-1]))
-    for right, below, weight in zip(RIGHT, BELOW, np.moveaxis(shares, -1, 0), strict=True):
-        x, y = left + right, top + below
-        inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-        place, share = (y * width + x)[inside], weight[inside]
-        for c in range(planes.shape[-1]):
-            light = share * planes[..., c][inside]
-            total[:, c] += np.bincount(place, light, minlength=height * width)
+    for dy, wy in ((0, 1 - b), (1, b)):
+        for dx, wx in ((0, 1 - a), (1, a)):
+            x, y = x0.astype(np.int64) + dx, y0.astype(np.int64) + dy
+            inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+            place = (y * width + x)[inside]
+            share = (wx * wy)[inside]
+            for c in range(planes.shape[-1]):
+                total[:, c] += np.bincount(
+                    place, share * planes[..., c][inside], minlength=height * width
+                )
     target += total.reshape(target.shape).astype(np.float32)
