@@ -14,6 +14,7 @@ import numpy as np
 import scipy.fft
 
 from deshake.geometry.rotations import displacements, homographies
+from deshake.operators.bilinear import BELOW, RIGHT, bilinear_shares
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -84,16 +85,10 @@ def _drawn(
 ) -> NDArray[np.float32]:
     """Draw a filter in the middle of a square, smooth it, and scale it to unit norm."""
     picture = np.zeros((side, side), np.float32)
-    place = offsets + side / 2
-    low = np.floor(place).astype(np.int64)
-    a, b = (place - low).T
-    for dx, dy, share in (
-        (0, 0, (1 - a) * (1 - b)),
-        (1, 0, a * (1 - b)),
-        (0, 1, (1 - a) * b),
-        (1, 1, a * b),
-    ):
-        np.add.at(picture, (low[:, 1] + dy, low[:, 0] + dx), weights * share)
+    low, shares = bilinear_shares(offsets + side / 2)
+    left, top = low.astype(np.int64).T
+    for right, below, share in zip(RIGHT, BELOW, shares.T, strict=True):
+        np.add.at(picture, (top + below, left + right), weights * share)
     smooth = cv2.GaussianBlur(picture, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
     norm = np.linalg.norm(smooth)
     unit: NDArray[np.float32] = (smooth / norm).astype(np.float32)

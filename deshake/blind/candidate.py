@@ -18,10 +18,9 @@ from deshake.blind.camera_path import thinned
 from deshake.blind.kernel_step import RotationGrid, fitted_weights
 from deshake.blind.sharp_edges import Edges, latent_edges
 from deshake.blind.tile_plan import Budget, Part, planned_tiles
-from deshake.blind.tiles import reach
 from deshake.blind.trimming import heaviest, main_piece, strongest
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
-from deshake.geometry.rotations import grid_steps
+from deshake.geometry.rotations import grid_steps, reach
 from deshake.signal.pyramid import RATIO
 
 if TYPE_CHECKING:

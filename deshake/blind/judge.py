@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from deshake.blind.sharp_edges import l0_picture
 from deshake.blind.tile_plan import Budget, planned_tiles
-from deshake.blind.tiles import Tiles, reach
 from deshake.geometry.kernel import RotationKernel
+from deshake.geometry.rotations import reach
 from deshake.signal.gradients import differences, length_of
 from deshake.signal.noise import noise_level
 from deshake.signal.shrinkage import shrunk
@@ -34,6 +34,7 @@ from deshake.signal.shrinkage import shrunk
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from deshake.blind.tiles import Tiles
     from deshake.signal.pyramid import Pyramid
 
 __all__ = ["Judge"]

@@ -16,14 +16,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.ndimage
-import scipy.sparse
 from numpy.typing import NDArray
 
 from deshake.blind.trimming import without_light
 from deshake.geometry.rotations import displacements, homographies
-from deshake.operators.bilinear import bilinear_taps
+from deshake.operators.bilinear import gathering_matrix
 
 if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
     from deshake.blind.tiles import Tiles
 
 __all__ = ["NormalEquations", "RotationGrid", "fitted_weights", "nonnegative"]
@@ -119,15 +120,10 @@ class RotationGrid:
         return spectra.astype(np.float32)
 
 
-def _gatherer(tiles: Tiles, theta: Vector, sign: int) -> scipy.sparse.csr_array:
+def _gatherer(tiles: Tiles, theta: Vector, sign: int) -> csr_array:
     """Return the matrix that samples correlations (P, N, N) at displacements and sums them."""
     moved = sign * displacements(homographies(tiles.camera, theta), tiles.centres)
-    place, share = bilinear_taps(moved, (tiles.block, tiles.block))
-    place += (np.arange(tiles.count) * tiles.block**2)[:, None, None]
-    columns = np.swapaxes(place, 0, 1).reshape(-1).astype(np.int32)
-    data = np.swapaxes(share, 0, 1).reshape(-1).astype(np.float32)
-    rows = np.arange(len(theta) + 1, dtype=np.int32) * (4 * tiles.count)
-    return scipy.sparse.csr_array((data, columns, rows), (len(theta), tiles.count * tiles.block**2))
+    return gathering_matrix(moved, (tiles.block, tiles.block))
 
 
 def fitted_weights(

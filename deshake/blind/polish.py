@@ -16,7 +16,7 @@ import numpy as np
 from deshake.blind.candidate import Refinement
 from deshake.blind.kernel_comparison import COLLAPSED, Comparison
 from deshake.blind.spot import is_spot
-from deshake.blind.tiles import reach
+from deshake.geometry.rotations import reach
 from deshake.operators.strips import in_order
 
 if TYPE_CHECKING:

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from deshake.blind.tile_choice import chosen, covering
-from deshake.blind.tiles import Tiles, reach
+from deshake.blind.tiles import Tiles
+from deshake.geometry.rotations import reach
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -26,23 +26,16 @@ from deshake.signal.gradients import adjoint_differences, differences, squared_r
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from deshake.geometry.camera import Camera
     from deshake.geometry.kernel import RotationKernel
     from deshake.signal.pyramid import Scale
 
-__all__ = ["Tiles", "reach"]
+__all__ = ["Tiles"]
 
 Image = NDArray[np.float32]
 Spectrum = NDArray[np.complex64]
 
 _LEAST_ROOM = 6  # px of the scale: least room on each side of the middle
 _RAMP = 4  # px of the scale: width of the ramp of the window of edges
-
-
-def reach(camera: Camera, theta: NDArray[np.float64]) -> int:
-    """Return the largest displacement in the frame by rotations (K, 3), in pixels, plus one."""
-    moved = displacements(homographies(camera, theta), camera.corners)
-    return int(np.ceil(np.abs(moved).max() - 1e-6)) + 1
 
 
 class Tiles:

@@ -21,6 +21,7 @@ __all__ = [
     "displacements",
     "grid_steps",
     "homographies",
+    "reach",
     "rotation_matrices",
 ]
 
@@ -140,3 +141,9 @@ def grid_steps(camera: Camera, spacing_px: float = 1.0) -> NDArray[np.float64]:
     dy = max(y0 + 0.5, camera.height - 0.5 - y0)
     tilt = f / (f * f + max(dx, dy) ** 2)
     return spacing_px * np.array([tilt, tilt, 1 / np.hypot(dx, dy)])
+
+
+def reach(camera: Camera, theta: ArrayLike) -> int:
+    """Bound every displacement in the frame by rotations (K, 3), in pixels; taps are included."""
+    moved = displacements(homographies(camera, theta), camera.corners)
+    return int(np.ceil(np.abs(moved).max() - 1e-6)) + 1

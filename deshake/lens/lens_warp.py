@@ -17,6 +17,7 @@ from scipy.interpolate import RectBivariateSpline
 
 from deshake.geometry.distortion import undistorted
 from deshake.operators.planes import channels_first, image_like
+from deshake.operators.strips import bands
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -98,15 +99,15 @@ class LensWarp:
     def _straight_bands(self) -> Iterator[tuple[slice, Image]]:
         """Yield where the pixels of the pinhole's picture lie in the photo, as (y, x) by rows."""
         height, width = self.straight_camera.shape
-        for top in range(0, height, _BAND):
-            rows = slice(top, min(top + _BAND, height))
-            matrix = self.straight_camera.cropped(0, top, width, rows.stop - top).matrix
+        for rows in bands(height, _BAND):
+            count = rows.stop - rows.start
+            matrix = self.straight_camera.cropped(0, rows.start, width, count).matrix
             x, y = cv2.initUndistortRectifyMap(
                 self.camera.matrix,
                 self.camera.distortion,
                 np.eye(3),
                 matrix,
-                (width, rows.stop - top),
+                (width, count),
                 cv2.CV_32FC1,
             )
             yield rows, np.stack([y, x])
@@ -123,9 +124,8 @@ class LensWarp:
         moved = (there - nodes).reshape(len(y), len(x), 2)
         across, down = (RectBivariateSpline(y, x, moved[..., axis]) for axis in (0, 1))
         columns = np.arange(width)
-        for top in range(0, height, _BAND):
-            rows = slice(top, min(top + _BAND, height))
-            lines = np.arange(top, rows.stop)
+        for rows in bands(height, _BAND):
+            lines = np.arange(rows.start, rows.stop)
             v, u = down(lines, columns) + lines[:, None], across(lines, columns) + columns
             yield rows, np.stack([v, u])
 

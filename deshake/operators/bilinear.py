@@ -1,29 +1,81 @@
 """Bilinear taps: a place between pixels is shared among the four pixels around it.
 
-Weights at fractional displacements are splatted onto a block of pixels; a block is read between its
-pixels with the same shares. Blocks are periodic, with lag 0 at the origin. Rasters are not
-periodic: places beyond their border are moved to the border.
+Weights at fractional places are splatted onto pixels; pixels are read between their middles with
+the same shares. Blocks are periodic, with lag 0 at the origin. Filters have lag 0 in the middle,
+and hold all their lags. Rasters are not periodic: places beyond their border are moved to it.
 """
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
-__all__ = ["bilinear_taps", "splat", "splat_on_raster"]
+import numpy as np
+import scipy.sparse
+from numpy.typing import DTypeLike, NDArray
+
+__all__ = [
+    "BELOW",
+    "RIGHT",
+    "bilinear_shares",
+    "bilinear_taps",
+    "filter_taps",
+    "gather",
+    "gathering_matrix",
+    "splat",
+    "splat_on_raster",
+    "splat_taps",
+]
 
 Image = NDArray[np.float32]
+
+RIGHT, BELOW = np.array([0, 1, 0, 1]), np.array([0, 0, 1, 1])
+"""Steps from the pixel at the upper left of a place to its four pixels."""
+
+
+def bilinear_shares(
+    places: NDArray[np.floating], kind: DTypeLike = np.float64
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Upper left pixels of places (..., 2), x and y, and shares (..., 4) of the four pixels."""
+    low = np.floor(places)
+    a, b = ((places[..., i] - low[..., i]).astype(kind, copy=False) for i in (0, 1))
+    return low, np.stack([(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b], -1)
+
+
+def bilinear_taps(
+    moved: NDArray[np.float64], block: tuple[int, int]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Places in a periodic block and shares, (P, K, 4), of the bilinear taps of lags (x, y)."""
+    low, share = bilinear_shares(moved)
+    x, y = low[..., 0].astype(np.int64), low[..., 1].astype(np.int64)
+    left, right = x % block[1], (x + 1) % block[1]
+    top, bottom = y % block[0] * block[1], (y + 1) % block[0] * block[1]
+    return np.stack([top + left, top + right, bottom + left, bottom + right], -1), share
+
+
+def filter_taps(moved: NDArray[np.float64], radius: int) -> tuple[NDArray[np.int32], Image]:
+    """Places in a filter (2r+1, 2r+1) and shares, (P, K, 4), of the taps of lags (x, y)."""
+    low, share = bilinear_shares(moved, np.float32)
+    x, y = low[..., 0].astype(np.int32), low[..., 1].astype(np.int32)
+    n = 2 * radius + 1
+    corner = (y + radius) * n + x + radius
+    return np.stack([corner, corner + 1, corner + n, corner + n + 1], -1), share
 
 
 def splat(
     moved: NDArray[np.float64], weights: NDArray[np.float64], block: tuple[int, int]
 ) -> Image:
-    """Splat weights (K,) at displacements (P, K, 2) onto blocks (P, N, M)."""
-    count = len(moved)
+    """Splat weights (K,) at displacements (P, K, 2) onto periodic blocks (P, N, M)."""
     place, share = bilinear_taps(moved, block)
-    place += (np.arange(count) * block[0] * block[1])[:, None, None]
-    spread = share * weights[:, None]
-    summed = np.bincount(place.ravel(), spread.ravel(), count * block[0] * block[1])
+    return splat_taps(place, share * weights[:, None], block)
+
+
+def splat_taps(
+    place: NDArray[np.int64], light: NDArray[np.float64], block: tuple[int, int]
+) -> Image:
+    """Add the light (P, K, 4) of taps at their places, which are overwritten, to blocks."""
+    count, size = len(place), block[0] * block[1]
+    place += (np.arange(count) * size)[:, None, None]
+    summed = np.bincount(place.ravel(), light.ravel(), count * size)
     return summed.reshape(count, *block).astype(np.float32)
 
 
@@ -32,27 +84,32 @@ def splat_on_raster(
 ) -> NDArray[np.float64]:
     """Splat weights (K,) at places (K, 2), x and y in pixels, onto a raster (H, W)."""
     height, width = shape
-    low = np.floor(places).astype(np.int64)
-    part = places - low
-    raster = np.zeros(height * width)
-    for right in (0, 1):
-        for below in (0, 1):
-            share = np.abs(1 - right - part[:, 0]) * np.abs(1 - below - part[:, 1])
-            x = np.clip(low[:, 0] + right, 0, width - 1)
-            y = np.clip(low[:, 1] + below, 0, height - 1)
-            raster += np.bincount(y * width + x, share * weights, height * width)
+    low, share = bilinear_shares(places)
+    left, top = low.astype(np.int64).T
+    x = np.clip(left[:, None] + RIGHT, 0, width - 1)
+    y = np.clip(top[:, None] + BELOW, 0, height - 1)
+    light = share * weights[:, None]
+    raster: NDArray[np.float64] = np.zeros(height * width)
+    raster += np.bincount((y * width + x).ravel(), light.ravel(), height * width)
     return raster.reshape(shape)
 
 
-def bilinear_taps(
-    moved: NDArray[np.float64], block: tuple[int, int]
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Places in a periodic block and shares, (P, K, 4), of the bilinear taps of lags (x, y)."""
-    low = np.floor(moved)
-    a, b = moved[..., 0] - low[..., 0], moved[..., 1] - low[..., 1]
-    x, y = low[..., 0].astype(np.int64), low[..., 1].astype(np.int64)
-    left, right = x % block[1], (x + 1) % block[1]
-    top, bottom = y % block[0] * block[1], (y + 1) % block[0] * block[1]
-    index = np.stack([top + left, top + right, bottom + left, bottom + right], -1)
-    share = np.stack([(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b], -1)
-    return index, share
+def gather(
+    blocks: Image, place: NDArray[np.integer], share: NDArray[np.floating]
+) -> NDArray[np.float64]:
+    """Read blocks (P, N, M) at taps (P, K, 4), and sum over the blocks: (K,)."""
+    total = np.zeros(place.shape[1])
+    for flat, at, part in zip(blocks.reshape(len(blocks), -1), place, share, strict=True):
+        total += np.einsum("ka,ka->k", flat[at], part)
+    return total
+
+
+def gathering_matrix(moved: NDArray[np.float64], block: tuple[int, int]) -> scipy.sparse.csr_array:
+    """Return the matrix (K, P N M) that does the same for periodic blocks, many times."""
+    count, size = len(moved), block[0] * block[1]
+    place, share = bilinear_taps(moved, block)
+    place += (np.arange(count) * size)[:, None, None]
+    columns = np.swapaxes(place, 0, 1).reshape(-1).astype(np.int32)
+    data = np.swapaxes(share, 0, 1).reshape(-1).astype(np.float32)
+    rows = np.arange(moved.shape[1] + 1, dtype=np.int32) * (4 * count)
+    return scipy.sparse.csr_array((data, columns, rows), (moved.shape[1], count * size))

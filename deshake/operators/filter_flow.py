@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.geometry.rotations import displacements, homographies
+from deshake.geometry.rotations import displacements, homographies, reach
+from deshake.operators.bilinear import filter_taps, gather, splat_taps
 from deshake.operators.gram import patch_grams
 from deshake.operators.local_filters import LocalFilters
 from deshake.operators.patches import PatchGrid
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from deshake.geometry.camera import Camera
     from deshake.operators.strips import Strip
 
-__all__ = ["FilterFlow", "checked_rotations", "checked_weights", "patch_hop", "reach"]
+__all__ = ["FilterFlow", "checked_rotations", "checked_weights", "patch_hop"]
 
 Image = NDArray[np.float32]
 
@@ -43,12 +44,6 @@ _LARGEST = 640  # px: largest side of blocks, except for blurs that need larger 
 _BLOCK_EFFORT = 4096  # pixels whose time equals the fixed cost of a block
 _FADE = 0.072  # px: change of displacements from patch to patch, per root of the blur's px
 _PROBES = 5  # points along each side of the frame that measure this change
-
-
-def reach(camera: Camera, theta: ArrayLike) -> int:
-    """Pixels that bound every displacement of the frame, bilinear taps included."""
-    moved = displacements(homographies(camera, theta), camera.corners)
-    return int(np.ceil(np.abs(moved).max() - 1e-6)) + 1
 
 
 def patch_hop(camera: Camera, theta: ArrayLike) -> int:
@@ -196,11 +191,8 @@ class FilterFlow:
 
         def local(strip: Strip) -> Image:
             index, share = self.taps(strip)
-            spread = share[:, used].astype(np.float64) ** power * weights[used, None]
-            place = index[:, used].astype(np.int64)
-            place += (np.arange(strip.count) * n * n)[:, None, None]
-            summed = np.bincount(place.ravel(), spread.ravel(), strip.count * n * n)
-            return summed.reshape(strip.count, n, n).astype(np.float32)
+            light = share[:, used].astype(np.float64) ** power * weights[used, None]
+            return splat_taps(index[:, used].astype(np.int64), light, (n, n))
 
         return LocalFilters(self.grid, local)
 
@@ -276,24 +268,14 @@ class FilterFlow:
         if self._taps is not None and strip in self._taps:
             return self._taps[strip]
         moved = displacements(self._h, self.grid.centres(strip))
-        low = np.floor(moved)
-        x, y = low[..., 0].astype(np.int32), low[..., 1].astype(np.int32)
-        a, b = np.moveaxis((moved - low).astype(np.float32), -1, 0)
-        n, r = self.grid.reach, self.grid.radius
-        corner = (y + r) * n + x + r
-        index = np.stack([corner, corner + 1, corner + n, corner + n + 1], -1)
-        share = np.stack([(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b], -1)
+        index, share = filter_taps(moved, self.grid.radius)
         if self._taps is not None:
             self._taps[strip] = index, share
         return index, share
 
     def _gather(self, strip: Strip, correlations: Image) -> NDArray[np.float64]:
         """Read the correlations of a strip's patches where each rotation moves them, (K,)."""
-        index, share = self.taps(strip)
-        total = np.zeros(len(self.theta))
-        for p, flat in enumerate(correlations.reshape(strip.count, -1)):
-            total += np.einsum("ka,ka->k", flat[index[p]], share[p])
-        return total
+        return gather(correlations, *self.taps(strip))
 
 
 def _keep(_: Strip, correlations: Image) -> Image:

@@ -10,6 +10,8 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
+from deshake.operators.strips import bands
+
 __all__ = ["patch_grams"]
 
 Image = NDArray[np.float32]
@@ -59,14 +61,14 @@ def patch_grams(
     shares, places = np.moveaxis(share, 0, 1).ravel(), beside.ravel()
     starts *= count
     total = np.zeros((size, size), np.float32)
-    for first in range(0, size, _COLUMNS):
-        last = min(first + _COLUMNS, size)
-        right = np.concatenate([half[first:last].T for half in halves])
+    for some in bands(size, _COLUMNS):
+        right = np.concatenate([half[some].T for half in halves])
+        last = some.stop
         end = starts[last]
         both = scipy.sparse.csr_array(
             (shares[:end], places[:end], starts[: last + 1]), shape=(last, offset)
         )
-        total[:last, first:last] = both @ right
+        total[:last, some] = both @ right
     return total
 
 

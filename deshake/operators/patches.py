@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake.operators.planes import add_at, channels_first, check_size, image_like, window_of
-from deshake.operators.strips import Strip, in_order
+from deshake.operators.strips import Strip, bands, in_order
 from deshake.operators.transforms import transforms
 from deshake.run import Run
 
@@ -131,10 +131,9 @@ class PatchGrid:
         """
         return in_order(work, self.strips, self.run)
 
-    def batches(self, strip: Strip) -> Iterator[slice]:
+    def batches(self, strip: Strip) -> list[slice]:
         """Cut a strip into batches of patches that stay in the cache."""
-        for first in range(0, strip.count, self.batch):
-            yield slice(first, min(first + self.batch, strip.count))
+        return bands(strip.count, self.batch)
 
     def blocks(self, latent: Image, strip: Strip) -> Image:
         """View the blocks (C, count, N, N) of a latent (C, H, W) for a strip's patches."""

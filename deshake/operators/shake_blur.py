@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.geometry.rotations import displacements, homographies
+from deshake.geometry.rotations import displacements, homographies, reach
 from deshake.operators.convolution import Convolution
-from deshake.operators.filter_flow import FilterFlow, reach
+from deshake.operators.filter_flow import FilterFlow
 from deshake.operators.local_filters import LocalFilters
 from deshake.operators.planes import channels_first, image_like
-from deshake.operators.strips import Strip
+from deshake.operators.strips import Strip, bands
 from deshake.operators.warps import Warps
 from deshake.run import Run
 
@@ -198,8 +198,7 @@ def observation_mask(camera: Camera, theta: ArrayLike) -> Image:
     y, x = np.mgrid[0:height, 0:width].reshape(2, -1)
     inside = np.ones(height * width, bool)
     slack = 1e-3
-    for start in range(0, height * width, 1 << 20):
-        part = slice(start, start + (1 << 20))
+    for part in bands(height * width, 1 << 20):
         points = np.stack([x[part], y[part]], 1).astype(np.float64)
         moved = displacements(h, points) + points[:, None]
         inside[part] = np.all(

@@ -1,4 +1,4 @@
-"""Strips of patches and bands of rows: the pieces of work that threads share.
+"""Strips of patches and bands of rows: the pieces that work is cut into and threads share.
 
 There is one pool of threads of each size. Results come back in the order of the strips, so that
 sums over strips do not depend on the number of threads.
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from deshake.run import Run
 
-__all__ = ["Strip", "in_order", "row_bands"]
+__all__ = ["Strip", "bands", "in_order", "with_halo"]
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -66,9 +66,15 @@ def in_order(work: Callable[[S], T], strips: Sequence[S], run: Run) -> Iterator[
             future.cancel()
 
 
-def row_bands(height: int, step: int) -> list[slice]:
-    """Cut rows into bands of `step` rows; the last one may be narrower."""
-    return [slice(top, min(top + step, height)) for top in range(0, height, step)]
+def bands(length: int, step: int) -> list[slice]:
+    """Cut rows, or another range, into bands of `step` each; the last one may be narrower."""
+    return [slice(first, min(first + step, length)) for first in range(0, length, step)]
+
+
+def with_halo(band: slice, halo: int, length: int) -> tuple[slice, slice]:
+    """Return a band with up to `halo` more on both sides, and the place of the band in it."""
+    first, last = max(band.start - halo, 0), min(band.stop + halo, length)
+    return slice(first, last), slice(band.start - first, band.stop - first)
 
 
 @cache

@@ -15,9 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.geometry.rotations import homographies
-from deshake.operators.filter_flow import checked_rotations, checked_weights, reach
+from deshake.geometry.rotations import homographies, reach
+from deshake.operators.filter_flow import checked_rotations, checked_weights
 from deshake.operators.planes import channels_first, check_size
+from deshake.operators.strips import bands
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -118,11 +119,11 @@ class Warps:
         check_size(channels_first(f), self.latent_shape)
         size = len(self.theta)
         gram = np.zeros((size, size))
-        for top in range(0, self.camera.height, 64):
-            rows = slice(top, min(top + 64, self.camera.height))
-            columns = np.empty((size, (rows.stop - top) * self.camera.width * f[0, 0].size))
+        for rows in bands(self.camera.height, 64):
+            top, count = rows.start, rows.stop - rows.start
+            columns = np.empty((size, count * self.camera.width * f[0, 0].size))
             for k in range(size):
-                band = np.zeros((rows.stop - top, self.camera.width, *f.shape[2:]), np.float32)
+                band = np.zeros((count, self.camera.width, *f.shape[2:]), np.float32)
                 for tile in self._tiles(k, rows):
                     band[tile.rows.start - top : tile.rows.stop - top, tile.columns] = _gather(
                         f, tile

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from deshake.operators.planes import channels_first
+from deshake.operators.strips import bands, with_halo
 
 __all__ = ["unclipped_mean"]
 
@@ -73,26 +74,24 @@ class _Window(NamedTuple):
 def _excess(plane: Image) -> Image:
     """Return the light that clipping at 0 adds to a plane on average."""
     out = np.zeros(plane.shape, np.float32)
-    tops = range(0, len(plane), _BAND)
-    sigmas = np.concatenate([_sigmas(_windows(plane, top)) for top in tops])
+    parts = bands(len(plane), _BAND)
+    sigmas = np.concatenate([_sigmas(_windows(plane, band)) for band in parts])
     if len(sigmas) < max(_FEWEST * plane.size, 1):
         return out
     sigma = float(np.median(sigmas))
-    for top in tops:
-        window = _windows(plane, top)
+    for band in parts:
+        window = _windows(plane, band)
         a = -ndtri(np.clip(window.zeros, _LEAST_ZEROS, _MOST_ZEROS))
         excess = sigma * (_density(a) - a * ndtr(-a))
         there = (window.zeros > _LEAST_ZEROS) & window.noise
-        out[top : top + _BAND] = np.where(there, excess, 0)
+        out[band] = np.where(there, excess, 0)
     return out
 
 
-def _windows(plane: Image, top: int) -> _Window:
+def _windows(plane: Image, band: slice) -> _Window:
     """Measure the window around each pixel of a band."""
-    halo = _WINDOW // 2
-    first, last = max(top - halo, 0), min(top + _BAND + halo, len(plane))
-    rows = np.ascontiguousarray(plane[first:last], np.float32)
-    own = slice(top - first, min(top + _BAND, len(plane)) - first)
+    around, own = with_halo(band, _WINDOW // 2, len(plane))
+    rows = np.ascontiguousarray(plane[around], np.float32)
     zero = rows == 0  # below 0 nothing was clipped
     changes = np.zeros(rows.shape, np.float32)
     changes[:, 1:] = zero[:, 1:] != zero[:, :-1]

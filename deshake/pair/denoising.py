@@ -20,15 +20,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 
 from deshake.operators.planes import channels_first, fitted, image_like
+from deshake.operators.strips import bands
 from deshake.run import Run
+from deshake.signal.noise import tone_noise
 from deshake.signal.non_local_means import non_local_means
 from deshake.signal.pair_noise import noise_of_pair
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     Resample = Callable[[NDArray[np.float32]], tuple[NDArray[np.float32], NDArray[np.float32]]]
 
@@ -38,9 +39,6 @@ Image = NDArray[np.float32]
 
 _STRENGTH = 0.85  # strength of the non-local means, in standard deviations of the noise
 _TONE_STRENGTH = 1.2  # the same for display values, where cameras denoise flat areas
-_MAD = 1.4826  # standard deviation per median absolute deviation of normal noise
-_FINE_PX = 1.2  # px: sigma of the smoothing whose residual is the fine noise
-_LEAST_TONE = 0.004  # display values: least noise, about the rounding to 8 bits
 _STEEPEST = 20.0  # floor over slope, at most: with less slope the root is nearly linear
 _BAND = 256  # rows that are transformed at once
 
@@ -133,12 +131,12 @@ def _denoised(f_N: Image, slope: float, floor: float, run: Run) -> Image:
     a = max(slope, floor / _STEEPEST)
     root = np.empty(filled.shape, np.float32)
     least = floor + 0.375 * a * a
-    for rows in _bands(filled):
+    for rows in bands(filled.shape[1], _BAND):
         part = np.maximum(a * filled[:, rows] + np.float32(least), 0)
         root[:, rows] = np.sqrt(part, out=part) * np.float32(2 / a)
     f_D = non_local_means(root, _STRENGTH, run=run)
     del root
-    for rows in _bands(f_D):
+    for rows in bands(f_D.shape[1], _BAND):
         part = np.square(f_D[:, rows] * np.float32(a / 2))
         part -= np.float32(least)
         f_D[:, rows] = np.maximum(part, 0) / np.float32(a)
@@ -163,21 +161,7 @@ def denoised_tones(u: Image, *, run: Run = Run()) -> tuple[Image, Image]:
         Standard deviations of the noise, by medians.
 
     """
-    sigmas = np.array([_tone_noise(plane) for plane in u], np.float32)
+    sigmas = np.array([tone_noise(plane) for plane in u], np.float32)
     denoised = non_local_means(u / sigmas[:, None, None], _TONE_STRENGTH, run=run)
     denoised *= sigmas[:, None, None]
     return denoised, sigmas
-
-
-def _tone_noise(plane: Image) -> float:
-    """Estimate the standard deviation of noise: the larger one of fine and finest noise."""
-    fine = plane - gaussian_filter(plane, _FINE_PX)
-    down = plane[1:] - plane[:-1]
-    finest = (down[:, 1:] - down[:, :-1]) / 2
-    deviations = (_MAD * float(np.median(np.abs(part))) for part in (fine, finest) if part.size)
-    return max(_LEAST_TONE, *deviations)
-
-
-def _bands(planes: Image) -> Iterator[slice]:
-    """Cut planes (C, h, w) into bands of rows."""
-    return (slice(top, top + _BAND) for top in range(0, planes.shape[1], _BAND))

@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from deshake.operators.filter_flow import reach
+from deshake.geometry.rotations import reach
 from deshake.operators.patch_inverse import approximate_inverse
 from deshake.operators.planes import channels_first, fitted
 from deshake.operators.shake_blur import blur_filters

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake.geometry.rotations import homographies
-from deshake.operators.strips import Strip, in_order
+from deshake.operators.strips import bands, in_order
 from deshake.run import Run
 
 if TYPE_CHECKING:
@@ -86,9 +86,7 @@ class PairRows:
         self._run = run
         self._twins = len(noise)
         planes = np.concatenate([f, *noise])
-        self._planes = [
-            _interleaved(planes[i : i + _MOST_PLANES]) for i in range(0, len(planes), _MOST_PLANES)
-        ]
+        self._planes = [_interleaved(planes[some]) for some in bands(len(planes), _MOST_PLANES)]
         self._channels = len(f)
         x, y = places.T
         self._points = np.stack([x, y, np.ones(len(places))]).astype(np.float64)
@@ -103,15 +101,15 @@ class PairRows:
         """Return the rows and columns of G that are chosen, (k, k)."""
         blocks = max(self._affordable // (max(len(chosen), 1) * ROW_BLOCK), 1)
 
-        def work(strip: Strip) -> Image:
-            b, *twins = self._columns(chosen, strip)
+        def work(pixels: slice) -> Image:
+            b, *twins = self._columns(chosen, pixels)
             total: Image = b @ b.T
             for e in twins:
                 total -= (e @ e.T) / np.float32(self._twins)
             return total
 
         gram = np.zeros((len(chosen), len(chosen)))
-        for _, part in in_order(work, _strips(len(self), blocks * ROW_BLOCK), self._run):
+        for _, part in in_order(work, bands(len(self), blocks * ROW_BLOCK), self._run):
             gram += part
         gram /= len(self)
         return gram
@@ -121,9 +119,8 @@ class PairRows:
         used = np.flatnonzero(w)
         share = w[used].astype(np.float32)
         blurred = np.zeros((1 + self._twins, self._g.size), np.float32)
-        whole = Strip(0, 0, len(self))
-        for part in _strips(len(used), max(self._affordable // len(self), 1)):
-            some = slice(part.first, part.last)
+        whole = slice(0, len(self))
+        for some in bands(len(used), max(self._affordable // len(self), 1)):
             for number, b in enumerate(self._columns(used[some], whole)):
                 blurred[number] += share[some] @ b
         blurred[0] -= self._g
@@ -156,26 +153,27 @@ class PairRows:
 
     def _adjoint(self, rows: list[Image]) -> list[Vector]:
         """Apply the transposes of B, and of each E if given, to rows; divide by their number."""
-        whole = Strip(0, 0, len(self))
+        whole = slice(0, len(self))
 
-        def work(strip: Strip) -> list[Image]:
-            chosen = np.arange(strip.first, strip.last)
+        def work(some: slice) -> list[Image]:
+            chosen = np.arange(some.start, some.stop)
             columns = self._columns(chosen, whole, sets=len(rows))
             return [b @ row for b, row in zip(columns, rows, strict=True)]
 
         out = [np.zeros(len(self._h)) for _ in rows]
-        strips = _strips(len(self._h), max(self._affordable // len(self), 1))
-        for strip, parts in in_order(work, strips, self._run):
+        rotations = bands(len(self._h), max(self._affordable // len(self), 1))
+        for some, parts in in_order(work, rotations, self._run):
             for total, part in zip(out, parts, strict=True):
-                total[strip.first : strip.last] = part / len(self)
+                total[some] = part / len(self)
         return out
 
-    def _columns(self, chosen: Indices, strip: Strip, sets: int | None = None) -> Image:
+    def _columns(self, chosen: Indices, pixels: slice, sets: int | None = None) -> Image:
         """Return columns of B, then of each E, at some pixels: (sets, len(chosen), C n)."""
-        points = self._points[:, strip.first : strip.last]
-        shape = (ROW_BLOCK, strip.count // ROW_BLOCK)  # OpenCV limits the sides of maps
+        points = self._points[:, pixels]
+        size = points.shape[1]
+        shape = (ROW_BLOCK, size // ROW_BLOCK)  # OpenCV limits the sides of maps
         count = 1 + self._twins if sets is None else sets
-        out = np.empty((count * self._channels, len(chosen), strip.count), np.float32)
+        out = np.empty((count * self._channels, len(chosen), size), np.float32)
         for place, k in enumerate(chosen):
             u, v, depth = self._h[k] @ points
             u = (u / depth).astype(np.float32).reshape(shape)
@@ -186,7 +184,7 @@ class PairRows:
                     break
                 sampled = cv2.remap(planes, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
                 last = min(first + planes.shape[-1], len(out))
-                out[first:last, place] = sampled.reshape(strip.count, -1).T[: last - first]
+                out[first:last, place] = sampled.reshape(size, -1).T[: last - first]
         columns = out.reshape(count, self._channels, len(chosen), -1)
         joined: Image = np.moveaxis(columns, 1, 2).reshape(count, len(chosen), -1)
         return joined
@@ -197,8 +195,3 @@ def _interleaved(planes: Image) -> Image:
     if len(planes) == _INEXACT_PLANES:
         planes = np.concatenate([planes, np.zeros_like(planes[:1])])
     return np.ascontiguousarray(np.moveaxis(planes, 0, -1))
-
-
-def _strips(count: int, size: int) -> list[Strip]:
-    """Cut a range into parts."""
-    return [Strip(0, first, min(first + size, count)) for first in range(0, count, size)]

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter, uniform_filter
 
 from deshake.operators.planes import channels_first
+from deshake.operators.strips import bands
 from deshake.signal.noise import noise_variance, smoothed
 
 if TYPE_CHECKING:
@@ -151,7 +152,7 @@ def _shown(light: Image) -> Image:
 def _white(shape: tuple[int, int]) -> Image:
     """Make white noise; each band has a stream of its own."""
     out = np.empty(shape, np.float32)
-    for number, top in enumerate(range(0, shape[0], _BAND)):
-        band = out[top : top + _BAND]
+    for number, rows in enumerate(bands(shape[0], _BAND)):
+        band = out[rows]
         band[...] = np.random.default_rng(number).standard_normal(band.shape, np.float32)
     return out

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake.operators.planes import channels_first
+from deshake.operators.strips import bands
 from deshake.pair.kernel_estimate import estimate_pair_kernel
 from deshake.pair.photometric import tone_curves
 from deshake.pair.registration import registered
@@ -204,7 +205,7 @@ def _variance(light: Image, slope: float, floor: float) -> Image:
 def _drawn(sigma: Image, rng: np.random.Generator) -> Image:
     """Draw noise of some standard deviation."""
     noise = np.empty_like(sigma)
-    for top in range(0, len(noise), _BAND):
-        band = sigma[top : top + _BAND]
-        noise[top : top + _BAND] = rng.standard_normal(band.shape, np.float32) * band
+    for rows in bands(len(noise), _BAND):
+        band = sigma[rows]
+        noise[rows] = rng.standard_normal(band.shape, np.float32) * band
     return noise

@@ -9,6 +9,7 @@ centroid. The kernel absorbs the small error that remains.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 from math import exp, pi, radians
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from deshake.blind.variational.coarse_to_fine import resize
 from deshake.errors import EstimationError
 from deshake.geometry.rotations import compose, homographies
+from deshake.operators.strips import bands
 from deshake.pair.alignment import align, likeness, seen_in_frame, smooth
 from deshake.pair.photometric import brightness_ratio, photometric_scale
 from deshake.pair.rotation_search import distinct, exhaustive_search
@@ -184,11 +186,9 @@ def registered(f_N: Image, registration: Registration, *, margin: int = 0) -> tu
     h = stored.matrix @ np.linalg.inv(camera.matrix) @ homographies(camera, -theta)
     valid = np.empty((camera.height + 2 * margin, camera.width + 2 * margin), np.float32)
     out = np.empty(valid.shape + f_N.shape[2:], np.float32)
-    for top in range(0, valid.shape[0], _BAND):
-        for left in range(0, valid.shape[1], _BAND):
-            tile = np.s_[top : top + _BAND, left : left + _BAND]
-            corner = top - margin, left - margin
-            out[tile], valid[tile] = _sampled(upright, h, *corner, valid[tile].shape)
+    for tile in product(*(bands(side, _BAND) for side in valid.shape)):
+        corner = tile[0].start - margin, tile[1].start - margin
+        out[tile], valid[tile] = _sampled(upright, h, *corner, valid[tile].shape)
     return out, valid
 
 

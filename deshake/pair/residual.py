@@ -33,9 +33,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.operators.filter_flow import reach
+from deshake.geometry.rotations import reach
 from deshake.operators.planes import channels_first, fitted, image_like
 from deshake.operators.shake_blur import blur_filters
+from deshake.operators.strips import bands, with_halo
 from deshake.pair.pair_weights import agreement
 from deshake.restore.restoration import Restoration, check_photo
 from deshake.run import Run
@@ -175,11 +176,9 @@ def gain_map(f_D: Image) -> Image:
 def joint_bilateral(image: Image, guide: Image) -> Image:
     """Average an image (h, w) over near pixels whose values in a guide (h, w) are alike."""
     out = np.empty_like(image)
-    height = len(image)
-    for top in range(0, height, _BAND):
-        first, last = max(top - _WINDOW, 0), min(top + _BAND + _WINDOW, height)
-        own = slice(top - first, min(top + _BAND, height) - first)
-        out[top : top + _BAND] = _bilateral(image[first:last], guide[first:last])[own]
+    for band in bands(len(image), _BAND):
+        rows, own = with_halo(band, _WINDOW, len(image))
+        out[band] = _bilateral(image[rows], guide[rows])[own]
     return out
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from deshake.operators.planes import channels_first
-from deshake.operators.strips import in_order, row_bands
+from deshake.operators.strips import bands, in_order
 from deshake.restore.total_variation import less_varied, variation_weight
 from deshake.signal.noise import pair_means
 
@@ -183,4 +183,4 @@ class MultiplicativeDescent:
 
     def _each_band(self, height: int, work: Callable[[slice], T]) -> list[T]:
         """Do some work on all rows, band by band; the results are in the order of the bands."""
-        return [done for _, done in in_order(work, row_bands(height, _BAND), self.run)]
+        return [done for _, done in in_order(work, bands(height, _BAND), self.run)]

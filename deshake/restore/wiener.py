@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake.errors import DeshakeError
+from deshake.geometry.rotations import reach
 from deshake.operators.bilinear import splat_on_raster
-from deshake.operators.filter_flow import reach
 from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import ShakeBlur
 from deshake.restore.restoration import Restoration, check_photo

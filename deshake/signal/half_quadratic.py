@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.operators.strips import in_order, row_bands
+from deshake.operators.strips import bands, in_order
 from deshake.run import Run
 from deshake.signal.opponent import plane_weights, reflect, squared_lengths, weigh_colour
 from deshake.signal.shrinkage import shrunk
@@ -239,4 +239,4 @@ class HalfQuadratic:
     def _each_band(self, height: int, work: Callable[[slice], T]) -> list[T]:
         """Do some work on all rows, band by band; the results are in the order of the bands."""
         step = max(8, _BAND_PIXELS // (self.f.shape[2] * len(self.f)))
-        return [done for _, done in in_order(work, row_bands(height, step), self.run)]
+        return [done for _, done in in_order(work, bands(height, step), self.run)]

@@ -11,7 +11,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import gaussian_filter, uniform_filter
 from scipy.optimize import nnls
 
 from deshake.operators.planes import channels_first
@@ -25,6 +25,7 @@ __all__ = [
     "noise_variance",
     "pair_means",
     "smoothed",
+    "tone_noise",
 ]
 
 Image = NDArray[np.float32]
@@ -39,6 +40,9 @@ _LEVELS = 8  # levels of brightness
 _QUANTILE = 0.01  # share of the blocks of a level, the flattest, that give its noise
 _BIAS = 2.5  # true variance over that of the quantile; measured with the stopping rule that uses it
 _DARKEST = 0.01  # light that is added before the noise is computed: no model is exact in the dark
+_MAD = 1.4826  # standard deviation per median absolute deviation of normal noise
+_FINE_PX = 1.2  # px: sigma of the smoothing whose residual is the fine noise
+_LEAST_TONE = 0.004  # display values: least noise, about the rounding to 8 bits
 _LEAST = 1e-7  # least variance: rounding mid greys to 8 bits gives a few times this
 
 
@@ -66,6 +70,29 @@ def noise_level(picture: Image, where: Mask | None = None) -> float:
     sizes = np.abs(rough if where is None else rough[where])
     sizes = sizes[sizes > 0]
     return float(np.median(sizes)) / _MEDIAN if sizes.size else 0.0
+
+
+def tone_noise(plane: Image) -> float:
+    """Estimate the standard deviation of noise in display values, where cameras denoised.
+
+    The result is the larger one of the medians of fine and of finest noise.
+
+    Parameters
+    ----------
+    plane : (h, w) array of float32
+        A channel in display values, 0..1.
+
+    Returns
+    -------
+    float
+        At least about the rounding to 8 bits.
+
+    """
+    fine = plane - gaussian_filter(plane, _FINE_PX)
+    down = plane[1:] - plane[:-1]
+    finest = (down[:, 1:] - down[:, :-1]) / 2
+    deviations = (_MAD * float(np.median(np.abs(part))) for part in (fine, finest) if part.size)
+    return max(_LEAST_TONE, *deviations)
 
 
 def pair_means(image: Image) -> Image:

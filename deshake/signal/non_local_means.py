@@ -16,11 +16,13 @@ References
 
 from __future__ import annotations
 
+from itertools import product
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.operators.strips import in_order
+from deshake.operators.strips import bands, in_order, with_halo
 from deshake.run import Run
 
 __all__ = ["non_local_means"]
@@ -54,25 +56,16 @@ def non_local_means(u: Image, sigma: float, *, run: Run = Run()) -> Image:
     out = np.empty_like(u)
     halo = _REACH + _PATCH
 
-    def work(corner: Offset) -> None:
-        inner, outer, within = zip(
-            *(_extent(a, size, halo) for a, size in zip(corner, (height, width), strict=True)),
-            strict=True,
-        )
-        tile = _denoised(np.ascontiguousarray(u[:, *outer]), sigma)
-        out[:, *inner] = tile[:, *within]
+    def work(tile: tuple[slice, slice]) -> None:
+        rows, own_rows = with_halo(tile[0], halo, height)
+        columns, own_columns = with_halo(tile[1], halo, width)
+        denoised = _denoised(np.ascontiguousarray(u[:, rows, columns]), sigma)
+        out[:, *tile] = denoised[:, own_rows, own_columns]
 
-    corners = [(y, x) for y in range(0, height, _TILE) for x in range(0, width, _TILE)]
-    for _ in in_order(work, corners, run):
+    tiles = list(product(bands(height, _TILE), bands(width, _TILE)))
+    for _ in in_order(work, tiles, run):
         pass
     return out
-
-
-def _extent(first: int, size: int, halo: int) -> tuple[slice, slice, slice]:
-    """Return a tile's extent along a side, that with its halo, and the first within the second."""
-    last = min(first + _TILE, size)
-    start, stop = max(first - halo, 0), min(last + halo, size)
-    return slice(first, last), slice(start, stop), slice(first - start, last - start)
 
 
 def _offsets() -> list[Offset]:

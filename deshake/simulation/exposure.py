@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from deshake.operators.strips import bands
+
 __all__ = ["expose"]
 
 Image = NDArray[np.float32]
@@ -37,8 +39,8 @@ def expose(
 
     """
     rng = np.random.default_rng([seed, 1])  # another stream than the path's
-    for top in range(0, len(pixels), _BAND):
-        band = pixels[top : top + _BAND]
+    for rows in bands(len(pixels), _BAND):
+        band = pixels[rows]
         band *= np.float32(gain)
         if photons is not None:
             band[...] = rng.poisson(np.maximum(band, 0).astype(np.float64) * photons) / photons

@@ -21,9 +21,9 @@ from deshake.formats.conversion import output_format
 from deshake.formats.output_names import output_ending
 from deshake.formats.photo import photo_bytes, read_photo
 from deshake.geometry.distortion import bent_camera
+from deshake.geometry.rotations import reach
 from deshake.lens.frame_tags import reframed
 from deshake.lens.lens_warp import LensWarp
-from deshake.operators.filter_flow import reach
 from deshake.operators.warps import Warps
 from deshake.run import Run
 from deshake.simulation.exposure import expose

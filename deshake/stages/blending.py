@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from deshake.errors import PhotoError
 from deshake.formats.encoding import SUFFIXES
 from deshake.formats.photo import read_photo
+from deshake.operators.strips import bands
 from deshake.stages.fitting import same_proportions
 
 if TYPE_CHECKING:
@@ -155,8 +156,7 @@ def blended(
     if result is photo or (strength == 1 and mask is None):
         return result
     pixels = np.empty_like(photo.pixels)
-    for start in range(0, photo.shape[0], _ROWS):
-        rows = slice(start, start + _ROWS)
+    for rows in bands(photo.shape[0], _ROWS):
         before, after = photo.pixels[rows], result.pixels[rows]
         share = np.full(before.shape[:2], strength, np.float32)
         if mask is not None:

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any, Final
 import cv2
 import numpy as np
 
+from deshake.operators.strips import bands
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -53,8 +55,7 @@ def within_white(photo: Photo) -> Photo:
         return photo.with_pixels(np.clip(pixels, 0, 1))
     matrix = np.array(encoding.matrix, np.float32).T
     light = np.empty_like(pixels)
-    for top in range(0, len(pixels), _BAND):
-        band = slice(top, top + _BAND)
+    for band in bands(len(pixels), _BAND):
         np.clip(pixels[band] @ matrix, 0, 1, out=light[band])
     return replace(photo.with_pixels(light), encoding=replace(encoding, matrix=None))
 

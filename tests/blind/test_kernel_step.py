@@ -14,10 +14,10 @@ from deshake.blind.kernel_step import (
     fitted_weights,
     nonnegative,
 )
-from deshake.blind.tiles import Tiles, reach
+from deshake.blind.tiles import Tiles
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
-from deshake.geometry.rotations import grid_steps
+from deshake.geometry.rotations import grid_steps, reach
 from deshake.operators.warps import Warps
 from deshake.signal.gradients import differences
 from deshake.signal.pyramid import Scale

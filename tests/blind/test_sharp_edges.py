@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from deshake.blind.sharp_edges import l0_picture, latent_edges, shocked
-from deshake.blind.tiles import Tiles, reach
+from deshake.blind.tiles import Tiles
 from deshake.geometry.kernel import RotationKernel
+from deshake.geometry.rotations import reach
 from deshake.signal.gradients import differences
 
 LAM = 2e-3

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -8,11 +9,13 @@ from skimage import data
 
 from deshake.blind import tile_plan
 from deshake.blind.tile_plan import Budget, planned_tiles
-from deshake.blind.tiles import Tiles, reach
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
-from deshake.geometry.rotations import grid_steps
+from deshake.geometry.rotations import grid_steps, reach
 from deshake.signal.pyramid import Pyramid
+
+if TYPE_CHECKING:
+    from deshake.blind.tiles import Tiles
 
 PARTS = ("fitted", "apart", "all")
 CHOSEN = Budget(0.2e6, 0)  # as for a large photo, of which not all is looked at

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from deshake.blind.tiles import Tiles, reach
+from deshake.blind.tiles import Tiles
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
-from deshake.geometry.rotations import displacements, homographies
+from deshake.geometry.rotations import displacements, homographies, reach
 from deshake.signal.gradients import differences
 from deshake.signal.pyramid import Scale
 

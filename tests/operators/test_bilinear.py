@@ -3,7 +3,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deshake.operators.bilinear import bilinear_taps, splat, splat_on_raster
+from deshake.operators.bilinear import (
+    bilinear_taps,
+    filter_taps,
+    gather,
+    gathering_matrix,
+    splat,
+    splat_on_raster,
+    splat_taps,
+)
 
 LAGS = np.array([[[2.0, 1.0], [0.5, 0.0], [-1.0, -1.0], [0.0, 2.25]]])
 
@@ -58,3 +66,23 @@ def test_what_lies_beyond_a_raster_goes_to_its_border():
     raster = splat_on_raster(np.array([[-3.0, 9.0]]), np.ones(1), (4, 5))
     assert raster[3, 0] == 1
     assert raster.sum() == 1
+
+
+def test_a_filter_has_lag_zero_in_its_middle() -> None:
+    place, share = filter_taps(np.array([[[0.0, 0.0], [-2.0, 1.5]]]), 3)
+    assert place[0, 0, 0] == 3 * 7 + 3
+    [filter_] = splat_taps(place.astype(np.int64), share.astype(np.float64), (7, 7))
+    assert filter_[3, 3] == 1
+    assert [filter_[4, 1], filter_[5, 1]] == [0.5, 0.5]
+    assert filter_.sum() == 2
+
+
+def test_a_matrix_gathers_what_taps_gather() -> None:
+    rng = np.random.default_rng(1)
+    moved = rng.uniform(-9, 9, (3, 20, 2))
+    blocks = rng.random((3, 7, 8), np.float32)
+    by_taps = gather(blocks, *bilinear_taps(moved, (7, 8)))
+    by_matrix = gathering_matrix(moved, (7, 8)) @ blocks.ravel()
+    np.testing.assert_allclose(by_taps, by_matrix, rtol=1e-5)
+    filters = splat(moved, np.eye(20)[7], (7, 8))
+    assert by_taps[7] == pytest.approx((filters * blocks).sum(), rel=1e-5)

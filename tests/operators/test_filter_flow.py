@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
-from deshake.geometry.rotations import displacements, grid_steps, homographies
+from deshake.geometry.rotations import displacements, grid_steps, homographies, reach
 from deshake.operators import filter_flow
-from deshake.operators.filter_flow import FilterFlow, patch_hop, reach
+from deshake.operators.filter_flow import FilterFlow, patch_hop
 from deshake.operators.local_filters import LocalFilters
 from deshake.operators.warps import Warps
 from deshake.run import Run

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from deshake.operators.strips import Strip, in_order, row_bands
+from deshake.operators.strips import Strip, bands, in_order, with_halo
 from deshake.run import Run
 
 STRIPS = [Strip(row, 0, 4) for row in range(30)]
@@ -54,6 +54,14 @@ def test_part_of_a_strip() -> None:
 
 
 def test_bands_cover_all_rows_once():
-    bands = row_bands(10, 4)
-    assert [(rows.start, rows.stop) for rows in bands] == [(0, 4), (4, 8), (8, 10)]
-    assert row_bands(3, 4) == [slice(0, 3)]
+    assert [(rows.start, rows.stop) for rows in bands(10, 4)] == [(0, 4), (4, 8), (8, 10)]
+    assert bands(3, 4) == [slice(0, 3)]
+
+
+@pytest.mark.parametrize("halo", [0, 2, 30])
+def test_a_band_lies_within_its_halo(halo: int) -> None:
+    rows = list(range(11))
+    for band in bands(11, 4):
+        around, own = with_halo(band, halo, 11)
+        assert rows[around][own] == rows[band]
+        assert around == slice(max(band.start - halo, 0), min(band.stop + halo, 11))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from deshake.geometry.kernel import RotationKernel
-from deshake.operators.filter_flow import reach
+from deshake.geometry.rotations import reach
 from deshake.operators.planes import fitted
 from deshake.operators.shake_blur import blur_filters
 from deshake.pair.pair_weights import agreement, blurred_variance, denoising_error

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from deshake.operators.filter_flow import reach
+from deshake.geometry.rotations import reach
 from deshake.operators.shake_blur import ShakeBlur
 from deshake.pair.denoising import NoisyPhoto
 from deshake.pair.residual import gain_map, joint_bilateral, residual_richardson_lucy

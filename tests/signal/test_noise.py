@@ -8,7 +8,14 @@ import pytest
 from PIL import Image
 from skimage import data
 
-from deshake.signal.noise import coarse_noise, noise_level, noise_model, pair_means, smoothed
+from deshake.signal.noise import (
+    coarse_noise,
+    noise_level,
+    noise_model,
+    pair_means,
+    smoothed,
+    tone_noise,
+)
 
 
 def jpeg(image, quality=90):
@@ -140,3 +147,12 @@ def test_only_the_pixels_asked_for_count() -> None:
 def test_noise_scales_with_the_picture(sharp) -> None:
     assert noise_level(4 * sharp) == pytest.approx(4 * noise_level(sharp), rel=1e-5)
     assert noise_level(sharp + 1) == pytest.approx(noise_level(sharp), rel=1e-3)
+
+
+def test_noise_of_tones_is_seen_after_denoising() -> None:
+    noise = np.random.default_rng(0).normal(0, 0.05, (200, 300)).astype(np.float32)
+    assert tone_noise(0.5 + noise) == pytest.approx(0.05, rel=0.1)
+    coarse = cv2.GaussianBlur(noise, (0, 0), 1.2)  # as a camera leaves it
+    finest = np.diff(np.diff(coarse, axis=0), axis=1) / 2
+    assert tone_noise(0.5 + coarse) > 2 * finest.std()
+    assert tone_noise(np.full((20, 30), 0.5, np.float32)) == pytest.approx(0.004)
