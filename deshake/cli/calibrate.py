@@ -111,7 +111,7 @@ def _from_chessboards(
     if output is None and not batch.as_json:
         raise click.UsageError("name the camera file with -o.")
     to_stdout = one_to_stdout(as_json=batch.as_json, output=output)
-    paths = [found.path for found in find_photos(photos, recursive=batch.recursive)]
+    paths = [photo.path for photo in find_photos(photos, recursive=batch.recursive)]
     with context.bar("chessboard") as bar:
         result = calibrate_from_chessboards(
             paths, output, board, overwrite=batch.overwrite, run=context.run(bar)

@@ -33,12 +33,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from deshake.batch.folders import Found
+    from deshake.batch.folders import InputPhoto
     from deshake.cli.batch import Batch
     from deshake.cli.context import Context
     from deshake.cli.report_options import ReportOptions
     from deshake.formats.transfer import TransferName
-    from deshake.stages.finishing import Finish
+    from deshake.stages.finishing import FinishingOptions
 
 __all__ = ["command"]
 
@@ -86,7 +86,7 @@ def command(
     search_angle: float | None,
     transfer: TransferName | None,
     mask: Path | None,
-    finish: Finish,
+    finish: FinishingOptions,
     report: ReportOptions,
     batch: Batch,
     **choices: Any,  # noqa: ANN401 - how to deblur
@@ -124,7 +124,7 @@ def command(
     chosen = restoration(noisy, **choices)
     refuse_stdout(output)
     report.check(compare=finish.compare)
-    needs: dict[str, Callable[[Found], Path | None]] = {"kernel": _kernels(kernel)}
+    needs: dict[str, Callable[[InputPhoto], Path | None]] = {"kernel": _kernels(kernel)}
     if noisy is not None:
         check_pair(photos, noisy)
         needs |= {"noisy": lambda _: noisy, "registration": lambda _: registration}
@@ -136,7 +136,7 @@ def command(
     return run_batch(context, jobs, work, batch, report=report)
 
 
-def _kernels(path: Path) -> Callable[[Found], Path]:
+def _kernels(path: Path) -> Callable[[InputPhoto], Path]:
     """Return what finds the kernel of a photo: the one, or that of its stem in the folder."""
     from deshake.stages.estimating import kernel_name
 

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from deshake.cli.batch import Batch
     from deshake.cli.context import Context
     from deshake.cli.report_options import ReportOptions
-    from deshake.stages.finishing import Finish
+    from deshake.stages.finishing import FinishingOptions
 
 __all__ = ["command"]
 
@@ -86,7 +86,7 @@ def command(
     quality: str,
     iterations: int | None,
     mask: Path | None,
-    finish: Finish,
+    finish: FinishingOptions,
     report: ReportOptions,
     batch: Batch,
     **choices: Any,  # noqa: ANN401 - what `chosen_estimate` takes

@@ -137,12 +137,12 @@ class Machine:
     """Stands for a client of a cluster of one machine that has, or sees, something else."""
 
     def __init__(self, version=cluster.__version__, seen=None):
-        self.told = version, seen
+        self.answer = version, seen
 
     def run(self, function, *words):
         if not words:
-            return {"tcp://there:1": (self.told[0], False)}
-        return {"tcp://there:1": self.told[1](function, *words)}
+            return {"tcp://there:1": (self.answer[0], False)}
+        return {"tcp://there:1": self.answer[1](function, *words)}
 
 
 def test_other_versions_are_refused_and_threads_warned_of(caplog):

@@ -106,8 +106,8 @@ def smeared(path: np.ndarray, steps: float = 1.2) -> RotationKernel:
     rng = np.random.default_rng(0)
     theta = np.repeat(true.theta, 8, 0)
     theta = theta + rng.normal(0, steps, theta.shape) * STEPS
-    found = RotationKernel(theta, np.repeat(true.weights, 8) / 8, STEPS, CAMERA)
-    return found.resampled(STEPS)
+    split = RotationKernel(theta, np.repeat(true.weights, 8) / 8, STEPS, CAMERA)
+    return split.resampled(STEPS)
 
 
 def off(kernel: RotationKernel, path: np.ndarray) -> float:

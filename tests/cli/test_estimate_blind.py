@@ -62,13 +62,13 @@ def test_writes_a_kernel_with_its_provenance(deshake, shaken, tmp_path):
 
 def test_runs_and_threads_do_not_change_a_byte(deshake, shaken, tmp_path):
     photo = shaken("a.jpg", large=True)
-    found = set()
+    kernels = set()
     for number, threads in enumerate((1, 3)):
         out = tmp_path / f"{number}.npz"
         args = ("--blur-size", 10, *LENS, "--threads", threads, "-q")
         assert deshake("estimate-blind", photo, "-o", out, *args).code == 0
-        found.add(out.read_bytes())
-    assert len(found) == 1
+        kernels.add(out.read_bytes())
+    assert len(kernels) == 1
 
 
 def test_a_camera_file_stands_for_the_options(deshake, shaken, tmp_path):
@@ -243,8 +243,8 @@ def test_a_picture_that_cannot_be_is_one_line(*, refused, shaken, tmp_path, opti
 
 def test_two_pictures_do_not_share_a_file(refused, shaken, tmp_path):
     both = tmp_path / "p.png"
-    told = refused("estimate-blind", shaken("a.jpg"), "--latent", both, "--tiles", both)
-    assert "p.png: the output is the input itself" in told
+    errors = refused("estimate-blind", shaken("a.jpg"), "--latent", both, "--tiles", both)
+    assert "p.png: the output is the input itself" in errors
 
 
 @pytest.mark.parametrize("option", ["--latent", "--tiles"])

@@ -37,13 +37,13 @@ def test_writes_a_kernel_and_reports_it(deshake, pair, tmp_path):
 
 
 def test_runs_and_threads_do_not_change_a_byte(deshake, pair, tmp_path):
-    found = set()
+    kernels = set()
     for number, threads in enumerate((1, 3)):
         out = tmp_path / f"{number}.npz"
         outcome = deshake("estimate-pair", *pair, *FAST[:4], "--threads", threads, "-o", out)
         assert outcome.code == 0
-        found.add(out.read_bytes())
-    assert len(found) == 1
+        kernels.add(out.read_bytes())
+    assert len(kernels) == 1
 
 
 def test_a_uniform_kernel_does_not_roll(deshake, pair, tmp_path):
@@ -160,8 +160,8 @@ def test_the_frame_is_that_of_all_commands(deshake, pair, tmp_path):
 
 def test_a_search_angle_is_remembered(deshake, pair, tmp_path):
     assert deshake("estimate-pair", *pair, *FAST, "--search-angle", 12).code == 0
-    told = read_kernel(tmp_path / "blurred.kernel.npz").provenance
-    assert told["options"]["search_angle"] == 12
+    provenance = read_kernel(tmp_path / "blurred.kernel.npz").provenance
+    assert provenance["options"]["search_angle"] == 12
 
 
 @pytest.mark.parametrize(

@@ -78,12 +78,12 @@ def test_says_what_it_found_in_one_line(deshake, pair, tmp_path):
 
 
 def test_runs_and_threads_do_not_change_a_byte(deshake, pair, tmp_path):
-    found = set()
+    files = set()
     for number, threads in enumerate((1, 3)):
         out = tmp_path / f"{number}.npz"
         assert deshake("register", *pair, *LENS, "--threads", threads, "-o", out).code == 0
-        found.add(out.read_bytes())
-    assert len(found) == 1
+        files.add(out.read_bytes())
+    assert len(files) == 1
 
 
 def test_a_camera_file_stands_for_the_options(deshake, pair, tmp_path):
