@@ -12,19 +12,22 @@ STAMP := $(VENV)/.installed
 CODE := deshake scripts tests
 
 # Two to four files of tests at a time, so that what the tests of a file share is made once; each
-# of them uses one thread for its linear algebra.
+# of them uses one thread for its linear algebra. Files marked as long begin first.
 WORKERS ?= $(shell n=$$(getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2); \
 	if [ "$$n" -lt 2 ]; then n=2; fi; if [ "$$n" -gt 4 ]; then n=4; fi; echo $$n)
+
+PYTEST = OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PY) -m pytest -n $(WORKERS) \
+	--dist loadfile --no-loadscope-reorder
 
 export PHOTO
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test lint types pytest format man clean
+.PHONY: help setup demo test lint types coverage pytest format man clean
 
 help:
 	@sed -n '3,6s/^# *//p' Makefile
-	@echo "also: make lint, types, pytest, format, man, clean"
+	@echo "also: make lint, types, coverage, pytest, format, man, clean"
 
 setup: $(STAMP)
 
@@ -45,7 +48,7 @@ $(STAMP): pyproject.toml
 demo: $(STAMP)
 	$(PY) scripts/demo.py --output out/demo $${PHOTO:+"$$PHOTO"}
 
-test: lint types pytest
+test: lint types coverage
 
 lint: $(STAMP)
 	$(PY) -m ruff check $(CODE)
@@ -54,8 +57,13 @@ lint: $(STAMP)
 types: $(STAMP)
 	$(PY) -m mypy
 
+# All tests, and the share of the package's lines that they run: too few is an error.
+coverage: $(STAMP)
+	$(PYTEST) --cov
+
+# Some tests, as in: make pytest ARGS="-k kernel"
 pytest: $(STAMP)
-	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PY) -m pytest -n $(WORKERS) --dist loadfile $(ARGS)
+	$(PYTEST) $(ARGS)
 
 format: $(STAMP)
 	$(PY) -m ruff check --fix $(CODE)
@@ -65,5 +73,5 @@ man: $(STAMP)
 	$(PY) scripts/make_man_pages.py
 
 clean:
-	rm -rf $(VENV) out dist .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) out dist .coverage .mypy_cache .pytest_cache .ruff_cache
 	find $(CODE) -name __pycache__ -type d -prune -exec rm -rf {} +

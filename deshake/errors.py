@@ -75,7 +75,7 @@ class KernelFileError(DeshakeError):
 
 
 class CalibrationError(DeshakeError):
-    """The focal length in pixels cannot be told."""
+    """The focal length in pixels is unknown."""
 
 
 class EstimationError(DeshakeError):
@@ -97,7 +97,10 @@ def describe(error: Exception) -> tuple[str, str | None]:
         case OSError(strerror=str(reason)):
             return (reason if error.filename is None else f"{error.filename}: {reason}"), None
         case _:
-            return f"{type(error).__name__}: {error}", "this is a bug; run again with -vv"
+            return (
+                f"{type(error).__name__}: {error}",
+                "this is a bug in deshake: report it with what -vv prints",
+            )
 
 
 def _lacks_memory(error: BaseException) -> bool:

@@ -219,7 +219,11 @@ def run_case(lines: Sequence[str], code: Path, inputs: Path, folder: Path) -> Ru
     """Run the commands of a case with the package of a worktree, in a folder of their own."""
     subprocess.run(["cp", "-r", inputs, folder], check=True)  # noqa: S603, S607
     clean = {name: value for name, value in os.environ.items() if not name.startswith("DESHAKE_")}
-    env = clean | {"PYTHONPATH": str(code), "PYTHONDONTWRITEBYTECODE": "1"}
+    env = clean | {
+        "PYTHONPATH": str(code),
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "DESHAKE_NO_CONFIG": "1",
+    }
     result = Run()
     for line in lines:
         words = [*line.split(), "--threads", "1", "--no-progress"]

@@ -40,7 +40,8 @@ def deshake(*args: object) -> None:
     """Run the command line in a process of its own, and leave if it fails."""
     words = [str(arg) for arg in args]
     print("$ deshake", *words, flush=True)
-    done = subprocess.run([sys.executable, "-m", "deshake", *words], check=False)  # noqa: S603 - our own words
+    run = [sys.executable, "-m", "deshake", "--no-config", *words]
+    done = subprocess.run(run, check=False)  # noqa: S603 - our own words
     if done.returncode:
         sys.exit(done.returncode)
 

@@ -12,13 +12,16 @@ from pathlib import Path
 
 import click
 from click_man.core import generate_man_page
+from click_man.man import ManPage
 
 from deshake.cli.main import COMMANDS, cli
+from deshake.cli.option_groups import option_groups
 from deshake.version import __version__
 
 MAN = Path(__file__).resolve().parent.parent / "man"
 # Pages bear no day: the same commands give the same bytes.
 DATE = " "
+OPTIONS = ".SH OPTIONS\n"
 
 
 def man_pages() -> dict[str, str]:
@@ -33,13 +36,24 @@ def man_pages() -> dict[str, str]:
     group = click.Group(
         "deshake", commands=commands, params=cli.params, help=cli.help, short_help=summary
     )
-    top = click.Context(group, info_name="deshake")
+    top = click.Context(group, info_name="deshake", **cli.context_settings)
     pages = {"deshake.1": generate_man_page(top, version=__version__, date=DATE)}
     for name, command in commands.items():
         context = click.Context(command, info_name=name, parent=top)
         page = generate_man_page(context, version=__version__, date=DATE)
-        pages[f"deshake-{name}.1"] = page
+        before, _, _ = page.partition(OPTIONS)
+        pages[f"deshake-{name}.1"] = before + OPTIONS + _grouped_options(context)
     return pages
+
+
+def _grouped_options(context: click.Context) -> str:
+    """Text of a command's options under the titles of their groups, as its help shows them."""
+    text = ""
+    for title, options in option_groups(context.command, context).items():
+        page = ManPage(title)
+        page.options = [option.get_help_record(context) for option in options]
+        text += f".SS {title}\n" + str(page).partition(OPTIONS)[2]
+    return text
 
 
 def main() -> int:

@@ -22,7 +22,10 @@ from PIL import Image
 from skimage import data
 
 import deshake
+from deshake.cli.config import Config
+from deshake.cli.context import Context
 from deshake.cli.main import COMMANDS, cli, main
+from deshake.cli.messages import log_to_stderr
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -160,14 +163,20 @@ def test_examples_are_right_usage(document: str, example: str) -> None:  # noqa:
 
 def check_usage(example: str) -> None:
     """Raise UsageError if an example is wrong usage."""
-    name, *args = words(example)
+    with log_to_stderr():  # which -q and -v change
+        check_words(*words(example))
+
+
+def check_words(name: str, *args: str) -> None:
+    """Raise UsageError if the words of a run are wrong usage."""
     if name.startswith("-"):
         cli.make_context("deshake", [name, *args], resilient_parsing=True)
         return
-    with click.Context(cli, info_name="deshake") as parent:
+    config = Config(presets={"night": {}, "quick": {}})
+    with click.Context(cli, info_name="deshake", obj=Context(config=config)) as parent:
         command = cli.get_command(parent, name)
         assert command is not None
-        with command.make_context(name, args, parent=parent):
+        with command.make_context(name, list(args), parent=parent):
             pass
 
 

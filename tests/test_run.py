@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from deshake.run import Run, available_threads
+from deshake.run import Run
 
 
 class Listener:
@@ -20,10 +20,6 @@ class Listener:
 @pytest.fixture
 def listener() -> Listener:
     return Listener()
-
-
-def test_there_is_a_processor() -> None:
-    assert available_threads() >= 1
 
 
 def test_all_processors_work_unless_the_threads_are_given(monkeypatch) -> None:

@@ -116,7 +116,7 @@ def _result(job: Job, future: Any) -> Result:  # noqa: ANN401 - of an untyped pa
         return result
     error = future.exception() if future.status == "error" else None
     if type(error).__name__ == "KilledWorker":
-        what = "every worker that took it has died, as happens where memory runs out"
+        what = "every worker that took it died, probably because memory ran out"
         return failure(job, PhotoError(what, hint="give the workers more memory", file=job.source))
     what = f"the cluster lost it ({error or future.status})"
     return failure(job, PhotoError(what, hint="run again with --skip-existing", file=job.source))
@@ -181,8 +181,7 @@ def _check_versions(client: Any) -> None:  # noqa: ANN401 - of an untyped packag
             )
         if not single:
             _log.warning(
-                "%s: the worker's linear algebra may use several threads, which can change the "
-                "last bit of a result (OMP_NUM_THREADS=1 says otherwise)",
+                "%s: results can differ in the last digit: start the worker with OMP_NUM_THREADS=1",
                 worker,
             )
 

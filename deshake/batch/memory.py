@@ -64,7 +64,7 @@ class Budget:
             raise PhotoError(
                 f"needs about {gigabytes(need)} of memory, more than --memory "
                 f"{gigabytes(self.limit)}",
-                hint="allow more, or make the photo smaller",
+                hint="allow more with --memory, or make the photo smaller",
                 file=job.source,
             )
 

@@ -268,7 +268,9 @@ def _check_places(output: Path | None, extras: Mapping[str, Extra], *, several: 
     files |= {f"--{kind}": extra.path for kind, extra in extras.items() if extra.name is None}
     for option, path in files.items():
         if path is not None and str(path) == STREAM:
-            raise PlanError(f"several results do not go to standard output ({option} -)")
+            raise PlanError(
+                f"several results cannot go to standard output: name a folder with {option}"
+            )
         if path is not None and path.exists() and not path.is_dir():
             raise PlanError(f"{path} is a file; for several photos, {option} names a folder")
 
@@ -298,7 +300,7 @@ def _check_collisions(jobs: Sequence[Job], hint: str | None = None) -> None:
             if other is not job:
                 raise PlanError(
                     f"{other.source} and {job.source} would both be written to {path}",
-                    hint=hint or "name each photo once, or take them one by one",
+                    hint=hint or "name each photo once, or run them one by one",
                 )
 
 
@@ -315,8 +317,8 @@ def _staying(job: Job, tops: Sequence[Path]) -> Job:
         real = os.path.realpath(path.parent)
         if os.path.commonpath([real, os.path.realpath(top)]) != os.path.realpath(top):
             problem = OutputError(
-                f"leads out of {top}, to {real}",
-                hint="take the link away, or name that folder with -o",
+                f"lies behind a link that leads out of {top}, to {real}",
+                hint="remove the link, or name that folder with -o",
                 file=path.parent,
             )
             return replace(job, problem=problem)

@@ -88,7 +88,7 @@ def run_in_processes(
                     continue
                 if need > budget.limit:
                     _log.warning(
-                        "%s: needs about %s of memory, and %s are free to use; worked on alone",
+                        "%s: needs about %s of memory, and only %s are free: it is worked on alone",
                         job.source,
                         gigabytes(need),
                         gigabytes(budget.limit),
@@ -224,8 +224,8 @@ def _ended(code: int, job: Job) -> PhotoError:
     """Say how a process ended in the middle of a photo."""
     if code == -signal.SIGKILL:
         return PhotoError(
-            "its process was killed, as happens where memory runs out",
-            hint="try it again with fewer --jobs, or a smaller --memory",
+            "its process was killed, probably because memory ran out",
+            hint="try again with fewer photos at once (-j 1)",
             file=job.source,
         )
     how = f"exit code {code}"
@@ -234,7 +234,7 @@ def _ended(code: int, job: Job) -> PhotoError:
             how = signal.Signals(-code).name
     return PhotoError(
         f"its process ended unexpectedly ({how})",
-        hint="try the photo alone, or converted to another format",
+        hint="try the photo alone, or convert it to TIFF first",
         file=job.source,
     )
 

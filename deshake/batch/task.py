@@ -138,8 +138,8 @@ def _log_skipped(job: Job, work: Work) -> None:
     """Log that the result exists already; warn if the work would make another one."""
     reason = doubt(job, work)
     if reason is None and job.missing:
-        reason = f"{job.output} exists already, but does not tell whether its missing "
-        reason += f"{' and '.join(job.missing)} would belong to it"
+        reason = f"{job.output} exists already, but does not say how it was made: "
+        reason += f"its missing {' and '.join(job.missing)} cannot be made for it"
     if reason is None:
         _OURS.info("%s: skipped, %s exists already", job.source, job.output)
     else:

@@ -27,7 +27,7 @@ UNSHAKEN: Final = "unshaken"
 """Verdict on a photo that is passed over, because it is not shaken."""
 
 _LEFT: Final = "left as it is"
-_STILL: Final = "the kernel is that of a camera that stood still"
+_STILL: Final = "by its kernel, the camera stood still"
 _WORDS: Final = ((0.9, "confident"), (0.7, "fairly confident"), (TRUSTED, "not quite confident"))
 
 

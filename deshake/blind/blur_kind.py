@@ -90,6 +90,18 @@ class Measures(NamedTuple):
     directed: DirectedBlur
     edges: EdgeSpread | None
 
+    @property
+    def evidence(self) -> float:
+        """The evidence of a shake: blur that depends on the direction, no unit."""
+        s = _SETTINGS
+        evidence = self.directed.strength
+        if self.edges is not None and self.edges.longer > s.spread:
+            ratio = self.edges.shorter / self.edges.longer
+            evidence += s.edges_worth * max(0.0, s.round_edges - ratio)
+        if self.sharpness_at_half > s.sharp_at_half:
+            evidence -= s.less_evidence
+        return evidence
+
 
 @dataclass(frozen=True)
 class BlurKind:
@@ -168,18 +180,13 @@ def judged(measures: Measures) -> BlurKind:
     s, directed = _SETTINGS, measures.directed
     if measures.sharp:
         return BlurKind("sharp", certain=True)
-    longer, shorter = measures.edges or (0.0, 0.0)
-    evidence = directed.strength
-    if longer > s.spread:
-        evidence += s.edges_worth * max(0.0, s.round_edges - shorter / longer)
-    if measures.sharpness_at_half > s.sharp_at_half:
-        evidence -= s.less_evidence
+    evidence = measures.evidence
     if evidence >= s.perhaps and directed.sigma_px > 0:
         direction = (180 - directed.direction) % 180  # y points down
         return BlurKind("shaken", evidence >= s.shaken, s.path * directed.sigma_px, direction)
     if measures.edges is None:
         return BlurKind("unclear", certain=False)
-    if measures.sharpness > s.sharp or longer < s.soft:
+    if measures.sharpness > s.sharp or measures.edges.longer < s.soft:
         return BlurKind("sharp", certain=False)
-    kind: Kind = "soft" if longer < s.out_of_focus else "out of focus"
+    kind: Kind = "soft" if measures.edges.longer < s.out_of_focus else "out of focus"
     return BlurKind(kind, certain=evidence < s.perhaps / 2)

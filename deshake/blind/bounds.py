@@ -26,7 +26,7 @@ def blur_bound(camera: Camera, max_angle: float) -> float:
 def check_size(height: int, width: int, bound: float) -> None:
     """Raise EstimationError if a photo is too small, or if a bound (px) does not fit it."""
     if min(height, width) < _SMALLEST_PHOTO:
-        msg = f"{width}x{height} pixels are too few to estimate a blur kernel from"
+        msg = f"{width}x{height} pixels are too few to estimate a shake from"
         hint = f"the shorter side must have at least {_SMALLEST_PHOTO} pixels"
         raise EstimationError(msg, hint=hint)
     if not 1 <= bound <= min(height, width) / 2:

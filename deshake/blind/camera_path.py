@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
@@ -49,15 +50,15 @@ def thinned(kernel: RotationKernel, width: float = 1.0) -> RotationKernel:
     weights = kernel.weights[used]
     points = (kernel.theta[used] - origin) / kernel.steps
     moved = points.copy()
+    squares = (points[:, :, None] * points[:, None]).reshape(len(points), -1)
     for _ in range(_RIDGE_STEPS):
-        away = points - moved[:, None]
-        near = weights * np.exp(-0.5 * (away**2).sum(2) / width**2)
+        near = weights * np.exp(-0.5 * cdist(moved, points, "sqeuclidean") / width**2)
         near /= near.sum(1, keepdims=True)
-        shift = np.einsum("nm,nmi->ni", near, away)
-        bend = np.einsum("nm,nmi,nmj->nij", near, away, away)  # the Hessian of ln density, scaled
-        bend -= shift[:, :, None] * shift[:, None]
+        mean = near @ points
+        # the Hessian of ln density, scaled: the covariance of the neighbours
+        bend = (near @ squares).reshape(-1, 3, 3) - mean[:, :, None] * mean[:, None]
         across = np.linalg.eigh(bend)[1][:, :, : points.shape[1] - _ALONG]
-        moved += np.einsum("nij,nkj,nk->ni", across, across, shift)
+        moved += np.einsum("nij,nkj,nk->ni", across, across, mean - moved)
     return _on_grid(moved, weights, kernel)
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from deshake.blind.camera_path import thinned
 from deshake.blind.kernel_step import RotationGrid, fitted_weights
 from deshake.blind.sharp_edges import Edges, latent_edges
 from deshake.blind.tile_plan import Budget, Part, planned_tiles
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from deshake.geometry.camera import Camera
     from deshake.signal.pyramid import Pyramid
 
-__all__ = ["FINE", "Candidate", "Refinement", "Setting", "edge_floor", "refined"]
+__all__ = ["FINE", "THIN", "Candidate", "Refinement", "Setting", "edge_floor", "refined"]
 
 Axes = tuple[bool, bool, bool]
 
@@ -70,6 +71,10 @@ class Setting:
         Width in pixels of the scale. A wider kernel would break into pieces.
     noise : float
         Least price of an edge, in variances of the noise.
+    thin : bool
+        Whether a kernel is reduced to a thin path before a finer scale, and the price falls to
+        `last` within each scale. Otherwise a kernel stays as wide as its estimate. Wide shakes
+        often succeed in only one of the two ways.
 
     """
 
@@ -85,9 +90,11 @@ class Setting:
     small: float = 8.0
     wide: float = 41.0
     noise: float = 10.0
+    thin: bool = False
 
 
 FINE = Setting()
+THIN = Setting(thin=True)
 
 
 class Refinement(NamedTuple):
@@ -208,7 +215,11 @@ class Candidate:
     def _price(self) -> float:
         s = self.setting
         done = min(self._iterations / max(s.falling - 1, 1), 1.0)
-        return float(s.first * (s.last / s.first) ** done)
+        price = float(s.first * (s.last / s.first) ** done)
+        if not s.thin:
+            return price
+        here = self._iterations % s.iterations / max(s.iterations - 1, 1)
+        return float(price * (s.last / price) ** here)
 
     def _cut_tiles(self) -> None:
         self._tiles = planned_tiles(self.pyramid, self.level, self._own)
@@ -224,7 +235,8 @@ class Candidate:
 
     def _carried(self, camera: Camera) -> RotationKernel:
         """Transfer the kernel to the next scale: resample it, trim it, centre it, add room."""
-        kept = heaviest(self._own, _LIGHT).for_camera(camera)
+        kept = heaviest(self._own, _LIGHT)
+        kept = (thinned(kept) if self.setting.thin else kept).for_camera(camera)
         finer = heaviest(kept.resampled(grid_steps(camera), self.axes), self.setting.carried)
         finer = strongest(finer, self.setting.most)
         finer = finer.shifted(-np.rint(finer.centroid / finer.steps).astype(np.int64))

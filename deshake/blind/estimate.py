@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from deshake.blind.blur_kind import measured
 from deshake.blind.bounds import check_size
 from deshake.blind.camera_path import filled_path
-from deshake.blind.kernel_faults import FILLED, SCATTERED, faults
+from deshake.blind.kernel_faults import FILLED, faults
 from deshake.blind.latent_picture import latent_gradients
 from deshake.blind.race import race
 from deshake.blind.result import BlindEstimate
@@ -47,9 +48,9 @@ SOFT = "the photo is a little soft rather than shaken: it is left as it is"
 
 _FAIRLY_SHARP = 0.69  # value of `sharpness`; a real shaken photo has 0.68
 _LEAST_USABLE = 0.05  # share of the pixels
-_DOUBTFUL = 0.75  # confidence; below it a note warns the user
-_CHANCE = 0.5  # confidence; below it a scattered kernel is taken for noise
-_HOPELESS = 0.1  # confidence; below it the photo stays unchanged
+_DOUBTFUL = 0.8  # confidence; below it a note warns the user
+_EVEN = 0.5  # confidence; below it the kernel would rather harm the photo, which stays unchanged
+_UNCHANGED = 0.1  # largest confidence of a kernel that leaves the photo unchanged
 _RACE_SHARE = 0.95  # share of the computing time
 
 
@@ -118,15 +119,15 @@ def estimate_kernel(
     check_size(h, w, 1.0 if blur_px is None else blur_px)
     part = np.s_[y : y + h, x : x + w]
     if clipped is not None and not (~clipped[part]).mean() > _LEAST_USABLE:
-        msg = "nearly all pixels are clipped: there is nothing to estimate a blur kernel from"
-        raise EstimationError(msg, hint="a --region that is not clipped may do")
+        msg = "nearly all pixels are clipped: there is no detail to estimate the shake from"
+        raise EstimationError(msg, hint="name a part with detail: --region X,Y,W,H")
     whole = Camera.uniform(height, width) if uniform else camera
     pyramid = Pyramid(
         grey[part], whole.cropped(x, y, w, h), None if clipped is None else ~clipped[part]
     )
     if looks_sharp(pyramid):
         run.report(1.0, "the photo looks sharp")
-        return _unchanged(pyramid, whole, _HOPELESS, SHARP)
+        return _unchanged(pyramid, whole, _UNCHANGED, SHARP)
     result = race(
         pyramid,
         axes=(True, True, not uniform),
@@ -145,23 +146,23 @@ def _concluded(
 ) -> BlindEstimate:
     """Turn the result of a race into an estimate for the photo."""
     kernel = result.winner.kernel
-    trust = confidence(result)
+    trust = 0.0 if result.at_rest else confidence(result, measured(pyramid).evidence)
     if result.at_rest or is_spot(kernel):
         point = len(kernel.weights) == 1 or not kernel.extent_px() > 1
-        return _unchanged(pyramid, whole, min(trust, _HOPELESS), SHARP if point else SOFT)
+        return _unchanged(pyramid, whole, min(trust, _UNCHANGED), SHARP if point else SOFT)
     notes = faults(_on_its_grid(kernel), blur_px=blur_px)
-    scattered = trust < _CHANCE and SCATTERED in notes
-    if trust < _HOPELESS or scattered:
+    if trust < _EVEN:
         note = (
-            f"no kernel betters the photo, the best one is doubtful (confidence {trust:.2f}): "
-            "the photo is left as it is"
+            f"no estimate of the shake improves it (best confidence {trust:.2f}): the photo is "
+            "left as it is"
         )
-        return _unchanged(pyramid, whole, min(trust, _HOPELESS), note)
+        return _unchanged(pyramid, whole, min(trust, _UNCHANGED), note)
     if FILLED in notes and trust < 1:
         trust = min(trust, 0.9)
     if trust < _DOUBTFUL:
         notes.append(
-            f"the kernel is doubtful (confidence {trust:.2f}): compare the result with the photo"
+            f"the estimate of the shake is doubtful (confidence {trust:.2f}): compare the result "
+            "with the photo"
         )
     latent = latent_gradients(pyramid, kernel)
     final = filled_path(kernel).for_camera(whole)

@@ -27,10 +27,10 @@ __all__ = [
     "spread_px",
 ]
 
-COLLAPSED = "the kernel is hardly more than a point: little of a shake was found"
-TOUCHING = "the kernel touches its bounds: try a larger --blur-size"
-SCATTERED = "the kernel is scattered like noise: compare the result with the photo"
-FILLED = "the blur is filled like a disk: the photo is out of focus rather than shaken"
+COLLAPSED = "hardly any shake was found: the kernel is little more than a point"
+TOUCHING = "the shake may be wider than what was looked for: try a larger --blur-size"
+SCATTERED = "the estimate of the shake is scattered like noise: compare the result with the photo"
+FILLED = "the blur is a round spot, not a path: the photo is out of focus rather than shaken"
 
 _POINT = 0.9  # share of the weight within a step of the heaviest rotation; a point has more
 _OUTSIDE = 0.02  # share of the weight beyond the bound; with more the bound is too small

@@ -11,26 +11,30 @@ if TYPE_CHECKING:
 
 __all__ = ["confidence"]
 
-_EVEN = -2.6  # log odds: the constant term
+_EVEN = -4.4  # log odds: the constant term
 _OF_MARGIN = 25.0  # log odds per unit of margin
 _LEAST_MARGIN, _MOST_MARGIN = -0.04, 0.08  # margin; values beyond count as these
-_OF_AGREEMENT = 0.7  # log odds per power of ten by which the agreement comes nearer to one
+_OF_AGREEMENT = 0.85  # log odds per power of ten by which the agreement comes nearer to one
 _CLOSEST = 0.005  # agreement: smallest difference from one that can be measured
-_OF_WIDTH = 2.1  # log odds per doubling of the width
+_OF_WIDTH = 1.9  # log odds per doubling of the width
 _NARROWEST, _EVEN_WIDTH, _WIDEST = 3.0, 10.0, 40.0  # px of the photo; widths beyond count as these
-"""The constants come from a logistic regression on 52 photos of the benchmark's tuning set. There
-all 23 kernels with a confidence of 0.9 or more improve the photo. The width has the most
-influence. A sharp photo, or one from a soft lens, easily gives a small kernel by chance. It seldom
-gives a wide one."""
+_OF_EVIDENCE = 4.6  # log odds per unit of evidence
+_MOST_EVIDENCE = 0.6  # evidence; more of it counts as this, and less than none counts as none
+"""The constants come from a logistic regression on 93 results of 47 photos of the benchmark's
+tuning set. Margin, agreement and width depend on the kernel. A sharp photo, or one from a soft
+lens, easily gives a kernel by chance, and these three may speak for it. The evidence of a shake
+does not depend on the kernel."""
 
 
-def confidence(ended: Finish) -> float:
+def confidence(ended: Finish, evidence: float) -> float:
     """Return the chance, 0..1, that the winner of a race improves the photo.
 
     Parameters
     ----------
     ended : Finish
         The result of the race.
+    evidence : float
+        The evidence of a shake in the photo, from `blur_kind.Measures`.
 
     """
     if ended.at_rest:
@@ -41,5 +45,6 @@ def confidence(ended: Finish) -> float:
         + _OF_MARGIN * np.clip(ended.margin, _LEAST_MARGIN, _MOST_MARGIN)
         - _OF_AGREEMENT * np.log10(1 + _CLOSEST - min(ended.agreement, 1.0))
         + _OF_WIDTH * np.log2(width / _EVEN_WIDTH)
+        + _OF_EVIDENCE * np.clip(evidence, 0, _MOST_EVIDENCE)
     )
     return float(1 / (1 + np.exp(-excess)))

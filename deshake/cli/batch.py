@@ -14,8 +14,9 @@ import click
 
 from deshake.cli.json_output import print_json
 from deshake.cli.messages import print_error, print_note
-from deshake.cli.options import FILE, json_option, no_stdin, overwrite_option
-from deshake.cli.values import Size
+from deshake.cli.options import FILE, json_option, no_stdin, only_one_of, overwrite_option
+from deshake.cli.retry import retried, retry_option
+from deshake.cli.values import Count, Size
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -61,6 +62,7 @@ _FAIL_FAST = click.option("--fail-fast", is_flag=True, help="Stop at the first p
 _SKIP_EXISTING = click.option(
     "--skip-existing",
     is_flag=True,
+    callback=only_one_of("overwrite"),
     help="Leave out the photos whose outputs exist already. What is missing beside a result (its "
     "sheet, its kernel) is made again, and the result stays.",
 )
@@ -72,19 +74,21 @@ _READING_OPTIONS = (
     click.option(
         "--scheduler",
         metavar="ADDRESS",
+        callback=only_one_of("jobs", "memory"),
         help="Hand the photos to the dask.distributed cluster of this scheduler, as in "
         "tcp://host:8786, whose machines share the folders. --threads is then 1 by default.",
     ),
     click.option(
         "--memory",
         type=Size(),
+        callback=only_one_of("scheduler"),
         help="Memory for all photos at once, as in 4G.  [default: 70 % of what is available]",
     ),
     click.option(
         "-j",
         "--jobs",
-        type=click.IntRange(1, 1024),
-        metavar="N",
+        type=Count(1, 1024),
+        callback=only_one_of("scheduler"),
         help="Photos at once, memory permitting.  [default: processors / threads]",
     ),
     click.option(
@@ -94,7 +98,13 @@ _READING_OPTIONS = (
         help="Also take the photos of folders in folders; links to folders are followed.",
     ),
 )
-_BATCH_OPTIONS = (*_READING_OPTIONS[:2], _SKIP_EXISTING, overwrite_option, *_READING_OPTIONS[2:])
+_BATCH_OPTIONS = (
+    *_READING_OPTIONS[:2],
+    retry_option,
+    _SKIP_EXISTING,
+    overwrite_option,
+    *_READING_OPTIONS[2:],
+)
 
 
 @dataclass(frozen=True)
@@ -110,14 +120,7 @@ class Batch:
     memory: int | None = None
     scheduler: str | None = None
     fail_fast: bool = False
-
-    def __post_init__(self) -> None:
-        if self.overwrite and self.skip_existing:
-            raise click.UsageError("--overwrite and --skip-existing cannot both be given.")
-        if self.scheduler is not None and (self.jobs is not None or self.memory is not None):
-            raise click.UsageError(
-                "--jobs and --memory do not go with --scheduler: the cluster's workers decide."
-            )
+    retry_failed: Path | None = None
 
     @property
     def existing(self) -> Existing:
@@ -158,9 +161,7 @@ def for_masks(mask: Path, photos: Sequence[Path]) -> Callable[[InputPhoto], Path
     """Return what finds the mask of a photo: the one, or that of its stem in the folder."""
     if not mask.is_dir():
         if len(photos) > 1 or photos[0].is_dir():
-            raise click.UsageError(
-                "one mask goes with one photo; for several, --mask names a folder"
-            )
+            raise click.UsageError("for several photos, --mask names a folder of masks")
         return lambda _: mask
     from deshake.stages.blending import find_mask
 
@@ -179,11 +180,11 @@ def planned(
     batch: Batch,
     **more: Any,  # noqa: ANN401 - what `plan` takes
 ) -> list[Job]:
-    """Plan the jobs; contradictions in what was asked for are wrong usage."""
+    """Plan the jobs, or those that failed before; contradictions are wrong usage."""
     from deshake.batch.plan import PlanError, plan
 
     try:
-        return plan(
+        jobs = plan(
             photos,
             output,
             recursive=batch.recursive,
@@ -194,6 +195,7 @@ def planned(
     except PlanError as error:
         hint = f" ({error.hint})" if error.hint else ""
         raise click.UsageError(f"{error}{hint}") from None
+    return jobs if batch.retry_failed is None else retried(jobs, batch.retry_failed)
 
 
 def run_batch(
@@ -255,12 +257,12 @@ def run_batch(
         for done in running:
             result = reporting.add(done)
             results.append(result)
-            _print_result(result, batch, context, line, note)
+            _print_result(result, batch, line, note)
             if result.status == "failed" and batch.fail_fast:
                 break
         stack.close()  # ends the bar and all processes
         reporting.end()
-    if len(jobs) > 1 and context.verbosity >= 0:
+    if len(jobs) > 1:
         _print_summary(results, len(jobs), time.monotonic() - start)
     return 1 if reporting.failed or any(result.status == "failed" for result in results) else 0
 
@@ -309,7 +311,6 @@ def _print_plan(
 def _print_result(
     result: Result,
     batch: Batch,
-    context: Context,
     line: Callable[[Result], str] | None,
     note: Callable[[Result], str] | None,
 ) -> None:
@@ -319,17 +320,17 @@ def _print_result(
     elif line is not None and result.status == "done":
         click.echo(line(result))
     worked_on = result.status == "done" or "verdict" in result.figures
-    if note is not None and worked_on and context.verbosity >= 0:
+    if note is not None and worked_on:
         print_note(note(result))
     if result.status == "failed":
-        _print_failure(result, context)
+        _print_failure(result)
 
 
-def _print_failure(result: Result, context: Context) -> None:
+def _print_failure(result: Result) -> None:
     """Print the failure of a photo."""
     print_error(result.error or "", hint=result.hint)
-    if context.verbosity > 1 and result.trace:
-        _log.debug("traceback\n%s", result.trace)
+    if result.trace:
+        _log.debug("traceback\n%s", result.trace.rstrip())
 
 
 def _print_summary(results: Sequence[Result], photos: int, seconds: float) -> None:

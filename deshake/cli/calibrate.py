@@ -8,9 +8,11 @@ import click
 
 from deshake.cli.batch import batch_options, photos_argument, planned, run_batch
 from deshake.cli.json_output import print_json
+from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
     focal_options,
     general_options,
+    left_out,
     lens_options,
     one_to_stdout,
     output_option,
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 
-@click.command("calibrate")
+@click.command("calibrate", cls=GroupedCommand)
 @photos_argument
 @output_option(
     "PHOTO's name with .camera.npz; none with --json",
@@ -67,9 +69,9 @@ def command(
 
     It comes from the options, from the EXIF tags of PHOTO (the 35 mm equivalent, or the focal
     length with the resolution of the focal plane), from the crop factor that lensfun knows, or from
-    a table of cameras' sensors. That PHOTO was cropped, resized or taken with a digital zoom is
-    noticed where its EXIF tells. The camera file (.npz) has it with the principal point in the
-    middle of the upright photo. The confidence that --json prints is a judgement of how likely the
+    a table of cameras' sensors. A cropped or resized PHOTO, or one taken with a digital
+    zoom, is noticed where its EXIF has a record of it. The camera file (.npz) has it with the
+    principal point in the middle of the upright photo. The confidence that --json prints is a judgement of how likely the
     figure is right to within 5 %. If one photo fails, the others go on.
 
     With --chessboard, all PHOTOs are of one printed board, 3 at the least and better 10 to 20, the
@@ -80,9 +82,10 @@ def command(
     if board is not None and not chessboard:
         raise click.UsageError("--board needs --chessboard.")
     if chessboard:
-        given = {"focal-px": focal_px, "focal-35mm": focal_35mm, "lens": lens}
-        for name, value in (given | {"lens-model": lens_model}).items():
-            if value is not None:
+        given: dict[str, object] = {"focal-px": focal_px, "focal-35mm": focal_35mm, "lens": lens}
+        given |= {"lens-model": lens_model, "retry-failed": batch.retry_failed}
+        for name, value in given.items():
+            if value is not None and not left_out(name.replace("-", "_"), "chessboard"):
                 raise click.UsageError(f"--chessboard and --{name} cannot both be given.")
         _from_chessboards(context, photos, output, board or (9, 6), batch)
         return 0

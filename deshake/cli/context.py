@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import logging
 import os
+import shlex
 import sys
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Never, Self
 
+from deshake.cli.config import Config
+from deshake.cli.messages import log_to_file
 from deshake.run import Progress, Run
+from deshake.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
     from types import TracebackType
 
     from tqdm import tqdm
 
 __all__ = ["Context", "ProgressBar"]
+
+_log = logging.getLogger(__name__)
 
 
 def _stderr_is_terminal() -> bool:
@@ -44,6 +52,12 @@ class Context:
         Whether progress bars are wanted; by default if stderr is a terminal.
     arguments : sequence of str
         What was typed after the program's name.
+    config : Config
+        What the configuration file says.
+    preset : str or None
+        The preset of that file that was chosen.
+    log : Path or None
+        A file that the log is appended to.
 
     """
 
@@ -51,6 +65,25 @@ class Context:
     threads: int | None = None
     progress: bool = field(default_factory=_stderr_is_terminal)
     arguments: Sequence[str] = ()
+    config: Config = field(default_factory=Config)
+    preset: str | None = None
+    log: Path | None = None
+
+    def begin(self) -> None:
+        """Begin the log, once all options are known.
+
+        Raises
+        ------
+        click.UsageError
+            If it cannot be written.
+
+        """
+        if self.log is not None:
+            log_to_file(self.log)
+        _log.debug("deshake %s: %s", __version__, shlex.join(self.arguments))
+        if self.config.path is not None:
+            preset = "" if self.preset is None else f", preset {self.preset}"
+            _log.info("options are read from %s%s", self.config.path, preset)
 
     def bar(self, text: str = "") -> ProgressBar:
         """Make a progress bar, which shows nothing where none is wanted."""

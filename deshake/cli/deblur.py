@@ -14,9 +14,11 @@ from deshake.cli.batch import (
 )
 from deshake.cli.file_options import file_options, planned_results
 from deshake.cli.finishing_options import finish_options
+from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
     FILE,
     general_options,
+    left_out,
     output_option,
     search_angle_option,
     transfer_option,
@@ -43,7 +45,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 
-@click.command("deblur")
+@click.command("deblur", cls=GroupedCommand)
 @click.argument("photos", type=FILE, nargs=-1, required=True, metavar="PHOTO KERNEL | PHOTO|DIR...")
 @output_option(
     "PHOTO's name with .deshaken before its ending",
@@ -94,10 +96,10 @@ def command(
     """Deblur photos whose blur kernels are known.
 
     KERNEL is a kernel file (.npz), or - for standard input. It may have been made from PHOTO at
-    another size. With --noisy it is that of estimate-pair: where nothing else is said, the photos
-    are registered as they were there. The result has the format, depth and metadata of PHOTO,
-    and tells in them how it came about. Where the kernel's camera has a lens that bends, the result
-    is straight, unless its geometry is kept.
+    another size. With --noisy it is that of estimate-pair: by default the photos are registered
+    as they were there. The result has the format, depth and metadata of PHOTO,
+    and the metadata record how it was made. Where the kernel's camera has a lens that bends,
+    the result is straight, unless its geometry is kept.
 
     With --kernel all arguments are photos, or folders of them: those of a folder are taken in
     natural order, with -r also those of the folders in it. If one fails, the others go on.
@@ -108,6 +110,8 @@ def command(
 
     if noisy is None and registration is not None:
         raise click.UsageError("--registration needs --noisy.")
+    if registration is not None and left_out("search_angle", "registration"):
+        search_angle = None
     if search_angle is not None and (noisy is None or registration is not None):
         raise click.UsageError(
             "--search-angle needs --noisy."
@@ -116,7 +120,9 @@ def command(
         )
     if kernel is None:
         if len(photos) != 2 or photos[0].is_dir():
-            raise click.UsageError("name one photo and its kernel, or the kernels with --kernel")
+            raise click.UsageError(
+                "name one photo and its kernel file, or the kernels with --kernel"
+            )
         *photos_only, kernel = photos
         photos = tuple(photos_only)
     if "-" in map(str, photos):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from deshake.cli.batch import batch_options, photos_argument, planned, run_batch
+from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
     FILE,
     chosen_estimate,
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 
-@click.command("estimate-blind")
+@click.command("estimate-blind", cls=GroupedCommand)
 @photos_argument
 @output_option(
     "PHOTO's name with .kernel.npz",
@@ -67,7 +68,7 @@ def command(
     A kernel says for how much of the exposure the camera stood at each rotation. It is estimated
     from the luminance of PHOTO, from coarse to fine, up to the size at which the shake is some 40
     pixels wide, and belongs to the photo at any size. A photo that looks sharp or merely soft gets
-    the kernel of a camera that stood still. Where nothing tells the focal length, a 50 mm
+    the kernel of a camera that stood still. Where the focal length is unknown, a 50 mm
     equivalent is assumed. The photos of a folder are taken in natural order, with -r also those of
     the folders in it; if one fails, the others go on.
     """

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from deshake.cli.batch import frame_options, planned, run_batch
+from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
     FILE,
     blur_options,
@@ -14,6 +15,7 @@ from deshake.cli.options import (
     chosen_estimate,
     focal_options,
     general_options,
+    left_out,
     lens_options,
     no_stdin,
     one_pair,
@@ -35,7 +37,7 @@ __all__ = ["command"]
 _NOT_WITH_REGISTRATION = ("camera", "focal_px", "focal_35mm", "lens", "lens_model", "search_angle")
 
 
-@click.command("estimate-pair")
+@click.command("estimate-pair", cls=GroupedCommand)
 @click.argument("blurred", type=FILE, callback=no_stdin)
 @click.argument("noisy", type=FILE, callback=no_stdin)
 @output_option("BLURRED's name with .kernel.npz", metavar="FILE.npz")
@@ -43,7 +45,7 @@ _NOT_WITH_REGISTRATION = ("camera", "focal_px", "focal_35mm", "lens", "lens_mode
     "--registration",
     type=FILE,
     metavar="FILE.npz",
-    help="Registration file written by register, with the camera to go by.  [default: register "
+    help="Registration file written by register, whose camera is used, too.  [default: register "
     "the photos]",
 )
 @search_angle_option
@@ -72,7 +74,7 @@ def command(
 
     BLURRED was exposed long, NOISY briefly and sharply, from the same place and with the same
     lens. NOISY may be much darker and turned by some degrees. The kernel is for BLURRED, in the
-    frame of the registered NOISY. Where nothing tells the focal length, a 50 mm equivalent is
+    frame of the registered NOISY. Where the focal length is unknown, a 50 mm equivalent is
     assumed.
     """
     from deshake.batch.estimate_work import EstimateKernel
@@ -80,8 +82,13 @@ def command(
 
     one_to_stdout(as_json=batch.as_json, output=output)
     one_pair(blurred, noisy)
-    for name, value in {"camera": camera, **choices}.items():
-        if registration is not None and name in _NOT_WITH_REGISTRATION and value is not None:
+    choices["camera"] = camera
+    for name in _NOT_WITH_REGISTRATION:
+        if registration is None or choices[name] is None:
+            continue
+        if left_out(name, "registration"):
+            choices[name] = None
+        else:
             option = "--" + name.replace("_", "-")
             raise click.UsageError(f"--registration and {option} cannot both be given.")
     jobs = planned(
@@ -91,4 +98,4 @@ def command(
         name=kernel_name,
         needs={"noisy": lambda _: noisy, "registration": lambda _: registration},
     )
-    return run_batch(context, jobs, EstimateKernel(chosen_estimate(camera, **choices)), batch)
+    return run_batch(context, jobs, EstimateKernel(chosen_estimate(**choices)), batch)

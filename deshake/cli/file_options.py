@@ -10,7 +10,7 @@ import click
 from click.core import ParameterSource
 
 from deshake.cli.batch import planned
-from deshake.cli.values import PhotoFormat
+from deshake.cli.values import Count, PhotoFormat
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -47,8 +47,7 @@ format_option = click.option(
 )
 quality_option = click.option(
     "--jpeg-quality",
-    type=click.IntRange(1, 100),
-    metavar="N",
+    type=Count(1, 100),
     help="Quality of results that are JPEGs; it changes nothing in other formats.  [default: the "
     "photo's own tables if it is a JPEG, else 95]",
 )
@@ -78,8 +77,7 @@ def file_options(command: F) -> F:
         ),
         click.option(
             "--max-size",
-            type=click.IntRange(1, 1_000_000),
-            metavar="PX",
+            type=Count(1, 1_000_000, "PIXELS"),
             help="Reduce the result, when it is written, to so many pixels on its longer side, as "
             "in 2048 for mail; smaller ones stay.  [default: the photo's size]",
         ),

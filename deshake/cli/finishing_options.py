@@ -77,8 +77,8 @@ def finish_options(command: F) -> F:
             "--strength",
             type=Share(),
             default=1.0,
-            show_default=True,
-            help="How much of the result to take, from 0 to 1; the rest is the photo.",
+            help="How much of the result to take, as in 0.8 or 80%; the rest is the photo.  "
+            "[default: 1]",
         ),
     ):
         collected = option(collected)

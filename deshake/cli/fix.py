@@ -15,11 +15,13 @@ from deshake.cli.batch import (
 )
 from deshake.cli.file_options import file_options, planned_results
 from deshake.cli.finishing_options import finish_options
+from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
     FILE,
     chosen_estimate,
     estimate_options,
     general_options,
+    left_out,
     output_option,
     search_angle_option,
 )
@@ -43,7 +45,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 
-@click.command("fix")
+@click.command("fix", cls=GroupedCommand)
 @photos_argument
 @output_option(
     "PHOTO's name with .deshaken before its ending",
@@ -98,8 +100,8 @@ def command(
     with -r also those of the folders in it; hidden files and earlier results are passed over. If
     one photo fails, the others go on. --json prints a line a photo as it is done.
 
-    With --noisy the kernel of the one PHOTO is estimated, and PHOTO deblurred, with the help of a
-    noisy photo: the same bytes as register, estimate-pair and deblur --noisy give one by one.
+    With --noisy there is one PHOTO. A noisy photo helps to estimate its kernel and to deblur it:
+    the same bytes as register, estimate-pair and deblur --noisy give one by one.
     """
     from deshake.batch.plan import Extra
     from deshake.batch.restoration_work import Fix
@@ -108,7 +110,8 @@ def command(
 
     chosen = restoration(noisy, method=method, quality=quality, iterations=iterations)
     if noisy is not None:
-        _check_estimate(only_shaken=only_shaken, **choices)
+        choices |= _for_pair(only_shaken=only_shaken, **choices)
+        only_shaken = False
         check_pair(photos, noisy)
     elif choices["search_angle"] is not None:
         raise click.UsageError("--search-angle needs --noisy.")
@@ -142,12 +145,14 @@ def _what_was_done(result: Result) -> str:
     return f"{result.job.source}{to}: {summary_words(result.figures)}"
 
 
-def _check_estimate(
+def _for_pair(
     *, region: object, estimator: str, focal: object, only_shaken: bool, **_: object
-) -> None:
-    """Refuse options that only a blind estimate uses."""
+) -> dict[str, Any]:
+    """Refuse options that only a blind estimate uses, or return those that give way to --noisy."""
     chosen = {"region": region is not None, "estimator": estimator != "edges", "focal": focal}
-    chosen["only-shaken"] = only_shaken
-    for name, given in chosen.items():
-        if given:
-            raise click.UsageError(f"--{name} does not go with --noisy.")
+    chosen["only_shaken"] = only_shaken
+    for name in [name for name, given in chosen.items() if given]:
+        if not left_out(name, "noisy"):
+            option = name.replace("_", "-")
+            raise click.UsageError(f"--{option} does not go with --noisy.")
+    return {"region": None, "estimator": "edges", "focal": None}

@@ -10,6 +10,7 @@ import click
 
 from deshake.cli.batch import planned, reading_options, run_batch
 from deshake.cli.messages import print_note
+from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import FILE, general_options, no_stdin
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 
-@click.command("inspect")
+@click.command("inspect", cls=GroupedCommand)
 @click.argument(
     "files", type=FILE, nargs=-1, required=True, metavar="FILE|DIR...", callback=no_stdin
 )
@@ -54,7 +55,7 @@ def command(context: Context, /, *, files: tuple[Path, ...], batch: Batch) -> in
         return describe(result)
 
     code = run_batch(context, jobs, Inspect(), batch, line)
-    if len(jobs) > 1 and verdicts and context.verbosity >= 0:
+    if len(jobs) > 1 and verdicts:
         counts = [f"{count} {verdict}" for verdict, count in verdicts.most_common()]
         print_note(f"  {', '.join(counts)}")
     return code

@@ -10,25 +10,30 @@ import click
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["print_json"]
+__all__ = ["print_json", "readable"]
 
 _REPLACEMENT = "\N{REPLACEMENT CHARACTER}"
 
 
 def print_json(report: Mapping[str, object]) -> None:
-    """Print a report to standard output.
-
-    Names that are not UTF-8 have surrogates in Python, which JSON's readers refuse: each byte that
-    is none becomes U+FFFD.
-    """
+    """Print a report to standard output, its texts as `readable` ones."""
     click.echo(json.dumps(_readable(report)))
 
 
+def readable(text: str) -> str:
+    """Return a text in which no surrogate stands alone.
+
+    Names that are not UTF-8 have surrogates in Python, which JSON's readers refuse: each byte that
+    does not fit becomes U+FFFD.
+    """
+    return "".join(_REPLACEMENT if "\ud800" <= c <= "\udfff" else c for c in text)
+
+
 def _readable(value: object) -> object:
-    """Return JSON data in whose texts no surrogate stands alone."""
+    """Return JSON data with readable texts."""
     match value:
         case str():
-            return "".join(_REPLACEMENT if "\ud800" <= c <= "\udfff" else c for c in value)
+            return readable(value)
         case dict():
             return {_readable(key): _readable(item) for key, item in value.items()}
         case list() | tuple():

@@ -18,15 +18,13 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, NoReturn
 import click
 from click.exceptions import NoSuchCommand
 
-from deshake.cli.config import read_config
 from deshake.cli.context import Context
 from deshake.cli.messages import log_to_stderr, print_exception, print_note
-from deshake.cli.options import FILE, general_options
+from deshake.cli.options import program_options
 from deshake.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
-    from pathlib import Path
 
 __all__ = ["COMMANDS", "EXIT_FAILED", "EXIT_INTERRUPTED", "EXIT_USAGE", "cli", "main"]
 
@@ -94,11 +92,6 @@ class _LazyGroup(click.Group):
             formatter.write_dl([(name, entry.summary) for name, entry in COMMANDS.items()])
 
 
-def _load_config(ctx: click.Context, param: click.Parameter, value: Path | None) -> None:  # noqa: ARG001
-    if value is not None:
-        ctx.default_map = read_config(ctx, value)
-
-
 @click.group(
     cls=_LazyGroup,
     context_settings={
@@ -107,20 +100,11 @@ def _load_config(ctx: click.Context, param: click.Parameter, value: Path | None)
         "max_content_width": 100,
     },
     epilog="Options are also read from the environment (DESHAKE_THREADS, DESHAKE_FIX_TRANSFER) "
-    "and from the file named by --config; what is typed comes first, then the environment, "
-    "then the file.",
+    "and from a configuration file: yours, ~/.config/deshake/config.toml, or that of --config. "
+    "What is typed comes first, then the environment, then the preset, then the file.",
 )
 @click.version_option(__version__, prog_name="deshake", message="%(prog)s %(version)s")
-@click.option(
-    "--config",
-    type=FILE,
-    metavar="FILE",
-    is_eager=True,
-    expose_value=False,
-    callback=_load_config,
-    help="Read the options' defaults from this TOML file.",
-)
-@general_options
+@program_options
 @click.pass_context
 def cli(ctx: click.Context) -> None:
     """Remove camera-rotation shake from photographs.
@@ -156,15 +140,14 @@ def main(args: Sequence[str] | None = None) -> int:
             code = _run(args, context)
             sys.stdout.flush()
         except (KeyboardInterrupt, click.Abort):
-            print_note("interrupted")
+            print_note("interrupted", also_quiet=True)
             return EXIT_INTERRUPTED
         except Exception as error:  # noqa: BLE001  the last to hear of any error
             if isinstance(error.__cause__ or error, BrokenPipeError):
                 _discard_stdout()  # the reader of stdout closed it
                 return EXIT_FAILED
             print_exception(error)
-            if context.verbosity > 1:
-                _log.debug("traceback", exc_info=error)
+            _log.debug("traceback", exc_info=error)
             return EXIT_USAGE if isinstance(error, click.UsageError) else EXIT_FAILED
     return code
 

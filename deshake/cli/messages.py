@@ -17,12 +17,16 @@ import click
 from click.exceptions import NoArgsIsHelpError, NoSuchOption
 
 from deshake import errors
+from deshake.cli.config import ConfigError
+from deshake.cli.log_file import LogFile, open_log
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
 __all__ = [
     "describe",
+    "log_to_file",
     "log_to_stderr",
     "print_error",
     "print_exception",
@@ -30,11 +34,15 @@ __all__ = [
     "set_verbosity",
 ]
 
+_log = logging.getLogger(__name__)
+
 _ROOT = logging.getLogger()
 _OURS = logging.getLogger("deshake")
 _WARNINGS = logging.getLogger("deshake.libraries")
 _PILLOW = logging.getLogger("PIL")
 _LEVELS = {-1: logging.ERROR, 0: logging.WARNING, 1: logging.INFO}
+_PRINTED = {"printed": True}
+"""Marks a line of the log that is on stderr already, in a form of its own."""
 _ALIKE = 0.75
 """How much of two names is the same, where one is a slip of the other."""
 _NATIVE_LOGS = "OPENCV_LOG_LEVEL"
@@ -44,13 +52,17 @@ _NATIVE_LOGS = "OPENCV_LOG_LEVEL"
 def print_error(message: str, *, hint: str | None = None) -> None:
     """Print ``error: message`` and ``hint: what to try``, one line each."""
     _print_line("error", message, colour="red")
+    _log.error("%s", message, extra=_PRINTED)
     if hint:
         _print_line("hint", hint, colour="cyan")
+        _log.info("hint: %s", hint, extra=_PRINTED)
 
 
-def print_note(text: str) -> None:
-    """Print a line that is neither an error nor a warning."""
-    _print_line("", text)
+def print_note(text: str, *, also_quiet: bool = False) -> None:
+    """Print a line that is neither an error nor a warning; with -q only if it is `also_quiet`."""
+    if also_quiet or _STDERR.verbosity >= 0:
+        _print_line("", text)
+    _log.info("%s", text, extra=_PRINTED)
 
 
 def print_exception(error: Exception) -> None:
@@ -65,6 +77,11 @@ def print_exception(error: Exception) -> None:
 def describe(error: Exception) -> tuple[str, str | None]:
     """Return what went wrong, and what to try."""
     match error:
+        case ConfigError():
+            return error.format_message(), "mend the file, or run without it: deshake --no-config"
+        case NoSuchOption(option_name="--config" | "--no-config" as name):
+            file = " FILE" if name == "--config" else ""
+            return error.format_message(), f"it comes first, as in: deshake {name}{file} fix"
         case NoSuchOption():
             return _without_guesses(error), _usage_hint(error)
         case click.UsageError():
@@ -93,14 +110,35 @@ def _without_guesses(error: NoSuchOption) -> str:
 
 def set_verbosity(verbosity: int) -> None:
     """Show errors only (< 0), warnings (0), progress notes (1) or everything (>= 2)."""
+    _STDERR.verbosity = verbosity
+    if verbosity > 1:
+        os.environ.pop(_NATIVE_LOGS, None)
+    _set_levels()
+
+
+def log_to_file(path: Path) -> None:
+    """Append the log to a file, too, until `log_to_stderr` ends.
+
+    Raises
+    ------
+    click.UsageError
+        If it cannot be written, or is a file that is no log.
+
+    """
+    _ROOT.addHandler(open_log(path))
+    _set_levels()
+
+
+def _set_levels() -> None:
+    """Let through what one of the handlers wants."""
+    in_file = any(isinstance(handler, LogFile) for handler in _ROOT.handlers)
+    verbosity = 2 if in_file else _STDERR.verbosity
     _OURS.setLevel(_LEVELS.get(max(verbosity, -1), logging.DEBUG))
     others = logging.DEBUG if verbosity > 1 else logging.CRITICAL + 1
     _ROOT.setLevel(others)
     _WARNINGS.setLevel(others)
     # Pillow's DEBUG lists every chunk and tag of a file.
     _PILLOW.setLevel(logging.INFO if verbosity > 1 else logging.NOTSET)
-    if verbosity > 1:
-        os.environ.pop(_NATIVE_LOGS, None)
 
 
 @contextmanager
@@ -109,18 +147,20 @@ def log_to_stderr() -> Iterator[None]:
 
     What libraries say appears at -vv only: it is meant for programmers.
     """
-    handler = _StderrHandler()
+    handlers = list(_ROOT.handlers)
     levels = {logger: logger.level for logger in (_ROOT, _OURS, _WARNINGS, _PILLOW)}
     native = os.environ.get(_NATIVE_LOGS)
     os.environ.setdefault(_NATIVE_LOGS, "SILENT")
-    _ROOT.addHandler(handler)
+    _ROOT.addHandler(_STDERR)
     set_verbosity(0)
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _log_warning
             yield
     finally:
-        _ROOT.removeHandler(handler)
+        for handler in [each for each in _ROOT.handlers if each not in handlers]:
+            _ROOT.removeHandler(handler)
+            handler.close()
         for logger, level in levels.items():
             logger.setLevel(level)
         if native is None:
@@ -131,6 +171,15 @@ def log_to_stderr() -> Iterator[None]:
 
 class _StderrHandler(logging.Handler):
     """Prints ``warning: text`` above a progress bar, if there is one."""
+
+    verbosity = 0
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Return whether the line is to be shown: not what `print_note` and the like have shown."""
+        if hasattr(record, "printed") or self.verbosity > 1:
+            return not hasattr(record, "printed")
+        ours = record.name.startswith("deshake") and record.name != _WARNINGS.name
+        return ours and record.levelno >= _LEVELS[max(self.verbosity, -1)]
 
     def emit(self, record: logging.LogRecord) -> None:
         try:
@@ -144,6 +193,9 @@ class _StderrHandler(logging.Handler):
             _print_line(label, text, colour=colour, one_line=not record.exc_info)
         except Exception:  # noqa: BLE001  what logging asks of a handler
             self.handleError(record)
+
+
+_STDERR = _StderrHandler()
 
 
 def _log_warning(  # noqa: PLR0917  the signature of warnings.showwarning

@@ -8,15 +8,17 @@ is wrong with them.
 from __future__ import annotations
 
 import os
+from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 from click.core import ParameterSource
 
+from deshake.cli.config_options import config_options, preset_option
 from deshake.cli.context import Context
 from deshake.cli.messages import set_verbosity
-from deshake.cli.values import Number, Region
+from deshake.cli.values import Count, Number, Region
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -32,15 +34,20 @@ __all__ = [
     "estimator_option",
     "focal_options",
     "general_options",
+    "given_by",
     "json_option",
     "kernel_argument",
+    "left_out",
     "lens_options",
     "no_stdin",
     "one_pair",
     "one_to_stdout",
+    "only_one_of",
+    "only_with",
     "output_option",
     "overwrite_option",
     "photo_argument",
+    "program_options",
     "region_option",
     "search_angle_option",
     "transfer_option",
@@ -61,6 +68,8 @@ _OPENCV_THREADS = "OPENCV_FOR_THREADS_NUM"
 def _set_verbosity(ctx: click.Context, param: click.Parameter, value: int) -> None:
     context = ctx.ensure_object(Context)
     if _counts(ctx, param):
+        if ctx.get_parameter_source(param.name or "") is not ParameterSource.COMMANDLINE:
+            value -= _counted_above(ctx, param)
         context.verbosity += value if param.name == "verbose" else -value
         set_verbosity(context.verbosity)
 
@@ -70,6 +79,12 @@ def _set_threads(ctx: click.Context, param: click.Parameter, value: int | None) 
     if value is not None and _counts(ctx, param):
         context.threads = value
         os.environ[_OPENCV_THREADS] = str(value)
+
+
+def _set_log(ctx: click.Context, param: click.Parameter, value: Path | None) -> None:
+    context = ctx.ensure_object(Context)
+    if value is not None and _counts(ctx, param):
+        context.log = Path(os.path.expanduser(value))  # noqa: PTH111 - the file may say ~
 
 
 def _set_progress(ctx: click.Context, param: click.Parameter, value: bool | None) -> None:
@@ -82,24 +97,72 @@ def _counts(ctx: click.Context, param: click.Parameter) -> bool:
     """Whether a general option's value counts: after a command's name, only if typed there.
 
     The environment and the configuration file set it before the command's name, so that what is
-    typed, in either place, comes before both.
+    typed, in either place, comes before both. Only a preset after the command's name sets it there.
     """
-    typed = ctx.get_parameter_source(param.name or "") is ParameterSource.COMMANDLINE
-    return typed or ctx.parent is None
+    name = param.name or ""
+    source = ctx.get_parameter_source(name)
+    if ctx.parent is None or source is ParameterSource.COMMANDLINE:
+        return True
+    above = ctx.parent.get_parameter_source(name)
+    by_file = source is ParameterSource.DEFAULT_MAP
+    return by_file and above in {ParameterSource.DEFAULT, ParameterSource.DEFAULT_MAP}
 
 
-def _only_one_of(*names: str) -> Callable[[click.Context, click.Parameter, Any], Any]:
-    """Make a callback that fails where a second of the named options is given."""
+def _counted_above(ctx: click.Context, param: click.Parameter) -> int:
+    """Return what the configuration file gave for -v or -q before the command's name."""
+    defaults = (ctx.parent.default_map if ctx.parent else None) or {}
+    return int(defaults.get(param.name or "", 0))
+
+
+def only_one_of(*names: str) -> Callable[[click.Context, click.Parameter, Any], Any]:
+    """Make a callback that fails where a second of the named options is given.
+
+    What is typed comes before the environment, and that before the configuration file: of two that
+    do not come from the same place, the later one is left out.
+    """
 
     def check(ctx: click.Context, param: click.Parameter, value: Any) -> Any:  # noqa: ANN401
         for name in names:
-            if value is not None and name != param.name and ctx.params.get(name) is not None:
-                other = "--" + name.replace("_", "-")
-                msg = f"{other} and {param.opts[-1]} cannot both be given."
+            if not value or name == param.name or not ctx.params.get(name):
+                continue
+            mine, other = given_by(ctx, param.name or ""), given_by(ctx, name)
+            if mine == other:
+                option = "--" + name.replace("_", "-")
+                msg = f"{option} and {param.opts[-1]} cannot both be given."
                 raise click.UsageError(msg, ctx)
+            if mine > other:
+                return None if value is not True else False
+            ctx.params[name] = None if ctx.params[name] is not True else False
         return value
 
     return check
+
+
+def only_with(*names: str) -> Callable[[click.Context, click.Parameter, Any], Any]:
+    """Make a callback that leaves out a value of the configuration file that has no use.
+
+    It has one where one of the named options is given. What is typed is left to the command.
+    """
+
+    def check(ctx: click.Context, param: click.Parameter, value: Any) -> Any:  # noqa: ANN401
+        by_file = ctx.get_parameter_source(param.name or "") is ParameterSource.DEFAULT_MAP
+        if by_file and not any(ctx.params.get(name) for name in names):
+            return None if value is not True else False
+        return value
+
+    return check
+
+
+def left_out(name: str, against: str) -> bool:
+    """Return whether an option gives way to one against it that comes from an earlier place."""
+    ctx = click.get_current_context()
+    return given_by(ctx, name) > given_by(ctx, against)
+
+
+def given_by(ctx: click.Context, name: str) -> int:
+    """Return where the value of an option comes from, in the order in which the places count."""
+    source = ctx.get_parameter_source(name)
+    return list(ParameterSource).index(source) if source is not None else len(ParameterSource)
 
 
 def no_stdin(ctx: click.Context, param: click.Parameter, value: Any) -> Any:  # noqa: ANN401, ARG001
@@ -111,7 +174,23 @@ def no_stdin(ctx: click.Context, param: click.Parameter, value: Any) -> Any:  # 
 
 
 def general_options(command: F) -> F:
-    """Add -v, -q, --threads and --progress, which work before and after the command's name."""
+    """Add to a command the options that work before and after its name, and begin the log."""
+
+    @wraps(command)
+    def begun(*args: Any, **values: Any) -> Any:  # noqa: ANN401
+        click.get_current_context().ensure_object(Context).begin()
+        return command(*args, **values)
+
+    return preset_option(_everywhere(cast("F", begun)))
+
+
+def program_options(command: F) -> F:
+    """Add to the group of commands what `general_options` adds, and the configuration file."""
+    return config_options(_everywhere(command))
+
+
+def _everywhere(command: F) -> F:
+    """Add -v, -q, --log, --threads and --progress."""
     for option in (
         click.option(
             "--progress/--no-progress",
@@ -122,11 +201,18 @@ def general_options(command: F) -> F:
         ),
         click.option(
             "--threads",
-            type=click.IntRange(1, 1024),
-            metavar="N",
+            type=Count(1, 1024),
             expose_value=False,
             callback=_set_threads,
             help="Threads for the work on one photo.  [default: one a processor]",
+        ),
+        click.option(
+            "--log",
+            type=FILE,
+            metavar="FILE",
+            expose_value=False,
+            callback=_set_log,
+            help="Append all that -vv prints to this file, with times, whatever -q and -v say.",
         ),
         click.option(
             "-q",
@@ -191,14 +277,14 @@ def focal_options(command: F) -> F:
     """Add --focal-px and --focal-35mm; the two exclude each other."""
     px = click.option(
         "--focal-px",
-        type=Number("PX"),
-        callback=_only_one_of(*_FOCAL_SOURCES),
+        type=Number("PIXELS"),
+        callback=only_one_of(*_FOCAL_SOURCES),
         help="Focal length in pixels of this photo.  [default: from its EXIF]",
     )
     film = click.option(
         "--focal-35mm",
-        type=Number("MM"),
-        callback=_only_one_of(*_FOCAL_SOURCES),
+        type=Number("MILLIMETRES"),
+        callback=only_one_of(*_FOCAL_SOURCES),
         help="Focal length in millimetres on 35 mm film.  [default: from the photo's EXIF]",
     )
     return px(film(command))
@@ -210,14 +296,14 @@ def lens_options(command: F) -> F:
         "--lens",
         is_flag=True,
         default=None,
-        callback=_only_one_of("camera", "focal"),
+        callback=only_one_of("camera", "focal"),
         help="Undo the distortion of the lens, by its profile in lensfun's database "
         "(deshake[lens]).",
     )
     named = click.option(
         "--lens-model",
         metavar="NAME",
-        callback=_only_one_of("camera", "focal"),
+        callback=only_one_of("camera", "focal"),
         help="The same, with the lens that has this name there.  [default: by the photo's EXIF]",
     )
     return option(named(command))
@@ -228,14 +314,15 @@ def blur_options(command: F) -> F:
     angle = click.option(
         "--max-angle",
         type=Number("DEGREES", most=45),
-        callback=_only_one_of("max_angle", "blur_size"),
-        help="Largest rotation about any axis to look for.  [default: found from the photo]",
+        callback=only_one_of("max_angle", "blur_size"),
+        help="Largest rotation about any axis to look for.  [default: estimated from the photo]",
     )
     size = click.option(
         "--blur-size",
-        type=Number("PX"),
-        callback=_only_one_of("max_angle", "blur_size"),
-        help="Largest blur to look for, in pixels of the photo.  [default: found from the photo]",
+        type=Number("PIXELS"),
+        callback=only_one_of("max_angle", "blur_size"),
+        help="Largest blur to look for, in pixels of the photo.  "
+        "[default: estimated from the photo]",
     )
     return angle(size(command))
 
@@ -244,7 +331,10 @@ photo_argument = click.argument("photo", type=FILE, callback=no_stdin)
 kernel_argument = click.argument("kernel", type=FILE)
 
 overwrite_option = click.option(
-    "--overwrite", is_flag=True, help="Replace the output if it exists."
+    "--overwrite",
+    is_flag=True,
+    callback=only_one_of("skip_existing"),
+    help="Replace the output if it exists.",
 )
 transfer_option = click.option(
     "--transfer",
@@ -255,7 +345,7 @@ camera_option = click.option(
     "--camera",
     type=FILE,
     metavar="FILE.npz",
-    callback=_only_one_of(*_FOCAL_SOURCES, "lens", "lens_model"),
+    callback=only_one_of(*_FOCAL_SOURCES, "lens", "lens_model"),
     help="Camera file written by calibrate, whose lens is undone if it bends.  [default: "
     "calibrate from the photo]",
 )
@@ -265,6 +355,7 @@ json_option = click.option(
 search_angle_option = click.option(
     "--search-angle",
     type=Number("DEGREES", most=45),
+    callback=only_with("noisy"),
     help="Largest rotation about any axis between the two photos that the registration looks for.  "
     "[default: 10]",
 )
@@ -292,9 +383,9 @@ estimator_option = click.option(
 focal_option = click.option(
     "--focal",
     type=click.Choice(["auto"]),
-    callback=_only_one_of(*_FOCAL_SOURCES, "lens", "lens_model"),
-    help="Find the focal length with the kernel, where nothing tells it: four estimates, of which "
-    "the one is kept that explains the photo best.",
+    callback=only_one_of(*_FOCAL_SOURCES, "lens", "lens_model"),
+    help="Estimate the focal length with the kernel, where it is unknown: four estimates are made, "
+    "and the one that explains the photo best is kept.",
 )
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from deshake.cli.batch import frame_options, planned, run_batch
+from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
     FILE,
     camera_option,
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 
-@click.command("register")
+@click.command("register", cls=GroupedCommand)
 @click.argument("blurred", type=FILE, callback=no_stdin)
 @click.argument("noisy", type=FILE, callback=no_stdin)
 @output_option("BLURRED's name with .registration.npz", metavar="FILE.npz")
@@ -68,7 +69,7 @@ def command(
     BLURRED was exposed long, NOISY briefly and at a high sensitivity, from the same place and at
     the same focal length. The registration file (.npz) says by which rotation the camera had moved
     between the two, how many times brighter BLURRED is, and how sure that is. Photos of different
-    scenes are refused. Where nothing tells the focal length, a 50 mm equivalent is assumed.
+    scenes are refused. Where the focal length is unknown, a 50 mm equivalent is assumed.
     """
     from deshake.batch.estimate_work import Register
     from deshake.batch.plan import Extra

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING
 
 import click
 
+from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
     general_options,
     kernel_argument,
     output_option,
     overwrite_option,
 )
-from deshake.cli.values import Grid
+from deshake.cli.values import Count, Grid
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 
-@click.command("render-kernel")
+@click.command("render-kernel", cls=GroupedCommand, groups={"The picture": ("--filters", "--size")})
 @kernel_argument
 @output_option("KERNEL's name with .png, or with -filters.png", metavar="FILE.png")
 @click.option(
@@ -30,8 +31,7 @@ __all__ = ["command"]
 )
 @click.option(
     "--size",
-    type=click.IntRange(200, 8000),
-    metavar="PX",
+    type=Count(200, 8000, "PIXELS"),
     help="Longer side of the picture.  [default: 640, or 960 with --filters]",
 )
 @overwrite_option

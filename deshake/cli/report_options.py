@@ -12,7 +12,7 @@ import click
 from click.core import ParameterSource
 
 from deshake.cli.messages import print_exception, print_note
-from deshake.cli.options import FILE
+from deshake.cli.options import FILE, only_with
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -31,8 +31,8 @@ F = TypeVar("F", bound="Callable[..., Any]")
 
 _OF_THE_RUN = {
     *("output", "report", "report_images", "open_after", "overwrite", "skip_existing", "dry_run"),
+    *("as_json", "fail_fast", "scheduler", "memory", "jobs", "recursive", "retry_failed"),
     "only_shaken",
-    *("as_json", "fail_fast", "scheduler", "memory", "jobs", "recursive"),
     *("noisy", "kernel", "registration", "mask", "keep_kernels"),  # named by each job
 }
 """Options that a command for one photo does not repeat as they are."""
@@ -56,11 +56,13 @@ def report_options(command: F) -> F:
             "--open",
             "open_after",
             is_flag=True,
+            callback=only_with("report", "compare"),
             help="Open the report, or the sheet of --compare, when it is written.",
         ),
         click.option(
             "--report-images",
             is_flag=True,
+            callback=only_with("report"),
             help="Write the report's pictures into a folder beside it, larger than they are in "
             "the page.",
         ),
@@ -156,7 +158,6 @@ class Reporting:
         self, context: Context, jobs: Sequence[Job], place: ReportPlace | None, *, opens: bool
     ) -> None:
         self.failed = False
-        self._context = context
         self._opens = opens
         self._sheet: Path | None = None
         self._report: Report | None = None
@@ -204,8 +205,7 @@ class Reporting:
             except DeshakeError as error:
                 self._fail(error)
                 return
-            if self._context.verbosity >= 0:
-                print_note(f"report: {shown}")
+            print_note(f"report: {shown}")
         if self._opens and shown is not None and not self.failed:
             _open(shown)
 

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 import click
 
-from deshake.cli.options import FILE, no_stdin
+from deshake.cli.options import FILE, given_by, no_stdin
+from deshake.cli.values import Count
 from deshake.restore.quality import Quality
 from deshake.stages.methods import METHODS, RestorationOptions, default_method
 
@@ -21,6 +22,7 @@ F = TypeVar("F", bound="Callable[..., Any]")
 noisy_option = click.option(
     "--noisy",
     type=FILE,
+    metavar="PHOTO",
     callback=no_stdin,
     help="A sharp but noisy photo of the same scene, to deblur with the help of.",
 )
@@ -34,10 +36,12 @@ def restoration_options(command: F) -> F:
     method = click.option(
         "--method",
         type=click.Choice(list(METHODS)),
+        metavar="METHOD",
         is_eager=True,  # the other two look at it
-        help="How to deblur: by sparse gradients, by Richardson-Lucy (plain, accelerated or with "
-        "total variation), or, if the blur is uniform, by Wiener filters. With --noisy: by fusion "
-        "of both photos, or by residual Richardson-Lucy.  [default: "
+        help="How to deblur: sparse (as few edges as the photo allows), rl, rl-accelerated or "
+        "rl-tv (Richardson-Lucy: plain, accelerated or with total variation); if the blur is the "
+        "same all over, wiener or unsupervised-wiener; with --noisy, fusion (of both photos) or "
+        "residual (Richardson-Lucy on their difference).  [default: "
         f"{default_method(noisy=False)}; with --noisy, {default_method(noisy=True)}]",
     )
     quality = click.option(
@@ -51,8 +55,7 @@ def restoration_options(command: F) -> F:
     )
     iterations = click.option(
         "--iterations",
-        type=click.IntRange(1, 10_000),
-        metavar="N",
+        type=Count(1, 10_000),
         callback=_goes_with_method,
         help="Iterations of the method.  [default: 5 for sparse, 10 for fusion, "
         "else by the photo's noise]",
@@ -92,17 +95,22 @@ def check_pair(photos: Sequence[Path], noisy: Path) -> None:
 
     """
     if len(photos) > 1 or photos[0].is_dir():
-        raise click.UsageError("one noisy photo goes with one blurred photo: take them in turn")
+        raise click.UsageError("--noisy goes with one photo: run several one by one")
     [photo] = photos
     if noisy == photo or (noisy.exists() and photo.exists() and noisy.samefile(photo)):
         raise click.UsageError(f"{noisy} is the photo itself: name the noisy one with --noisy")
 
 
 def _goes_with_method(ctx: click.Context, param: click.Parameter, value: Any) -> Any:  # noqa: ANN401
-    """Fail where an option was given that the --method does not take."""
+    """Fail where an option was given that the --method does not take.
+
+    One that comes from a later place than the method, such as the configuration file, is left out.
+    """
     method = ctx.params.get("method")
     given = value not in {None, param.default}
     if given and method is not None and param.name not in METHODS[method].options:
+        if given_by(ctx, param.name or "") > given_by(ctx, "method"):
+            return param.default
         msg = f"{param.opts[-1]} does not go with --method {method}."
         raise click.UsageError(msg, ctx)
     return value

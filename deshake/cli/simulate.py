@@ -14,6 +14,7 @@ from deshake.cli.file_options import (
     is_typed,
     quality_option,
 )
+from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
     FILE,
     camera_option,
@@ -25,7 +26,7 @@ from deshake.cli.options import (
     photo_argument,
     transfer_option,
 )
-from deshake.cli.values import Number
+from deshake.cli.values import Count, Number, Share
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,7 +38,15 @@ __all__ = ["command"]
 _BLUR_PX = 20.0
 
 
-@click.command("simulate")
+@click.command(
+    "simulate",
+    cls=GroupedCommand,
+    groups={
+        "Every day": ("--output", "--kernel", "--sharp"),
+        "Shaking": ("--blur-size", "--path", "--seed", "--crop"),
+        "Exposing": ("--gain", "--noise", "--photons"),
+    },
+)
 @photo_argument
 @output_option("PHOTO's name with .shaken before its ending", note=" the shaken photo")
 @click.option(
@@ -63,31 +72,31 @@ _BLUR_PX = 20.0
 @click.option(
     "--blur-size",
     "blur_px",
-    type=Number("PX"),
+    type=Number("PIXELS"),
     help=f"Extent of the random blur over the frame, in pixels.  [default: {_BLUR_PX:g}]",
 )
 @click.option(
     "--seed",
-    type=click.IntRange(0, 2**32 - 1),
+    type=Count(0, 2**32 - 1),
     default=0,
     show_default=True,
-    metavar="N",
     help="Seed of the random path and of the noise.",
 )
 @click.option(
     "--noise",
     "noise_sigma",
-    type=Number("SIGMA", most=1),
-    help="Read noise: its standard deviation in shares of the clip level.  [default: none]",
+    type=Share(),
+    help="Read noise: its standard deviation as a share of the clip level, as in 0.01 or 1%.  "
+    "[default: none]",
 )
 @click.option(
     "--photons",
-    type=Number("N", most=1e12),
+    type=Number("PHOTONS", most=1e12),
     help="Shot noise: photons that fill a pixel to the clip level.  [default: no shot noise]",
 )
 @click.option(
     "--gain",
-    type=Number("X", most=1000),
+    type=Number("FACTOR", most=1000),
     default=1.0,
     show_default=True,
     help="Factor on the light, after the blur; above 1, lights clip.",

@@ -1,4 +1,4 @@
-"""The kinds of values that options take: measures, sizes, rectangles, rows and columns."""
+"""The kinds of values that options take: measures, counts, shares, sizes, rectangles, grids."""
 
 from __future__ import annotations
 
@@ -8,12 +8,20 @@ from typing import Final, TypeVar
 
 import click
 
-__all__ = ["Grid", "Number", "PhotoFormat", "Region", "Share", "Size"]
+__all__ = ["Count", "Grid", "Number", "PhotoFormat", "Region", "Share", "Size"]
 
 T = TypeVar("T")
 
 _MAX_DIGITS = 9
 """Digits of the longest number of pixels."""
+
+
+_LONGEST = 40
+"""Characters of a value that a message repeats."""
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
 class _Typed(click.ParamType[T]):
@@ -48,8 +56,32 @@ class Number(_Typed[float]):
         return number
 
 
+class Count(_Typed[int]):
+    """A whole number from `least` to `most`, shown as `name` in the help."""
+
+    def __init__(self, least: int, most: int, name: str = "N") -> None:
+        self.name = name
+        self.least = least
+        self.most = most
+
+    def convert(
+        self,
+        value: object,
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> int:
+        """Read the number; fail with what it should have been."""
+        text = str(value).strip()
+        # Longer ones are beyond any bound, and Python refuses to read very long ones.
+        count = int(text) if re.fullmatch(r"[+-]?\d{1,18}", text, re.ASCII) else None
+        if count is None or not self.least <= count <= self.most:
+            limits = f"{self.least} to {self.most}"
+            self.fail(f"{_short(text)!r} is not a whole number from {limits}", param, ctx)
+        return count
+
+
 class Share(_Typed[float]):
-    """A number from 0 to 1."""
+    """A number from 0 to 1, or a percentage from 0% to 100%."""
 
     name = "SHARE"
 
@@ -59,13 +91,17 @@ class Share(_Typed[float]):
         param: click.Parameter | None,
         ctx: click.Context | None,
     ) -> float:
-        """Read the number."""
+        """Read the number, as it is or in percent."""
+        text = str(value).strip()
+        number = text.removesuffix("%")
         try:
-            share = float(str(value))
+            share = float(number) / (1 if number == text else 100)
         except ValueError:
             share = math.nan
         if not 0 <= share <= 1:
-            self.fail(f"{value!r} is not a number from 0 to 1", param, ctx)
+            self.fail(
+                f"{_short(text)!r} is not a share: a number from 0 to 1, or 0% to 100%", param, ctx
+            )
         return share
 
 

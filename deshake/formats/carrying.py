@@ -95,7 +95,7 @@ def _for_jpeg(metadata: Metadata, losses: list[str]) -> Metadata:
     if len(metadata.exif) > exif.LONGEST:
         block, dropped = exif_editing.shortened(metadata.exif, exif.LONGEST)
         if exif_editing.maker_note_at(block) != exif_editing.maker_note_at(metadata.exif) and block:
-            losses.append("its maker note has moved, and offsets in it may no longer hold")
+            losses.append("its maker note has moved: some programs may not read all of it")
         if dropped:
             tags = ", ".join(f"0x{tag:04X}" for tag in dropped)
             losses.append(f"its EXIF is too long for a JPEG: tags {tags} are left out")

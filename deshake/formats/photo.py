@@ -177,8 +177,8 @@ class Photo:
         encoding = self.encoding
         if encoding.format != "RAW":
             raise PhotoError(
-                "no RAW file: its result keeps its own curve",
-                hint="leave --linear out; a 16-bit TIFF holds all that the photo does",
+                "--linear is for RAW files, and this is none",
+                hint="leave --linear out",
                 file=self.source,
             )
         icc = linear_profile(encoding.matrix, grey=encoding.grey)
@@ -224,7 +224,7 @@ def read_photo(
 
     """
     if os.path.exists(path) and not os.path.isfile(path) and not os.path.isdir(path):  # noqa: PTH110, PTH112, PTH113
-        raise PhotoError("is not a regular file", file=path)
+        raise PhotoError("is no ordinary file", file=path)
     data = read_bytes(path, _MAX_BYTES, PhotoError)
     try:
         form = photo_format(data, Path(path).suffix)
@@ -389,7 +389,7 @@ def _encoding(decoded: Decoded, transfer: TransferName | None) -> Encoding:
     if encoding.format == "RAW":
         if transfer is not None:
             raise PhotoError(
-                "a RAW file, whose values are light itself",
+                "--transfer is not for RAW files, which are in linear light",
                 hint="leave --transfer out; --linear writes the result in linear light",
             )
         return encoding

@@ -98,7 +98,7 @@ def _by_brand(data: bytes) -> Format:
     for brand in brands:
         if brand in _BRANDS:
             return _BRANDS[brand]
-    raise PhotoError("a video or another file of boxes", hint="name a photo")
+    raise PhotoError("a video, or no picture", hint="name a photo")
 
 
 def _holds_sensor_data(data: bytes) -> bool:

@@ -102,7 +102,7 @@ def decode_tiff(data: bytes) -> Decoded:
     codes = pixels[..., 0] if colours == 1 else pixels[..., :3]
     alpha = np.ascontiguousarray(pixels[..., -1]) if has_alpha else None
     moved = maker_note_at(metadata.exif) != note_at
-    notes = ("its maker note has moved, and offsets in it may no longer hold",) if moved else ()
+    notes = ("its maker note has moved: some programs may not read all of it",) if moved else ()
     return Decoded(np.ascontiguousarray(codes), alpha, encoding, metadata, notes=notes)
 
 

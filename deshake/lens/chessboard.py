@@ -141,15 +141,16 @@ def board_camera(
     sigma = float(np.ravel(sigmas)[:2].max())
     if not (np.isfinite(error) and error < _WRONG * np.hypot(height, width)):
         raise EstimationError(
-            f"no camera explains the boards: their corners are off by {error:.1f} pixels",
-            hint="the board must be flat, all photos of one camera at one focal length",
+            f"the photos of the board do not fit one camera: corners are off by {error:.1f} pixels",
+            hint="the board must be flat, and all photos of one camera at one focal length",
         )
     tilt = _tilts([np.asarray(turn, np.float64) for turn in turns])
     if not (focal > 0 and sigma < _UNSURE * focal and tilt > _TILTED):
         raise EstimationError(
-            f"the boards tell too little: tilted by {np.degrees(tilt):.0f} degrees to each other, "
-            f"they leave the focal length open to {sigma:.0f} of {focal:.0f} pixels",
-            hint="tilt the board more, by 30 degrees or so in all directions, and fill the frame",
+            "the photos of the board are too much alike: tilted by "
+            f"{np.degrees(tilt):.0f} degrees to each other, they leave the focal length uncertain "
+            f"by {sigma:.0f} of {focal:.0f} pixels",
+            hint="tilt the board by some 30 degrees in all directions, and fill the frame",
         )
     camera = Camera(np.asarray(matrix, np.float64), height, width, np.ravel(lens))
     middle = np.array([width - 1, height - 1]) / 2

@@ -140,10 +140,10 @@ def focal_length(
     if ways:
         return _weighed(ways, tags, frame, diagonal)
     if tags.focal_mm is None:
-        raise CalibrationError("its metadata state no focal length", hint=_HINT)
+        raise CalibrationError("no focal length in its metadata", hint=_HINT)
     camera = f"{tags.make} {tags.model}".strip() or "the camera"
     raise CalibrationError(
-        f"its metadata state a focal length of {tags.focal_mm:g} mm, but the size of the sensor "
+        f"its metadata have a focal length of {tags.focal_mm:g} mm, but the size of the sensor "
         f"of {camera} is not known",
         hint=_HINT,
     )
@@ -177,8 +177,8 @@ def _weighed(
     elif gaps and min(gaps) > _DIFFERS:
         confidence *= 0.6
         notes.append(
-            f"its metadata contradict themselves: {first.source} makes {first.pixels:.0f} pixels, "
-            f"{others[0].source} makes {others[0].pixels:.0f}"
+            f"its metadata contradict each other: {first.pixels:.0f} pixels of focal length by "
+            f"{first.source}, {others[0].pixels:.0f} by {others[0].source}"
         )
     if tags.focal_35mm and others and "FocalPlane" in others[0].source:
         rounding = _ROUNDED / tags.focal_35mm + 0.01
@@ -283,7 +283,7 @@ def _checked(focal: FocalLength, diagonal: float) -> FocalLength:
     if _is_sensible(focal.pixels, diagonal):
         return focal
     raise CalibrationError(
-        f"{focal.source} makes a focal length of {focal.pixels:g} pixels, "
-        f"for a photo of {diagonal:.0f} pixels across",
+        f"a focal length of {focal.pixels:g} pixels ({focal.source}) cannot be right for a photo "
+        f"of {diagonal:.0f} pixels across",
         hint="35 mm equivalents lie between about 10 and 1000",
     )

@@ -119,7 +119,7 @@ def find_profile(
     focal_mm = tags.focal_mm or _fixed(lenses)
     if focal_mm is None:
         raise CalibrationError(
-            "its metadata state no focal length, which the lens's distortion depends on",
+            "no focal length in its metadata, which the distortion of the lens depends on",
             hint=f"use a photo with its metadata, {_BOARD}",
         )
     crop = math.hypot(36, 24) / math.hypot(*frame) * focal_px / focal_mm
@@ -182,11 +182,13 @@ def _suitable(lenses: list[Any], crop: float, focal_mm: float) -> Any:  # noqa: 
     lens = lenses[0].model
     lenses = [item for item in lenses if "FISHEYE" not in str(item.type)]
     if not lenses:
-        raise CalibrationError(f"{lens} is a fisheye", hint="fisheye lenses cannot be undone")
+        raise CalibrationError(
+            f"{lens} is a fisheye", hint="fisheye photos cannot be straightened: leave --lens out"
+        )
     lenses = [item for item in lenses if item.calib_distortion]
     if not lenses:
         raise CalibrationError(
-            f"lensfun's profile of {lens} says nothing of its distortion",
+            f"lensfun's profile of {lens} has no distortion",
             hint=f"try without --lens, {_BOARD}",
         )
     low, high = min(item.min_focal for item in lenses), max(item.max_focal for item in lenses)

@@ -61,7 +61,7 @@ def check_unstraightened(photo: Photo) -> None:
     """
     if is_straightened(photo):
         raise CalibrationError(
-            "was straightened by deshake already: no lens is left to undo",
+            "was straightened by deshake already",
             hint="leave --lens out, or use a camera or a kernel without distortion",
             file=photo.source,
         )

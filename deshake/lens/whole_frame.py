@@ -132,6 +132,6 @@ def _by_shape(long: int, short: int) -> WholeFrame:
         return WholeFrame(long, short, sure=0.9, reason=reason)
     note = (
         f"its EXIF does not say how large it was taken, and {long} x {short} is the shape of no "
-        "camera: if it is cropped, its focal length is longer than what is taken for it"
+        "camera: if it is cropped, the focal length that is assumed is too short"
     )
     return WholeFrame(long, short, sure=0.5, note=note, reason="of no camera's shape")

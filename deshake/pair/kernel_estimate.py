@@ -222,7 +222,9 @@ class _Scales:
             notes.append("no shake was found: the kernel is a single point")
         beyond = np.any(np.abs(kernel.theta) > self.bounds, 1)
         if kernel.weights[beyond].sum() > _TOUCHING:
-            notes.append("the kernel touches its bounds: try a larger --blur-size")
+            notes.append(
+                "the shake may be wider than what was looked for: try a larger --blur-size"
+            )
         return PairEstimate(
             kernel.for_camera(self.whole),
             self.scale,

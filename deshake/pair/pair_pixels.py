@@ -205,7 +205,7 @@ def drawn_pixels(edges: Image, usable: Mask, seed: int) -> DrawnPixels:
         raise EstimationError(msg, hint="give a smaller --blur-size, or photos that overlap more")
     chance = near.ravel()[candidates]
     if not chance.mean() > _LEAST_ENERGY:
-        msg = "there is no texture to estimate a blur kernel from"
+        msg = "there is no detail to estimate the shake from"
         raise EstimationError(msg, hint="the photo is all of one colour, or nearly so")
     chance += _FLAT * chance.mean()
     rng = np.random.default_rng(seed)

@@ -183,8 +183,8 @@ def _tone_curve(x: Image, y: Image) -> ToneCurve:
     """Fit one rising curve to pairs of values."""
     if len(x) < 4 * _BINS:
         raise EstimationError(
-            "too few pixels of the pair are neither clipped nor out of sight",
-            hint="the photos must overlap and not be clipped all over",
+            "the two photos have too few pixels in common that are not clipped",
+            hint="both must show the same scene, and not be clipped all over",
         )
     order = np.argsort(x, kind="stable")
     bins = np.array_split(order, _BINS)
@@ -192,7 +192,10 @@ def _tone_curve(x: Image, y: Image) -> ToneCurve:
     medians = np.array([np.median(y[b]) for b in bins], np.float64)
     low, high = np.quantile(x, _ENDS).tolist()
     if high - low < 1e-4 or medians.max() - medians.min() < 1e-6:
-        raise EstimationError("the photos are too flat to compare their brightness")
+        raise EstimationError(
+            "the photos have too little contrast to compare their brightness",
+            hint="both must show bright and dark parts of the scene",
+        )
     rising = isotonic_regression(medians).x
     knots = np.linspace(low, high, _KNOTS)
     values = _averaged(np.interp(knots, centres, rising))

@@ -146,8 +146,7 @@ def register(
             return best
     raise EstimationError(
         "the two photos do not show the same scene",
-        hint="a larger --search-angle looks further; "
-        "both photos must be whole, of one focal length",
+        hint="try a larger --search-angle; both photos must be uncropped, and of one focal length",
     )
 
 

@@ -95,7 +95,7 @@ def reduce_pair(g: Image, f_N: Image, camera: Camera, turns: int) -> SmallPair:
     shape = (round(camera.height * factor), round(camera.width * factor))
     if min(shape) < _LEAST_SIDE or min(f_N.shape[:2]) < _LEAST_SIDE or max(shape) > _MOST_SIDE:
         raise EstimationError(
-            f"a photo of {camera.width} x {camera.height} pixels is too small or too long",
+            f"a photo of {camera.width} x {camera.height} pixels is too small or too narrow",
             hint=f"register photos of at least {_LEAST_SIDE} pixels a side",
         )
     small_g, clipped_g = _reduced(g, shape)

@@ -126,7 +126,7 @@ def shake(
         if min(height, width) < 2 * margin + _SMALLEST:
             raise DeshakeError(
                 f"a shake that reaches {margin} pixels leaves nothing of {width} x {height} pixels",
-                hint="shake it less, or keep its size",
+                hint="shake it less, or use --keep-size",
             )
         camera = camera.cropped(margin, margin, width - 2 * margin, height - 2 * margin)
         latent, sharp = pixels, pixels[margin:-margin, margin:-margin]

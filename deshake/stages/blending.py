@@ -73,8 +73,8 @@ def read_mask(file: Path, photo: Photo) -> Mask:
     mask = read_photo(file, transfer="linear")
     if mask.alpha is not None and mask.alpha.min() < np.iinfo(mask.alpha.dtype).max:
         raise PhotoError(
-            "a mask with transparent parts, which may mean this or that",
-            hint="lay it on black or white, and save it without transparency",
+            "the mask has transparent parts",
+            hint="fill them with black or white, and save it without transparency",
             file=file,
         )
     pixels = mask.pixels
@@ -90,7 +90,7 @@ def read_mask(file: Path, photo: Photo) -> Mask:
         turned = same_proportions(mask.shape[::-1], photo.shape)
         raise PhotoError(
             f"the mask has {mask.described_size}, and {photo.source} has {photo.described_size}",
-            hint="turn it: photos are masked as they are seen, upright"
+            hint="turn the mask: it belongs to the photo as it is seen, upright"
             if turned
             else "a mask has the size of its photo, or that size scaled",
             file=file,
@@ -124,7 +124,7 @@ def find_mask(folder: Path, source: Path) -> Path | None:
     )
     if len(candidates) > 1:
         names = " and ".join(path.name for path in candidates)
-        raise PhotoError(f"{names} could both be its mask", hint="leave one", file=source)
+        raise PhotoError(f"{names} could both be its mask", hint="keep one of them", file=source)
     return candidates[0] if candidates else None
 
 

@@ -183,6 +183,6 @@ def camera_for(photo: Photo, choice: CameraChoice) -> tuple[CameraFile, list[str
         if choice.has_focal_length or choice.looks_up_lens:
             raise
         assumed = assumed_focal_length(*photo.shape)
-        note = f"{error.message}; a 50 mm-equivalent is assumed (--focal-35mm MM says otherwise)"
+        note = f"{error.message}; a 50 mm-equivalent is assumed: --focal-35mm sets another"
         return CameraFile(Camera.from_focal(assumed.pixels, *photo.shape), assumed.source), [note]
     return calibration.content, calibration.notes

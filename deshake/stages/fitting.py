@@ -56,7 +56,7 @@ def fitting_kernel(content: KernelFile, photo: Photo, file: Path | None = None) 
         kernel = kernel.at_size(*photo.shape)
     if _sweep(kernel) > _WIDEST_BLUR * max(photo.shape):
         raise KernelFileError(
-            "the kernel's rotations sweep more than half of the frame",
+            "its kernel is wider than half of the frame",
             hint="no photo can be restored from such a blur: estimate the kernel again",
             file=file,
         )

@@ -87,7 +87,8 @@ def estimate_pair(
         zoom = relative_zoom(blurred, noisy)
         if zoom is not None:
             notes.append(
-                f"the noisy photo's metadata state {zoom:.2f} times the blurred one's focal length"
+                f"by the metadata, the noisy photo has {zoom:.2f} times the focal length of the "
+                "blurred one"
             )
     half = (start + 1) / 2
     straight, other, pinhole = straight_pair(blurred, noisy, registration.camera)
@@ -113,13 +114,13 @@ def estimate_pair(
     scale = fit.scale
     if curved:
         scale *= registration.scale
-        notes.append("the photos have tone curves of their own, which were matched")
+        notes.append("the two photos were developed with different tone curves, which were matched")
     notes += fit.notes
     kernel = fit.kernel
     if fit.confidence < TRUSTED:
         notes.append(
-            f"the two photos agree too badly to trust a kernel ({fit.confidence:.2f}): the photo "
-            "is left as it is; without the noisy photo it can be deblurred blindly"
+            f"the two photos agree too little to find the shake (confidence {fit.confidence:.2f}): "
+            "the photo is left as it is; try without the noisy photo"
         )
         kernel = RotationKernel.delta(kernel.camera)
     run.report(1.0, "kernel estimated")

@@ -120,7 +120,10 @@ def with_photo_provenance(result: Photo, provenance: Mapping[str, Any]) -> Photo
     """Add the provenance to a result, in its XMP and its Software tag."""
     metadata = with_provenance(result.metadata, provenance)
     if NAMESPACE[1].encode() not in metadata.xmp:
-        _log.warning("%s: its XMP is damaged, and takes no provenance", result.source)
+        _log.warning(
+            "%s: its XMP metadata are damaged: they do not get a note of how it was made",
+            result.source,
+        )
     return replace(result, metadata=metadata)
 
 

@@ -25,7 +25,7 @@ FILM_MM = 35
 
 def command(*words: object) -> list[str]:
     """Return the words that run deshake."""
-    return [sys.executable, "-m", "deshake", *map(str, words)]
+    return [sys.executable, "-m", "deshake", "--no-config", *map(str, words)]
 
 
 def deshake(*words: object) -> Cost:

@@ -19,9 +19,12 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 
 pytest.importorskip("distributed")
-pytestmark = pytest.mark.skipif(os.name == "nt", reason="needs POSIX signals")
+pytestmark = [
+    pytest.mark.skipif(os.name == "nt", reason="needs POSIX signals"),
+    pytest.mark.long,
+]
 
-# A scheduler in a process of its own, and workers in theirs; tells its address and their numbers.
+# A scheduler in a process of its own, and workers in theirs; prints its address and their numbers.
 CLUSTER = """
 import os, sys
 from distributed import LocalCluster
@@ -62,17 +65,6 @@ def start(tmp_path_factory):
             process.wait()
 
 
-def deshake(*words):
-    done = subprocess.run(
-        [sys.executable, "-m", "deshake", *map(str, words)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    return done.returncode, done.stdout, done.stderr
-
-
 @pytest.fixture
 def photos(tmp_path):
     """Make a folder of six photos and a bad one, and their kernel."""
@@ -90,7 +82,7 @@ def photos(tmp_path):
     return folder, kernel
 
 
-def test_a_killed_worker_loses_no_photo(start, photos, tmp_path):
+def test_a_killed_worker_loses_no_photo(start, photos, tmp_path, deshake):
     folder, kernel = photos
     address, pids = start(2)
     here, there = tmp_path / "here", tmp_path / "there"
@@ -107,8 +99,7 @@ def test_a_killed_worker_loses_no_photo(start, photos, tmp_path):
     assert len(lines) == len(status) == 7
     assert status.pop(str(folder / "bad.png")) == "failed"
     assert set(status.values()) == {"done"}
-    code, _, _ = deshake(*common, "-o", here, "-j", 2, "--threads", 2)
-    assert code == 1
+    assert deshake(*common, "-o", here, "-j", 1, "--threads", 2).code == 1
     made = {path.relative_to(here): path.read_bytes() for path in here.rglob("*.png")}
     assert len(made) == 6
     assert {p.relative_to(there): p.read_bytes() for p in there.rglob("*.png")} == made
@@ -134,7 +125,7 @@ def test_what_does_not_work_is_said(start, photos, tmp_path, monkeypatch):
 
 
 class Machine:
-    """Stands for a client of a cluster of one machine that has, or sees, something else."""
+    """Stands for a client of a cluster of one machine with another version or other files."""
 
     def __init__(self, version=cluster.__version__, seen=None):
         self.answer = version, seen
@@ -170,8 +161,8 @@ def test_other_folders_are_refused(photos, tmp_path):
     assert sorted(tmp_path.iterdir()) == [folder, kernel]
 
 
-def test_usage(photos):
+def test_usage(photos, deshake):
     folder, _ = photos
     for more in (("-j", 2), ("--memory", "1G")):
-        code, _, err = deshake("fix", folder, "--scheduler", "tcp://127.0.0.1:9", *more)
-        assert (code, "do not go with --scheduler" in err) == (2, True)
+        outcome = deshake("fix", folder, "--scheduler", "tcp://127.0.0.1:9", *more)
+        assert (outcome.code, "cannot both be given" in outcome.err) == (2, True)

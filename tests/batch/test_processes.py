@@ -44,7 +44,7 @@ def test_a_killed_process_takes_down_one_photo(run, jobs, tmp_path):
     status = [results[number].status for number in range(6)]
     assert status == ["done", "failed", "done", "failed", "done", "done"]
     assert f"{made[1].source}: its process was killed" in results[1].error
-    assert "--jobs" in results[1].hint
+    assert "-j 1" in results[1].hint
     assert "SIGSEGV" in results[3].error
     outputs = sorted(job.output for n, job in enumerate(made) if n not in {1, 3})
     assert sorted(set(tmp_path.iterdir()) - {job.source for job in made}) == outputs
@@ -64,7 +64,7 @@ def test_photos_wait_for_memory(run, jobs, tmp_path):
 def test_a_photo_that_needs_more_goes_alone_or_is_refused(run, jobs, caplog):
     results = dict(run(jobs("x", "x"), budget=Budget(5), need=2_000_000_000))
     assert [results[n].status for n in (0, 1)] == ["done", "done"]
-    assert "GB of memory, and 0 MB are free to use; worked on alone" in caplog.text
+    assert "GB of memory, and only 0 MB are free: it is worked on alone" in caplog.text
     made = jobs("x", existing="replace")
     [(_, result)] = run(made, budget=Budget(7, given=True), need=10)
     assert result.status == "failed"

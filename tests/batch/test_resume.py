@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -23,15 +24,26 @@ OPTIONS = EstimateOptions(
 FIX = Fix(OPTIONS)
 
 
-@pytest.fixture
-def job(tmp_path):
-    path = tmp_path / "a.png"
+def job_in(folder):
+    outputs = folder / "out.jpg", folder / "a.kernel.npz"
+    return Job(folder / "a.png", outputs[0], {"kernel": outputs[1]}, existing="skip")
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """Make a folder with a photo and all that the work makes of it."""
+    folder = tmp_path_factory.mktemp("finished")
     codes = np.random.default_rng(5).integers(0, 256, (8, 10, 3), np.uint8)
-    Image.fromarray(codes).resize((100, 80), Image.Resampling.BICUBIC).save(path)
-    outputs = tmp_path / "out.jpg", tmp_path / "a.kernel.npz"
-    job = Job(path, outputs[0], {"kernel": outputs[1]}, existing="skip")
-    assert run_job(job, FIX, run=Run(1)).status == "done"
-    return job
+    Image.fromarray(codes).resize((100, 80), Image.Resampling.BICUBIC).save(folder / "a.png")
+    assert run_job(job_in(folder), FIX, run=Run(1)).status == "done"
+    return folder
+
+
+@pytest.fixture
+def job(finished, tmp_path):
+    """Copy the photo and its results; return the job that made them."""
+    shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
+    return job_in(tmp_path)
 
 
 def test_what_this_work_made_is_not_doubted(job):

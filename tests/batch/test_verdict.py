@@ -24,13 +24,13 @@ def test_a_trusted_kernel_improves_and_another_is_doubtful():
         ([SOFT], "the photo is a little soft rather than shaken"),
         (["no focal length: 50 mm is assumed", SHARP], "the photo looks sharp"),
         (
-            ["no kernel betters the photo (confidence 0.05): the photo is left as it is; or so"],
-            "no kernel betters the photo (confidence 0.05)",
+            ["no estimate improves it (best confidence 0.05): the photo is left as it is; or so"],
+            "no estimate improves it (best confidence 0.05)",
         ),
-        ([], "the kernel is that of a camera that stood still"),
-        (None, "the kernel is that of a camera that stood still"),
-        ("left as it is", "the kernel is that of a camera that stood still"),
-        ([3, {}], "the kernel is that of a camera that stood still"),
+        ([], "by its kernel, the camera stood still"),
+        (None, "by its kernel, the camera stood still"),
+        ("left as it is", "by its kernel, the camera stood still"),
+        ([3, {}], "by its kernel, the camera stood still"),
     ],
 )
 def test_a_camera_that_stood_still_leaves_the_photo_for_a_reason(notes, reason):

@@ -54,10 +54,3 @@ def test_it_leaves_cleanly_on_sigterm_and_not_on_sigint(process, jobs, await_sle
     worker.join(60)
     assert worker.exitcode == 128 + signal.SIGTERM
     assert {path.name for path in tmp_path.iterdir()} == {"0.jpg", "0.out.begun"}
-
-
-def test_levels_of_this_process():
-    assert LogLevels.here() == (
-        logging.getLogger().level,
-        logging.getLogger("deshake").level,
-    )

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from deshake.blind.agreement import agreement
 from deshake.blind.race import race
@@ -8,6 +9,8 @@ from deshake.blind.spot import is_spot
 from deshake.geometry.camera import Camera
 from deshake.run import Run
 from deshake.signal.pyramid import Pyramid
+
+pytestmark = pytest.mark.long
 
 
 def test_a_known_shake_wins(ended, shaken) -> None:
@@ -42,11 +45,18 @@ def test_it_is_called_off_for_a_sharp_photo(still) -> None:
     assert is_spot(ended.winner.kernel)
 
 
-def test_a_quick_race_without_roll_and_within_a_bound(shaken) -> None:
-    ended = race(shaken.pyramid, axes=(True, True, False), bound=2.0, quick=True)
-    kernel = ended.winner.kernel
+def test_a_quick_race_without_roll_and_within_a_bound_on_any_threads(shaken) -> None:
+    one, two = (
+        race(shaken.pyramid, axes=(True, True, False), bound=2.0, quick=True, run=Run(threads))
+        for threads in (1, 2)
+    )
+    kernel = one.winner.kernel
     assert np.ptp(kernel.theta[:, 2]) < 0.05 * kernel.steps[2]
     assert np.ptp(kernel.theta, axis=0).max() < (2 * 3 + 0.5) * kernel.steps[0]
+    assert two.winner.kernel.theta.tobytes() == kernel.theta.tobytes()
+    assert two.winner.kernel.weights.tobytes() == kernel.weights.tobytes()
+    assert two.winner.name == one.winner.name
+    assert two[1:] == one[1:]
 
 
 def test_a_photo_of_one_scale_has_a_race_of_one(shake) -> None:
@@ -56,11 +66,3 @@ def test_a_photo_of_one_scale_has_a_race_of_one(shake) -> None:
     ended = race(pyramid)
     assert ended.winner.level == 0
     assert ended.winner.kernel.camera is small.camera
-
-
-def test_threads_change_no_byte(ended, shaken) -> None:
-    two = race(shaken.pyramid, run=Run(2))
-    assert two.winner.kernel.theta.tobytes() == ended.winner.kernel.theta.tobytes()
-    assert two.winner.kernel.weights.tobytes() == ended.winner.kernel.weights.tobytes()
-    assert two.winner.name == ended.winner.name
-    assert two[1:] == ended[1:]

@@ -52,8 +52,8 @@ UNUSABLE = {
     "dot.png": (encoded(noise(size=(1, 1)), "PNG"), "1x1 pixels are too few"),
     "thread.png": (encoded(noise(size=(100_000, 3)), "PNG"), "100000x3 pixels are too few"),
     "pole.png": (encoded(noise(size=(3, 100_000)), "PNG"), "3x100000 pixels are too few"),
-    "black.png": (encoded(Image.new("RGB", (100, 80)), "PNG"), "no texture"),
-    "grey.jpg": (encoded(Image.new("RGB", (100, 80), (90, 90, 90)), "JPEG"), "no texture"),
+    "black.png": (encoded(Image.new("RGB", (100, 80)), "PNG"), "no detail"),
+    "grey.jpg": (encoded(Image.new("RGB", (100, 80), (90, 90, 90)), "JPEG"), "no detail"),
     "white.png": (encoded(Image.new("RGB", (100, 80), "white"), "PNG"), ""),
 }
 """Photos that hold no blur to estimate."""

@@ -1,4 +1,4 @@
-"""Files that are no kernels are told in one line, at once, and without eating memory."""
+"""Files that are no kernels are refused in one line, at once, and without eating memory."""
 
 from __future__ import annotations
 
@@ -85,7 +85,10 @@ KERNELS = {
     "unclosed": (unclosed, "is damaged"),
     "empty": (bytes, ""),
     "text": (lambda: b"half of it here, half of it there\n", ""),
-    "wide": (lambda: npz(theta=np.array([[0, -1.5, 0], [0, 1.5, 0]])), "sweep more than half"),
+    "wide": (
+        lambda: npz(theta=np.array([[0, -1.5, 0], [0, 1.5, 0]])),
+        "wider than half of the frame",
+    ),
     "photo": (lambda: b"\xff\xd8\xff\xe0 and so on", ""),
 }
 """Files that are no kernels, and what is said of them."""

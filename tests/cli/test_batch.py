@@ -93,7 +93,7 @@ def test_a_folder_is_not_deblurred_without_kernels(deshake, folder, pan, tmp_pat
     for words in ((folder,), (folder, pan), (folder / "p2.jpg",)):
         outcome = deshake("deblur", *words)
         assert outcome.code == 2
-        assert "name one photo and its kernel, or the kernels with --kernel" in outcome.err
+        assert "name one photo and its kernel file, or the kernels with --kernel" in outcome.err
     photo, noisy = folder / "p2.jpg", folder / "sub" / "q.jpg"
     assert deshake("deblur", photo, noisy, "--kernel", pan, "--noisy", noisy).code == 2
     assert deshake("fix", folder, "--mask", noisy).code == 2
@@ -155,7 +155,7 @@ def test_a_sheet_is_not_made_for_a_result_that_tells_nothing(deshake, folder, pa
     args = ("deblur", photo, "--kernel", pan, "-o", out, "--compare", "--skip-existing")
     outcome = deshake(*args)
     assert outcome.code == 0
-    assert "does not tell whether its missing sheet would belong to it" in outcome.err
+    assert "does not say how it was made: its missing sheet cannot be made for it" in outcome.err
     assert not (tmp_path / "p.compare.png").exists()
     assert out.read_bytes() == photo.read_bytes()
 

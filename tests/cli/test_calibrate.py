@@ -70,7 +70,7 @@ def test_nothing_to_go_by_is_an_error_with_a_hint(deshake, tmp_path):
     Image.new("L", (40, 30)).save(path)
     outcome = deshake("calibrate", path)
     assert (outcome.code, outcome.out) == (1, "")
-    assert outcome.err.startswith(f"error: {path}: its metadata state no focal length\nhint: ")
+    assert outcome.err.startswith(f"error: {path}: no focal length in its metadata\nhint: ")
     assert "--focal-35mm" in outcome.err
     assert list(tmp_path.iterdir()) == [path]
 

@@ -85,3 +85,12 @@ def test_bash_completes_with_the_script(ask, tmp_path):
         check=False,
     )
     assert done.stdout.split() == ["--preview"]
+
+
+def test_presets_are_completed(ask, tmp_path):
+    config = tmp_path / "deshake" / "config.toml"
+    config.parent.mkdir()
+    config.write_text("[preset.night]\n[preset.noon]\n[preset.day]\n", "utf-8")
+    line = {"COMP_WORDS": "deshake fix --preset n", "COMP_CWORD": "3"}
+    choices = ask("zsh_complete", **line, XDG_CONFIG_HOME=str(tmp_path)).splitlines()
+    assert [word for word in choices if word.startswith("n")] == ["night", "noon"]

@@ -3,6 +3,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from deshake.cli import main
 
@@ -20,14 +21,14 @@ def config(tmp_path):
 @pytest.fixture
 def seen(trial):
     """Parameters and context that the trial command was run with."""
-    found = {}
+    parsed = {}
 
     def function(ctx):
-        found.clear()
-        found.update(ctx.params, threads=ctx.obj.threads, verbosity=ctx.obj.verbosity)
+        parsed.clear()
+        parsed.update(ctx.params, threads=ctx.obj.threads, verbosity=ctx.obj.verbosity)
 
     trial(function)
-    return found
+    return parsed
 
 
 def test_flag_then_environment_then_file_then_default(deshake, config, seen, monkeypatch):
@@ -60,15 +61,14 @@ def test_general_options(deshake, config, seen, monkeypatch):
 def real(deshake, monkeypatch):
     """Parameters that a real command gets, its defaults and its environment as in a real run."""
 
-    def parse(command, *args, config=None):
-        found = {}
-        monkeypatch.setattr(
-            main.cli.get_command(None, command), "invoke", lambda ctx: found.update(ctx.params)
-        )
+    def parse(*args, config=None):
+        parsed = {}
+        [command] = [main.cli.get_command(None, arg) for arg in args if arg in main.COMMANDS]
+        monkeypatch.setattr(command, "invoke", lambda ctx: parsed.update(ctx.params))
         words = () if config is None else ("--config", config)
-        outcome = deshake(*words, command, *args)
+        outcome = deshake(*words, *args)
         assert outcome.code == 0, outcome.err
-        return found
+        return parsed
 
     return parse
 
@@ -163,7 +163,7 @@ def test_a_wrong_file_is_wrong_usage(deshake, config, seen, text, says):
 
 
 def test_a_missing_or_binary_file_is_wrong_usage(deshake, seen, tmp_path):
-    assert "No such file" in deshake("--config", tmp_path / "none.toml", "trial").err
+    assert "none.toml: no such file" in deshake("--config", tmp_path / "none.toml", "trial").err
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
     outcome = deshake("--config", tmp_path / "binary.toml", "trial")
     assert outcome.code == 2
@@ -180,7 +180,7 @@ def test_a_missing_or_binary_file_is_wrong_usage(deshake, seen, tmp_path):
         ("threads = 2020-01-01", "threads = 2020-01-01: is not a whole number"),
         ("verbose = '2'", "verbose = 2: is not a whole number"),
         ("progress = 1", "progress = 1: is not true or false"),
-        ("threads = 0", "'--threads'"),
+        ("threads = 0", "threads = 0: '0' is not a whole number from 1 to 1024"),
         ("[fix]\nmask = 3", "[fix] mask = 3: is not a text in quotes"),
         ("[fix]\nmask = ['a']", "[fix] mask = ['a']: is not a text in quotes"),
         ("[fix]\nmethod = false", "[fix] method = false: is not a text in quotes"),
@@ -195,7 +195,7 @@ def test_a_missing_or_binary_file_is_wrong_usage(deshake, seen, tmp_path):
         ("[fix]\nregion = '0,0,99999999999999999999,5'", "it reaches beyond any photo"),
         ("[fix]\nmemory = 4", "[fix] memory = 4: is not a text in quotes"),
         (f"threads = {'9' * 5000}", "a number in it has too many digits"),
-        (f"threads = {'9' * 4000}", "'--threads'"),
+        (f"threads = {'9' * 4000}", "is not a whole number from 1 to 1024"),
         (f"threads = {'[' * 3000}{']' * 3000}", "too many brackets within brackets"),
         (f"[fix]\nmask = [{'1, ' * 100}]", "1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, ...:"),
         ("[fix.mask]\na = 1", "[fix] mask = {'a': 1}: is not a text in quotes"),
@@ -226,3 +226,139 @@ def test_values_of_the_right_kind_are_taken(deshake, config, tmp_path, text):
     outcome = deshake("--config", config(text), "fix", tmp_path / "gone.jpg")
     assert outcome.code == 1
     assert "gone.jpg: no such file" in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("preset = 'night'", "a preset is a table, such as [preset.night]"),
+        ("[preset]\nnight = 1", "a preset is a table, such as [preset.night]"),
+        ("[preset.night]\nspeed = 1", "[preset.night] speed: no such option; there are "),
+        ("[preset.night.mend]\nx = 1", "[preset.night.mend]: no such command; there are fix"),
+        ("[preset.night.fix]\nangle = 1", "[preset.night.fix] angle: no such option"),
+        ("[preset.night]\nthreads = 'two'", "[preset.night] threads = two: 'two' is not a whole"),
+        ("[preset.night]\nstrength = 3", "[preset.night] strength = 3: '3' is not a share"),
+        ("[preset.night]\nmethod = 3", "[preset.night] method = 3: is not a text in quotes"),
+        ("[preset.night.fix]\nmethod = 'x'", "[preset.night.fix] method = x: 'x' is not one of"),
+        ("[preset.night]\npreset = 'day'", "[preset.night] preset: no such option"),
+        ("[fix]\nstrength = '80'", "[fix] strength = 80: '80' is not a share"),
+        ("[fix]\npreset = 'x'", "[fix] preset: no such option"),
+    ],
+)
+def test_a_wrong_preset_or_value_is_wrong_usage_and_its_place_is_named(
+    deshake, config, tmp_path, text, what
+):
+    path = config(text)
+    outcome = deshake("--config", path, "fix", tmp_path / "gone.jpg")
+    assert outcome.code == 2
+    assert outcome.err.startswith(f"error: {path}: ")
+    assert what in outcome.err
+
+
+def test_an_option_of_a_preset_goes_to_each_command_that_has_it(real, config):
+    path = config(
+        "[fix]\niterations = 7\nstrength = 0.1\n"
+        "[preset.night]\nstrength = '80%'\npreview = true\nblur-size = 9\n"
+        "[preset.night.fix]\nblur-size = 5\n"
+    )
+    fix = real("--preset", "night", "fix", "a.jpg", config=path)
+    assert (fix["strength"], fix["preview"], fix["blur_size"]) == (0.8, True, 5)
+    assert fix["iterations"] == 7
+    deblur = real("--preset", "night", "deblur", "a.jpg", "k.npz", config=path)
+    assert (deblur["strength"], deblur["preview"]) == (0.8, True)
+    assert real("--preset", "night", "estimate-blind", "a.jpg", config=path)["blur_size"] == 9
+    # That of register is a file, and no flag.
+    assert real("--preset", "night", "register", "a.jpg", "b.jpg", config=path)["preview"] is None
+    assert real("fix", "a.jpg", config=path)["strength"] == 0.1
+
+
+@pytest.mark.parametrize(
+    ("typed", "name", "other"),
+    [
+        (("--max-angle", "2"), "max_angle", "blur_size"),
+        (("--camera", "c.npz"), "camera", "focal_35mm"),
+        (("--overwrite",), "overwrite", "skip_existing"),
+        (("--scheduler", "tcp://a:1"), "scheduler", "jobs"),
+        (("--method", "rl"), "method", "quality"),
+    ],
+)
+def test_what_is_typed_puts_aside_what_the_file_says_against_it(
+    real, config, monkeypatch, *, typed, name, other
+):
+    path = config(
+        "[fix]\nblur-size = 40\nfocal-35mm = 28\nskip-existing = true\njobs = 3\nquality = 'high'\n"
+    )
+    before = real("fix", "a.jpg", config=path)
+    assert before[other] in {40, 28, True, 3, "high"}
+    after = real("fix", "a.jpg", *typed, config=path)
+    assert after[name]
+    assert after[other] in {None, False, "default"}
+    # The environment comes before the file, too, and after what is typed.
+    monkeypatch.setenv(f"DESHAKE_FIX_{name.upper()}", "1" if len(typed) == 1 else typed[1])
+    assert real("fix", "a.jpg", config=path)[other] in {None, False, "default"}
+
+
+def test_two_contrary_options_of_one_place_are_wrong_usage(deshake, config):
+    path = config("[fix]\nblur-size = 40\nmax-angle = 2\n")
+    outcome = deshake("--config", path, "fix", "a.jpg")
+    assert outcome.code == 2
+    assert "cannot both be given" in outcome.err
+    outcome = deshake("fix", "a.jpg", "--overwrite", "--skip-existing")
+    assert outcome.code == 2
+    assert "--overwrite and --skip-existing cannot both be given" in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "needs"),
+    [
+        ("search-angle", 5, ("--noisy", "b.jpg")),
+        ("report-images", True, ("--report", "look.html")),
+        ("open", True, ("--compare",)),
+    ],
+)
+def test_what_the_file_says_counts_only_where_it_has_a_use(
+    real, config, deshake, *, name, value, needs
+):
+    typed = (f"--{name}",) if value is True else (f"--{name}", value)
+    outcome = deshake("fix", "a.jpg", *typed)
+    assert outcome.code == 2
+    assert f"--{name} needs --" in outcome.err
+    path = config(f"[fix]\n{name} = {str(value).lower()}\n")
+    key = {"open": "open_after"}.get(name, name.replace("-", "_"))
+    assert not real("fix", "a.jpg", config=path)[key]
+    assert real("fix", "a.jpg", *needs, config=path)[key] == value
+
+
+def test_what_is_typed_puts_aside_what_the_file_says_in_the_commands_too(
+    deshake, config, pair, boards, tmp_path
+):
+    path = config(
+        "[fix]\nregion = [0, 0, 5, 5]\nestimator = 'variational'\nfocal = 'auto'\n"
+        "[estimate-pair]\nsearch-angle = 5\nfocal-px = 150\n"
+        "[deblur]\nsearch-angle = 5\n"
+        "[calibrate]\nfocal-px = 150\n"
+    )
+    own, out = ("--config", path), tmp_path / "out.png"
+    blurred, noisy = pair
+    dry = ("--noisy", noisy, "-o", out, "--dry-run")
+    assert deshake(*own, "fix", blurred, *dry).code == 0
+    outcome = deshake(*own, "fix", blurred, *dry, "--region", "0,0,5,5")
+    assert outcome.code == 2
+    assert "--region does not go with --noisy" in outcome.err
+    registration, kernel = tmp_path / "pair.npz", tmp_path / "kernel.npz"
+    assert deshake("register", *pair, "--focal-px", 150, "-o", registration).code == 0
+    known = ("--registration", registration)
+    estimate = ("estimate-pair", *pair, *known, "-o", kernel, "--blur-size", 8)
+    assert deshake(*own, *estimate, "--dry-run").code == 0
+    outcome = deshake(*own, *estimate, "--dry-run", "--focal-px", 150)
+    assert outcome.code == 2
+    assert "--registration and --focal-px cannot both be given" in outcome.err
+    assert deshake(*own, *estimate).code == 0
+    assert deshake(*own, "deblur", blurred, kernel, *dry, *known).code == 0
+    photos = []
+    for number, board in enumerate(boards[0]):
+        photos.append(tmp_path / f"{number}.png")
+        Image.fromarray(board).save(photos[-1])
+    chessboard = ("calibrate", *photos, "--chessboard", "--board", "7x5", "--json")
+    assert deshake(*own, *chessboard).code == 0
+    assert deshake(*own, *chessboard, "--focal-px", 150).code == 2

@@ -20,7 +20,7 @@ PAIR = ("--focal-px", 150, "--blur-size", 8, "--iterations", 2)
 def portrait(tmp_path):
     """Save a photo that was shaken by 7 pixels along a slant, under a name.
 
-    From one of 200 x 160 its kernel can be found.
+    One of 200 x 160 is enough for an estimate of its kernel.
     """
 
     def save(name, width=100, height=80):
@@ -129,7 +129,7 @@ def test_a_folder_of_masks_is_for_many_photos(deshake, portrait, mask, tmp_path)
 def test_one_mask_is_not_for_many_photos(deshake, portrait, mask):
     outcome = deshake("fix", portrait("a.png"), portrait("b.png"), "--mask", mask())
     assert outcome.code == 2
-    assert "for several, --mask names a folder" in outcome.err
+    assert "for several photos, --mask names a folder of masks" in outcome.err
 
 
 def test_a_photo_with_two_masks_fails_alone(deshake, portrait, mask, tmp_path):
@@ -169,12 +169,32 @@ def test_a_wrong_mask_is_refused(
     assert contents(tmp_path) == before
 
 
-@pytest.mark.parametrize("share", ["-0.1", "1.5", "half", "nan"])
+def test_a_strength_in_percent_gives_the_same_bytes(deshake, shaken, words, monkeypatch, tmp_path):
+    photo, config = shaken("a.png"), tmp_path / "config.toml"
+    config.write_text("[deblur]\nstrength = '50%'\n", "utf-8")
+    runs = {
+        "share.png": ((), ("--strength", "0.5")),
+        "percent.png": ((), ("--strength", "50%")),
+        "file.png": (("--config", config), ()),
+        "environment.png": ((), ()),
+        "whole.png": ((), ()),
+    }
+    for name, (before, after) in runs.items():
+        run = (*before, "deblur", photo, *words["deblur"], *after, "-o", tmp_path / name)
+        if name == "environment.png":
+            monkeypatch.setenv("DESHAKE_DEBLUR_STRENGTH", "50 %")
+        assert deshake(*run).code == 0
+        monkeypatch.delenv("DESHAKE_DEBLUR_STRENGTH", raising=False)
+    share, percent, file, environment, whole = ((tmp_path / name).read_bytes() for name in runs)
+    assert share == percent == file == environment != whole
+
+
+@pytest.mark.parametrize("share", ["-0.1", "1.5", "half", "nan", "101%"])
 @pytest.mark.parametrize("command", ["fix", "deblur"])
 def test_a_strength_is_from_0_to_1(deshake, shaken, words, command, share):
     outcome = deshake(command, shaken("a.png"), *words[command], "--strength", share)
     assert outcome.code == 2
-    assert "is not a number from 0 to 1" in outcome.err
+    assert "is not a share: a number from 0 to 1, or 0% to 100%" in outcome.err
 
 
 def test_a_sheet_lies_beside_the_result(deshake, shaken, words, contents, tmp_path):

@@ -15,6 +15,8 @@ from deshake.metadata.provenance import read_provenance
 from deshake.pair.registration import register
 from deshake.stages import deblurring, registering
 
+pytestmark = pytest.mark.long
+
 LENS = ("--focal-px", 150)
 BLUR = ("--blur-size", 8)
 QUIET = ("--threads", 1, "-q")
@@ -24,7 +26,7 @@ QUIET = ("--threads", 1, "-q")
     ("chosen", "how"),
     [((), ()), (("--uniform",), ("--method", "residual", "--iterations", 4))],
 )
-def test_gives_the_bytes_of_its_stages(deshake, pair, tmp_path, chosen, how):
+def test_gives_the_bytes_of_its_stages_with_any_threads(deshake, pair, tmp_path, chosen, how):
     blurred, noisy = pair
     known, kernel, sharp = (tmp_path / name for name in ("r.npz", "k.npz", "sharp.png"))
     more = ("--registration", known, *QUIET)
@@ -114,8 +116,11 @@ def _here(pair, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("args", "what"),
     [
-        (("blurred.png", "noisy.png", "--noisy", "noisy.png"), "one noisy photo goes with one"),
-        ((".", "--noisy", "noisy.png"), "one noisy photo goes with one"),
+        (
+            ("blurred.png", "noisy.png", "--noisy", "noisy.png"),
+            "--noisy goes with one photo: run several one by one",
+        ),
+        ((".", "--noisy", "noisy.png"), "--noisy goes with one photo: run several one by one"),
         (("blurred.png", "--noisy", "./blurred.png"), "is the photo itself"),
         (("blurred.png", "--noisy", "link.png"), "is the photo itself"),
         (("blurred.png", "--noisy", "noisy.png", "--region", "0,0,9,9"), "--region does not go"),

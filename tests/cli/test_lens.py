@@ -88,9 +88,7 @@ def test_no_lens_is_undone_twice(deshake, shaken, lens, bent_pan, pan):
         outcome = deshake(*words)
         assert outcome.code == 1
         error, hint = outcome.err.splitlines()
-        assert (
-            error == f"error: {out}: was straightened by deshake already: no lens is left to undo"
-        )
+        assert error == f"error: {out}: was straightened by deshake already"
         assert hint.startswith("hint: leave --lens out")
     assert not again.exists()
     assert deshake("deblur", out, pan, "-o", again).code == 0

@@ -89,6 +89,18 @@ def test_wrong_usage_names_what_is_wrong_and_where_to_look(deshake):
     )
 
 
+@pytest.mark.parametrize("name", COMMANDS)
+def test_wrong_usage_of_every_command_is_2_to_the_shell(name):
+    done = subprocess.run(
+        [sys.executable, "-m", "deshake", name, "--colour"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("error: No such option '--colour'.")
+
+
 def test_an_unknown_command_suggests_a_known_one(deshake):
     outcome = deshake("fixx")
     assert outcome.code == 2
@@ -114,7 +126,8 @@ def test_a_bug_is_one_line_and_its_traceback_needs_vv(deshake, trial):
     outcome = deshake("trial")
     assert outcome.code == 1
     assert outcome.err == (
-        "error: ZeroDivisionError: division by zero\nhint: this is a bug; run again with -vv\n"
+        "error: ZeroDivisionError: division by zero\n"
+        "hint: this is a bug in deshake: report it with what -vv prints\n"
     )
     for args in (("-vv", "trial"), ("trial", "-vv"), ("-v", "trial", "-v")):
         assert "Traceback (most recent call last)" in deshake(*args).err
@@ -158,7 +171,7 @@ def test_a_closed_pipe_is_quiet(deshake, trial, wrapped):
 @pytest.mark.skipif(os.name == "nt", reason="needs a POSIX shell")
 def test_a_reader_that_leaves_early_is_quiet():
     done = subprocess.run(
-        f"{sys.executable} -c 'import time; time.sleep(1); "
+        f"{sys.executable} -c 'import time; time.sleep(.3); "
         'from deshake.cli.main import main; raise SystemExit(main(["--help"]))\' | true',
         shell=True,
         capture_output=True,

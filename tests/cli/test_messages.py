@@ -87,7 +87,11 @@ def test_a_log_line_passes_above_a_progress_bar(capsys):
         (PhotoError("is torn", hint="glue it", file="a.jpg"), "a.jpg: is torn", "glue it"),
         (MemoryError(), "not enough memory", "try a smaller photo, or close other programs"),
         (OSError(28, "No space left", "out.png"), "out.png: No space left", None),
-        (KeyError("k"), "KeyError: 'k'", "this is a bug; run again with -vv"),
+        (
+            KeyError("k"),
+            "KeyError: 'k'",
+            "this is a bug in deshake: report it with what -vv prints",
+        ),
     ],
 )
 def test_every_error_is_told_in_a_line(error, message, hint):

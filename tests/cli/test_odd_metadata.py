@@ -148,7 +148,7 @@ def test_xmp_that_is_none_stays_and_takes_no_provenance(deblurred):
     packet = b"<rubbish/>"
     data = in_jpeg((0xE1, b"http://ns.adobe.com/xap/1.0/\0" + packet))
     said, out = deblurred("a.jpg", data, "png", kept=False)
-    assert said == ["its XMP is damaged, and takes no provenance"]
+    assert said == ["its XMP metadata are damaged: they do not get a note of how it was made"]
     with Image.open(out) as picture:
         assert picture.info["xmp"] == packet
 
@@ -161,6 +161,6 @@ def test_a_maker_note_deep_in_a_tiff_is_moved_and_that_is_said(deblurred):
     data += bytes(70_000 - len(data)) + note
     struct.pack_into("<I", data, place, 70_000)
     said, out = deblurred("a.tif", bytes(data), "png")
-    assert said == ["its maker note has moved, and offsets in it may no longer hold"]
+    assert said == ["its maker note has moved: some programs may not read all of it"]
     with Image.open(out) as picture:
         assert bytes(picture.getexif().get_ifd(0x8769)[0x927C]).startswith(b"NOTE")

@@ -180,7 +180,7 @@ def test_a_pair_of_raw_files_is_known_to_be_linear(deshake, make_dng, scene, tmp
     ("args", "what"),
     [
         (("-o", "out.dng"), "RAW files are read, but not written"),
-        (("--transfer", "srgb"), "a RAW file, whose values are light itself"),
+        (("--transfer", "srgb"), "--transfer is not for RAW files, which are in linear light"),
     ],
 )
 def test_wrong_use(refused, raw, kernel, args, what):
@@ -189,7 +189,7 @@ def test_wrong_use(refused, raw, kernel, args, what):
 
 
 def test_linear_light_is_for_raw_files(refused, shaken):
-    assert "no RAW file" in refused("deblur", shaken("a.jpg"), "--linear")
+    assert "--linear is for RAW files" in refused("deblur", shaken("a.jpg"), "--linear")
 
 
 @pytest.mark.parametrize("keep", [20, 300, 5000])

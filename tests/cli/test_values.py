@@ -3,7 +3,7 @@ from __future__ import annotations
 import click
 import pytest
 
-from deshake.cli.values import Grid, Number, PhotoFormat, Region, Share
+from deshake.cli.values import Count, Grid, Number, PhotoFormat, Region, Share
 from deshake.formats.encoding import ENDINGS, SUFFIXES
 
 
@@ -18,15 +18,36 @@ def test_numbers(text, value):
     assert Number("DEGREES", most=45).convert(text, None, None) == value
 
 
-@pytest.mark.parametrize(("text", "value"), [("0", 0.0), ("0.5", 0.5), (1, 1.0)])
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        *(("0", 0.0), ("0.5", 0.5), (1, 1.0), ("80%", 0.8), ("80 %", 0.8), ("12.5%", 0.125)),
+        *(("0%", 0.0), ("100%", 1.0), (" 5% ", 0.05), ("7%", 0.07)),
+    ],
+)
 def test_shares(text, value):
     assert Share().convert(text, None, None) == value
 
 
-@pytest.mark.parametrize("text", ["-0.1", "1.01", "nan", "inf", "", "half"])
-def test_a_share_is_from_0_to_1(text):
-    with pytest.raises(click.BadParameter, match="not a number from 0 to 1"):
+@pytest.mark.parametrize(
+    "text",
+    ["-0.1", "1.01", "nan", "inf", "", "half", "80", "101%", "-1%", "%", "nan%", "5%%", "%5"],
+)
+def test_a_share_is_from_0_to_1_or_a_percentage(text):
+    with pytest.raises(click.BadParameter, match="a number from 0 to 1, or 0% to 100%"):
         Share().convert(text, None, None)
+
+
+@pytest.mark.parametrize(("text", "value"), [("1", 1), (" 7 ", 7), (10, 10), ("+3", 3)])
+def test_counts(text, value):
+    assert Count(1, 10).convert(text, None, None) == value
+
+
+@pytest.mark.parametrize("text", ["0", "11", "-1", "1.5", "", "two", "1e1", "9" * 5000, True])
+def test_a_count_is_a_whole_number_in_its_range(text):
+    with pytest.raises(click.BadParameter, match="is not a whole number from 1 to 10") as error:
+        Count(1, 10).convert(text, None, None)
+    assert len(str(error.value)) < 120
 
 
 def test_region():

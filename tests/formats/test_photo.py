@@ -248,7 +248,7 @@ def test_names_without_a_regular_file_are_named(tmp_path: Path) -> None:
     with pytest.raises(PhotoError, match="is a folder"):
         read_photo(tmp_path)
     os.mkfifo(tmp_path / "pipe.jpg")
-    with pytest.raises(PhotoError, match="not a regular file"):
+    with pytest.raises(PhotoError, match="no ordinary file"):
         read_photo(tmp_path / "pipe.jpg")
 
 

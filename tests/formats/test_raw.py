@@ -208,10 +208,10 @@ def test_raw_is_read_only_and_linear(tmp_path: Path, make_dng: Callable[..., byt
     assert output_format("out.jpg", photo.source, photo.encoding) == "JPEG"
     with pytest.raises(OutputError, match="read, but not written"):
         output_format("out.dng", photo.source, photo.encoding)
-    with pytest.raises(PhotoError, match="light itself"):
+    with pytest.raises(PhotoError, match="in linear light"):
         read_photo(tmp_path / "a.dng", transfer="srgb")
     write_photo(tmp_path / "a.png", photo)
-    with pytest.raises(PhotoError, match="no RAW file"):
+    with pytest.raises(PhotoError, match="--linear is for RAW files"):
         read_photo(tmp_path / "a.png").in_linear_light()
 
 

@@ -135,7 +135,7 @@ def test_contradictions_are_noted(make_exif: Callable[..., bytes]) -> None:
     assert focal.source == "EXIF FocalLengthIn35mmFilm = 70 mm"
     assert focal.confidence == pytest.approx(0.54)
     [note] = focal.notes
-    assert "its metadata contradict themselves" in note
+    assert "its metadata contradict each other" in note
 
 
 def test_a_digital_zoom_makes_the_focal_length_longer(make_exif: Callable[..., bytes]) -> None:

@@ -93,7 +93,7 @@ def test_a_built_in_lens_needs_no_name() -> None:
         ({"lens_model": "EF24-105mm f/4L IS"}, "no profile of EF24-105mm f/4L IS on"),
         ({"lens_model": ""}, "no profile of the lens on"),
         ({"focal_mm": 300.0}, "taken at 300 mm, and Canon EF 24-105mm"),
-        ({"focal_mm": None}, "state no focal length"),
+        ({"focal_mm": None}, "no focal length in its metadata"),
     ],
 )
 def test_names_that_do_not_match_are_refused(changes: dict, match: str) -> None:

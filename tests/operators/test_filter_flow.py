@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import cv2
 import numpy as np
 import pytest
@@ -16,12 +14,6 @@ from deshake.operators.filter_flow import FilterFlow, patch_hop, reach
 from deshake.operators.local_filters import LocalFilters
 from deshake.operators.warps import Warps
 from deshake.run import Run
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-MARGINS = [None, 0, 19]
-CHANNELS = [(), (3,)]
 
 
 def rms(a: np.ndarray) -> float:
@@ -48,8 +40,9 @@ SHAKES = {
 }
 
 
-@pytest.mark.parametrize("name", SHAKES)
-@pytest.mark.parametrize("extent", [20, 60])
+@pytest.mark.parametrize(
+    ("name", "extent"), [("x", 20), ("y", 60), ("z", 60), ("all", 20), ("curved", 60)]
+)
 def test_blur_is_within_a_thousandth_of_exact_warps(
     photo: np.ndarray, name: str, extent: int
 ) -> None:
@@ -61,48 +54,6 @@ def test_blur_is_within_a_thousandth_of_exact_warps(
     expected = exact.blur(f, kernel.weights)
     assert rms(expected - photo) > 0.02
     assert rms(flow.blur(f, kernel.weights) - expected) < 1e-3
-
-
-@pytest.mark.parametrize("margin", MARGINS)
-@pytest.mark.parametrize("channels", CHANNELS)
-def test_dot_test_in_the_image(
-    *,
-    dot_test: Callable[..., float],
-    camera: Camera,
-    theta: np.ndarray,
-    weights: np.ndarray,
-    margin: int | None,
-    channels: tuple[int, ...],
-) -> None:
-    flow = FilterFlow(camera, theta, margin=margin)
-    error = dot_test(
-        lambda f: flow.blur(f, weights),
-        lambda g: flow.adjoint(g, weights),
-        (*flow.latent_shape, *channels),
-        (*camera.shape, *channels),
-    )
-    assert error <= 1e-5
-
-
-@pytest.mark.parametrize("margin", MARGINS)
-@pytest.mark.parametrize("channels", CHANNELS)
-def test_dot_test_in_the_kernel(
-    *,
-    dot_test: Callable[..., float],
-    camera: Camera,
-    theta: np.ndarray,
-    margin: int | None,
-    channels: tuple[int, ...],
-) -> None:
-    flow = FilterFlow(camera, theta, margin=margin)
-    f = np.random.default_rng(3).random((*flow.latent_shape, *channels)).astype(np.float32)
-    error = dot_test(
-        lambda w: flow.blur(f, w),
-        lambda r: flow.kernel_adjoint(f, r),
-        (len(theta),),
-        (*camera.shape, *channels),
-    )
-    assert error <= 1e-5
 
 
 @given(
@@ -146,7 +97,7 @@ def test_blur_is_linear_in_image_and_kernel(
 
 
 @pytest.mark.parametrize("kind", [FilterFlow, Warps])
-@pytest.mark.parametrize("channels", CHANNELS)
+@pytest.mark.parametrize("channels", [(), (3,)])
 def test_constants_are_kept(
     kind: type, camera: Camera, theta: np.ndarray, weights: np.ndarray, channels: tuple[int, ...]
 ) -> None:
@@ -205,13 +156,12 @@ def test_nothing_depends_on_what_is_kept(
     assert all_maps(0) == kept
 
 
-@pytest.mark.parametrize("channels", [1, 2])
-def test_gram_is_close_to_exact_on_a_photo(photo: np.ndarray, channels: int) -> None:
+def test_gram_is_close_to_exact_on_a_photo(photo: np.ndarray) -> None:
     """Gradients of a photo are the hard case: what an estimate works on."""
     height, width = 192, 256
     small = cv2.resize(photo[:384, :512], (width, height), interpolation=cv2.INTER_AREA)
     along = [np.diff(small, axis=a, append=0)[: height - 1, : width - 1] for a in (1, 0)]
-    f = np.ascontiguousarray(np.stack(along[:channels], -1))
+    f = np.ascontiguousarray(np.stack(along, -1))
     camera = Camera.from_focal(width, height - 1, width - 1)
     indices = np.stack(np.meshgrid(*[np.arange(-2, 3)] * 3), -1).reshape(-1, 3)
     theta = indices * grid_steps(camera)
@@ -305,7 +255,7 @@ def test_hop_is_short_where_displacements_change_fast() -> None:
     assert patch_hop(camera, line * [0, 0.02, 0] + np.array([0, 0, 0.05])) < pan
 
 
-@pytest.mark.parametrize("shape", [(60, 80), (500, 700), (3000, 4000)])
+@pytest.mark.parametrize("shape", [(60, 80), (500, 700), (1500, 2000)])
 @pytest.mark.parametrize("extent", [0.0, 30.0, 300.0])
 def test_hop_is_cheap_where_displacements_agree(shape: tuple[int, int], extent: float) -> None:
     camera = Camera.uniform(*shape)

@@ -14,9 +14,6 @@ from deshake.operators.warps import Warps
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-MARGINS = [None, 0, 14]
-CHANNELS = [(), (2,), (3,), (5,)]
-
 
 def dense(camera: Camera, theta: np.ndarray, margin: int) -> np.ndarray:
     """``C_ijk`` from its definition, (observed, latent, K)."""
@@ -50,48 +47,6 @@ def test_maps_are_sums_over_bilinear_weights(margin: int) -> None:
     np.testing.assert_allclose(blur.kernel_adjoint(f, r), b.T @ r.ravel(), rtol=1e-5)
     np.testing.assert_allclose(blur.gram(f), b.T @ b, rtol=1e-5)
     np.testing.assert_allclose(blur.gram(f, mask), b.T @ (mask.ravel()[:, None] * b), rtol=1e-5)
-
-
-@pytest.mark.parametrize("margin", MARGINS)
-@pytest.mark.parametrize("channels", CHANNELS)
-def test_dot_test_in_the_image(
-    *,
-    dot_test: Callable[..., float],
-    camera: Camera,
-    theta: np.ndarray,
-    weights: np.ndarray,
-    margin: int | None,
-    channels: tuple[int, ...],
-) -> None:
-    blur = Warps(camera, theta, margin=margin)
-    error = dot_test(
-        lambda f: blur.blur(f, weights),
-        lambda g: blur.adjoint(g, weights),
-        (*blur.latent_shape, *channels),
-        (*camera.shape, *channels),
-    )
-    assert error <= 1e-5
-
-
-@pytest.mark.parametrize("margin", MARGINS)
-@pytest.mark.parametrize("channels", CHANNELS)
-def test_dot_test_in_the_kernel(
-    *,
-    dot_test: Callable[..., float],
-    camera: Camera,
-    theta: np.ndarray,
-    margin: int | None,
-    channels: tuple[int, ...],
-) -> None:
-    blur = Warps(camera, theta, margin=margin)
-    f = np.random.default_rng(3).random((*blur.latent_shape, *channels)).astype(np.float32)
-    error = dot_test(
-        lambda w: blur.blur(f, w),
-        lambda r: blur.kernel_adjoint(f, r),
-        (len(theta),),
-        (*camera.shape, *channels),
-    )
-    assert error <= 1e-5
 
 
 def test_adjoint_is_not_the_inverse_warp(dot_test: Callable[..., float], camera: Camera) -> None:

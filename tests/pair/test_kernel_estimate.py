@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from functools import cache
+
 import cv2
 import numpy as np
 import pytest
@@ -7,10 +9,12 @@ import pytest
 from deshake.errors import EstimationError
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
-from deshake.geometry.rotations import grid_steps, homographies
+from deshake.geometry.rotations import grid_steps
 from deshake.operators.warps import Warps
 from deshake.pair.kernel_estimate import estimate_pair_kernel
 from deshake.run import Run
+
+pytestmark = pytest.mark.long
 
 SHAPE = (160, 220)
 MARGIN = 20
@@ -65,10 +69,21 @@ def camera():
     return Camera.from_focal(200.0, *SHAPE)
 
 
-@pytest.mark.parametrize(("sigma", "least"), [(0.0, 0.97), (0.03, 0.96), (0.08, 0.93)])
-def test_a_known_kernel_is_recovered(photo, camera, sigma, least):
-    g, f_reg, twins, truth = shaken(photo, camera, sigma=sigma)
-    result = estimate(g, f_reg, camera, noise=twins)
+@pytest.fixture(scope="module")
+def known(photo, camera):
+    """Make a pair with noise of a strength, and estimate its kernel, once."""
+
+    @cache
+    def make(sigma):
+        g, f_reg, twins, truth = shaken(photo, camera, sigma=sigma)
+        return (g, f_reg, twins, truth), estimate(g, f_reg, camera, noise=twins)
+
+    return make
+
+
+@pytest.mark.parametrize(("sigma", "least"), [(0.03, 0.96), (0.08, 0.93)])
+def test_a_known_kernel_is_recovered(known, camera, sigma, least):
+    (*_, truth), result = known(sigma)
     assert likeness(result.kernel, truth) > least
     assert likeness(RotationKernel.delta(camera), truth) < 0.7
     assert result.scale == pytest.approx(RATIO, rel=0.01)
@@ -94,9 +109,8 @@ def test_uniform_blur_by_translations(photo):
     assert likeness(result.kernel, truth) > 0.97
 
 
-def test_noise_spreads_the_kernel_unless_its_twin_is_taken_off(photo, camera):
-    g, f_reg, twins, truth = shaken(photo, camera, sigma=0.1)
-    with_twins = estimate(g, f_reg, camera, noise=twins)
+def test_noise_spreads_the_kernel_unless_its_twin_is_taken_off(known, camera):
+    (g, f_reg, _, truth), with_twins = known(0.08)
     without = estimate(g, f_reg, camera)
     assert likeness(with_twins.kernel, truth) > likeness(without.kernel, truth) + 0.01
 
@@ -122,7 +136,9 @@ def test_the_size_of_the_blur_need_not_be_known(photo, camera):
 def test_a_bound_that_is_too_small_is_said(photo, camera):
     g, f_reg, twins, _ = shaken(photo, camera, 3 * PATH, sigma=0.0)
     result = estimate(g, f_reg, camera, noise=twins, blur_size=3)
-    assert "the kernel touches its bounds: try a larger --blur-size" in result.notes
+    assert (
+        "the shake may be wider than what was looked for: try a larger --blur-size" in result.notes
+    )
 
 
 def test_a_camera_that_stood_still(photo, camera):
@@ -140,25 +156,21 @@ def test_photos_of_two_scenes_are_not_believed(photo, camera):
     assert result.unexplained > 0.4
 
 
-def test_threads_change_no_byte_and_progress_rises(photo, camera):
-    g, f_reg, twins, _ = shaken(photo, camera, sigma=0.05)
+def test_threads_change_no_byte_and_progress_rises(known, camera):
+    (g, f_reg, twins, _), alone = known(0.03)
     shares = []
-    results = [
-        estimate(
-            g,
-            f_reg,
-            camera,
-            noise=twins,
-            run=Run(threads, lambda share, _text: shares.append(share)),
-        )
-        for threads in (1, 3)
-    ]
-    assert results[0].kernel.weights.tobytes() == results[1].kernel.weights.tobytes()
-    assert results[0].scale == results[1].scale
-    half = shares[: len(shares) // 2]
-    assert half == sorted(half)
-    assert half[0] == 0
-    assert half[-1] == 1
+    result = estimate(
+        g,
+        f_reg,
+        camera,
+        noise=twins,
+        run=Run(3, lambda share, _text: shares.append(share)),
+    )
+    assert result.kernel.weights.tobytes() == alone.kernel.weights.tobytes()
+    assert result.scale == alone.scale
+    assert shares == sorted(shares)
+    assert shares[0] == 0
+    assert shares[-1] == 1
 
 
 def test_large_photos_are_worked_on_where_the_blur_is_wide_enough(photo, camera, monkeypatch):
@@ -174,7 +186,7 @@ def test_large_photos_are_worked_on_where_the_blur_is_wide_enough(photo, camera,
 @pytest.mark.parametrize(
     ("change", "what"),
     [
-        ({"g": np.full(SHAPE, 0.5, np.float32)}, "no texture"),
+        ({"g": np.full(SHAPE, 0.5, np.float32)}, "no detail"),
         ({"valid": np.zeros(SHAPE)}, "too few pixels are left"),
         ({"g": np.ones(SHAPE, np.float32)}, "too few pixels are left"),
         ({"blur_size": 81.0}, "a blur of 81 px does not fit"),
@@ -191,9 +203,9 @@ def test_narrow_photos_have_bounds_that_fit(photo):
     narrow = Camera.from_focal(200.0, 48, 220)
     g, f_reg, _, _ = shaken(photo, Camera.from_focal(200.0, *SHAPE), 0 * PATH)
     rows = slice(50, 98)
-    wide = [np.tile(picture[rows], (1, 5)) for picture in (g, f_reg)]
-    camera = narrow.cropped(-440, 0, 1100, 48)
-    result = estimate_pair_kernel(*wide, np.ones((48, 1100)), camera, run=Run(1))
+    wide = [np.tile(picture[rows], (1, 3)) for picture in (g, f_reg)]
+    camera = narrow.cropped(-220, 0, 660, 48)
+    result = estimate_pair_kernel(*wide, np.ones((48, 660)), camera, run=Run(1))
     assert result.kernel.extent_px() < 3
 
 
@@ -221,13 +233,3 @@ def test_the_frame_is_that_of_the_registered_photo(photo, camera):
     inside = np.s_[16:-16, 16:-16]
     before = np.square(f_reg * result.scale - g)[inside].mean()
     assert np.square(model - g)[inside].mean() < 0.01 * before
-
-
-def test_points_of_the_frame_move_as_homographies_say(camera):
-    """The tests' own filters: a turn about Y moves all points along x."""
-    kernel = RotationKernel(np.array([[0, 0.05, 0]]), np.ones(1), grid_steps(camera), camera)
-    moved = kernel.displacements(camera.corners)[:, 0]
-    assert np.all(np.abs(moved[:, 0]) > 8)
-    h = homographies(camera, kernel.theta)[0]
-    moved_corner = h @ [*camera.corners[4], 1]
-    np.testing.assert_allclose(moved_corner[:2] / moved_corner[2] - camera.corners[4], moved[4])

@@ -104,7 +104,7 @@ def test_few_are_drawn_of_many(monkeypatch):
 @pytest.mark.parametrize(
     ("image", "count", "what"),
     [
-        (np.zeros(SHAPE, np.float32), 90 * 120, "no texture"),
+        (np.zeros(SHAPE, np.float32), 90 * 120, "no detail"),
         (np.random.default_rng(0).random(SHAPE, np.float32), 100, "too few pixels"),
         (np.random.default_rng(0).random(SHAPE, np.float32), 0, "too few pixels"),
     ],

@@ -104,7 +104,7 @@ def test_the_noise_twin_takes_off_the_bias():
     clean = PairRows(CAMERA, theta, f, g, at, run=Run(1))
     exact, right = clean.gram(chosen), clean.right
     draws, plain, rights = [], [], []
-    for seed in range(120):
+    for seed in range(40):
         noisy = f + 0.8 * pictures(2, 1000 + seed)
         twins = [0.8 * pictures(2, 5000 + 2 * seed + t) for t in range(2)]
         rows = PairRows(CAMERA, theta, noisy, g, at, noise=twins, run=Run(1))

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import resource
 import sys
+from functools import cache
 
 import cv2
 import numpy as np
@@ -16,10 +17,13 @@ from deshake.pair.rotation_search import distance_px
 from deshake.run import Run
 from deshake.simulation.shake_path import random_path
 
+pytestmark = pytest.mark.long
+
 HEIGHT, WIDTH, MARGIN = 240, 320, 90
 CAMERA = Camera.from_focal(320, HEIGHT, WIDTH)
 
 
+@cache
 def light(name="coffee"):
     """A photograph in linear light, larger than the frame."""
     photo = getattr(data, name)()
@@ -97,8 +101,7 @@ def test_a_focal_length_that_is_wrong_by_a_fifth_does_not_upset_it(factor):
     assert np.hypot(*(places[0] - places[1])) < 3
 
 
-@pytest.mark.parametrize("turns", [1, 3])
-@pytest.mark.parametrize("size", [0.5, 1, 1.5])
+@pytest.mark.parametrize(("turns", "size"), [(1, 0.5), (3, 1.5)])
 def test_a_photo_turned_and_resized_is_registered_all_the_same(turns, size):
     scene, theta = light("astronaut"), np.radians([1, -2, 1])
     upright = short(scene, theta, 4, 0.02)
@@ -113,9 +116,7 @@ def test_a_photo_turned_and_resized_is_registered_all_the_same(turns, size):
     assert np.corrcoef(f_reg[inside], truth)[0, 1] > 0.97
 
 
-@pytest.mark.parametrize(
-    ("one", "other"), [("coffee", "astronaut"), ("astronaut", "camera"), ("chelsea", "coffee")]
-)
+@pytest.mark.parametrize(("one", "other"), [("coffee", "astronaut"), ("astronaut", "camera")])
 def test_photos_of_different_scenes_are_refused(one, other):
     noisy = short(light(other), np.radians([1, 2, 1]), 8, 0.05)
     with pytest.raises(EstimationError, match="do not show the same scene"):

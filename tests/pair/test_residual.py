@@ -12,6 +12,8 @@ from deshake.pair.denoising import NoisyPhoto
 from deshake.pair.residual import gain_map, joint_bilateral, residual_richardson_lucy
 from deshake.run import Run
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def pair(lab):
@@ -24,6 +26,13 @@ def pair(lab):
     return frame, g, noisy
 
 
+@pytest.fixture(scope="module")
+def restored(lab, pair):
+    """What the method makes of the pair by default."""
+    _, g, noisy = pair
+    return residual_richardson_lucy(g, noisy, lab.all_axes)
+
+
 def image_of(noisy):
     """Return the denoised photo as an image."""
     return np.ascontiguousarray(np.moveaxis(noisy.denoised, 0, -1))
@@ -34,19 +43,18 @@ def grey(noisy):
     return replace(noisy, pixels=noisy.pixels[:1], denoised=noisy.denoised[:1])
 
 
-def test_improves_on_the_denoised_photo(lab, pair):
+def test_improves_on_the_denoised_photo(lab, pair, restored):
     frame, g, noisy = pair
     plain = residual_richardson_lucy(g, noisy, lab.all_axes, gain=False)
-    full = residual_richardson_lucy(g, noisy, lab.all_axes)
-    for restored in (plain, full):
-        assert lab.psnr(restored.pixels, frame) > lab.psnr(image_of(noisy), frame) + 1
-        assert restored.pixels.min() >= 0
-        assert 1 <= restored.iterations <= 20
+    for result in (plain, restored):
+        assert lab.psnr(result.pixels, frame) > lab.psnr(image_of(noisy), frame) + 1
+        assert result.pixels.min() >= 0
+        assert 1 <= result.iterations <= 20
 
 
-@pytest.mark.parametrize("sigma", [0.005, 0.02, 0.05])
+@pytest.mark.parametrize("sigma", [0.005, 0.05])
 def test_stops_by_the_noise_near_the_best_iteration(sigma, lab):
-    sharp = lab.colours()
+    sharp = lab.scene()
     frame = np.ascontiguousarray(lab.frame(sharp))
     g = lab.noisy(lab.shaken(lab.all_axes, sharp), sigma)
     f_N = frame + np.random.default_rng(3).normal(0, 0.08, frame.shape).astype(np.float32)
@@ -54,17 +62,18 @@ def test_stops_by_the_noise_near_the_best_iteration(sigma, lab):
     stopped = residual_richardson_lucy(g, noisy, lab.all_axes)
     gains = [
         lab.psnr(residual_richardson_lucy(g, noisy, lab.all_axes, iterations=n).pixels, frame)
-        for n in (1, 2, 4, 7, 12, 20)
+        for n in (1, 3, 7, 14)
     ]
     assert lab.psnr(stopped.pixels, frame) > max(gains) - 0.5
 
 
-def test_more_noise_means_fewer_iterations_and_iterations_override(lab, pair):
+def test_more_noise_means_fewer_iterations_and_iterations_override(lab, pair, restored):
     _, g, noisy = pair
     noise = np.random.default_rng(4).normal(0, 0.04, g.shape).astype(np.float32)
-    calm, loud = (residual_richardson_lucy(x, noisy, lab.all_axes) for x in (g, g + noise))
-    assert calm.iterations > loud.iterations
-    assert residual_richardson_lucy(g, noisy, lab.all_axes, iterations=9).iterations == 9
+    loud = residual_richardson_lucy(g + noise, noisy, lab.all_axes)
+    assert restored.iterations > loud.iterations
+    other = restored.iterations - 1
+    assert residual_richardson_lucy(g, noisy, lab.all_axes, iterations=other).iterations == other
 
 
 def test_what_moved_is_left_as_the_denoised_photo_has_it(lab, pair):
@@ -98,7 +107,7 @@ def test_every_iteration_explains_more(lab, pair):
         )
         return result.residual
 
-    falls = [divergence(n) for n in (1, 2, 4, 8, 16)]
+    falls = [divergence(n) for n in (1, 2, 4, 8)]
     assert all(a > b for a, b in pairwise(falls))
 
 

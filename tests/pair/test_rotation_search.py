@@ -17,9 +17,16 @@ def texture(seed=0, sigma=1.5):
     return cv2.GaussianBlur(noise, (0, 0), sigma)
 
 
-@pytest.mark.parametrize("focal", [45.0, 64.0, 150.0])
 @pytest.mark.parametrize(
-    "degrees", [(0, 0, 0), (6, -3, 2), (-2, 9, -9), (9, 0, 0), (0, 0, 9.5), (-7, -7, 7)]
+    ("focal", "degrees"),
+    [
+        (45.0, (6, -3, 2)),
+        (45.0, (-2, 9, -9)),
+        (64.0, (0, 0, 0)),
+        (64.0, (0, 0, 9.5)),
+        (150.0, (9, 0, 0)),
+        (150.0, (-7, -7, 7)),
+    ],
 )
 def test_the_rotation_is_right_to_about_a_pixel(focal, degrees):
     camera = Camera.from_focal(focal, *SHAPE)

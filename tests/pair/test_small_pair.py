@@ -55,7 +55,7 @@ def test_clipped_pixels_are_marked():
 @pytest.mark.parametrize("shape", [(20, 30), (31, 400), (40, 4000)])
 def test_slivers_are_refused(shape):
     image = np.zeros(shape, np.float32)
-    with pytest.raises(EstimationError, match="too small or too long"):
+    with pytest.raises(EstimationError, match="too small or too narrow"):
         reduce_pair(image, image, Camera.from_focal(max(shape), *shape), 0)
 
 

@@ -99,12 +99,6 @@ def test_a_tiny_photo_has_its_pictures_too(tmp_path):
     assert pictures.detail == (0, 0, 7, 5)
 
 
-def test_equal_photos_have_equal_pictures(photo, kernel):
-    assert report_pictures(photo, photo, kernel, 50_000) == report_pictures(
-        photo, photo, kernel, 50_000
-    )
-
-
 def test_three_hundred_photos_stay_below_60_megabytes():
     assert 300 * room_for(300) * 4 / 3 < 55e6
     assert room_for(1) == room_for(2) > room_for(300) > room_for(100_000) > 0

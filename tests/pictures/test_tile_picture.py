@@ -151,5 +151,5 @@ def test_a_photo_becomes_one_of_eight_bits_through_its_lens():
 
 
 def test_a_flat_photo_has_no_tiles():
-    with pytest.raises(EstimationError, match="no texture"):
+    with pytest.raises(EstimationError, match="no detail"):
         tile_photo(replace(photo_of(np.full((480, 640), 0.5, np.float32))), pan(5), CAMERA)

@@ -87,7 +87,7 @@ def test_contrast_does_not_depend_on_exposure_or_size(sharp) -> None:
 
 def test_flat_photos_are_refused() -> None:
     for value in (0.0, 0.5):
-        with pytest.raises(EstimationError, match="no texture") as error:
+        with pytest.raises(EstimationError, match="no detail") as error:
             of(np.full((60, 80), value, np.float32))
         assert error.value.hint
 

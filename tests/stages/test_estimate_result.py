@@ -30,9 +30,3 @@ def test_a_pair_reports_its_registration():
     assert list(report) == [*COMMON, "trusted", "scale", "registration_confidence", *LAST]
     assert not report["trusted"]
     assert (report["scale"], report["registration_confidence"]) == (4.1, 0.9)
-
-
-def test_an_estimate_has_the_kernel_and_the_confidence_of_its_content():
-    estimate = Estimate(CONTENT, GIVEN, [])
-    assert estimate.kernel is CONTENT.kernel
-    assert estimate.confidence == CONTENT.confidence

@@ -48,7 +48,7 @@ def test_colours_and_luma_give_the_same_verdict(tmp_path, sharp):
 
 
 def test_photos_that_cannot_be_judged(tmp_path):
-    for size, words in (((30, 30), "too few"), ((80, 80), "no texture")):
+    for size, words in (((30, 30), "too few"), ((80, 80), "no detail")):
         Image.new("L", size, 100).save(tmp_path / "a.png")
         with pytest.raises(EstimationError, match=words) as error:
             photo_blur(tmp_path / "a.png")

@@ -82,7 +82,7 @@ def test_what_the_result_will_lack_is_said_and_linear_light_is_for_raw_files(
     tifffile.imwrite(tmp_path / "a.tif", np.zeros((64, 80), np.float32))
     prepared(read_photo(tmp_path / "a.tif"), tmp_path / "out.png", AS_IT_IS)
     assert "beyond white is cut off" in caplog.text
-    with pytest.raises(PhotoError, match="no RAW file"):
+    with pytest.raises(PhotoError, match="--linear is for RAW files"):
         prepared(photo, tmp_path / "out.png", FinishingOptions(linear=True))
 
 

@@ -22,6 +22,8 @@ from deshake.stages.estimate_options import EstimateOptions
 from deshake.stages.estimating import estimate_file
 from deshake.stages.pair_estimate import estimate_pair
 
+pytestmark = pytest.mark.long
+
 SHAPE = (150, 210)
 MARGIN = 25
 CAMERA = Camera.from_focal(220.0, *SHAPE)
@@ -168,7 +170,7 @@ def test_no_input_is_overwritten(pair, name):
 
 @pytest.mark.parametrize("grey", [False, True])
 def test_tone_curves_are_matched(pair, grey):
-    """Photos whose tones differ by more than a factor: found out, and the kernel is right."""
+    """Photos whose tones differ by more than a factor: it is detected, and the kernel is right."""
     folder, truth = pair
     blurred, noisy = (read_photo(folder / f"{name}.tif", transfer="linear") for name in FILES)
     curve = 2.5 * np.maximum(noisy.pixels, 0) ** np.array([0.6, 0.7, 0.5], np.float32)
@@ -177,7 +179,10 @@ def test_tone_curves_are_matched(pair, grey):
         noisy = replace(noisy, pixels=np.ascontiguousarray(noisy.pixels[..., 1]))
     estimate = estimate_pair(blurred, noisy, options(), run=Run(1))
     assert estimate.content.provenance["tone_curves"]
-    assert "the photos have tone curves of their own, which were matched" in estimate.notes
+    assert (
+        "the two photos were developed with different tone curves, which were matched"
+        in estimate.notes
+    )
     kernel = estimate.content.kernel
     spread, true_spread = (
         np.sqrt(k.weights @ (k.centred().theta / STEPS) ** 2) for k in (kernel, truth)

@@ -110,7 +110,7 @@ def test_damaged_xmp_is_said_to_be(photo, caplog):
     damaged = with_photo_provenance(photo, {"deshake": "1"})
     object.__setattr__(damaged.metadata, "xmp", b"<rubbish/>")
     assert with_photo_provenance(damaged, {"deshake": "2"}).metadata.xmp == b"<rubbish/>"
-    assert "takes no provenance" in caplog.text
+    assert "do not get a note of how it was made" in caplog.text
 
 
 def test_the_digest_is_that_of_the_bytes_that_were_read(photo):

@@ -177,7 +177,7 @@ def _serve() -> None:
             spoken.truncate()
             _forget_peak()
             start = time.process_time()  # another program's load is no hang
-            code = main([*json.loads(line), "--threads", "1"])
+            code = main(["--no-config", *json.loads(line), "--threads", "1"])
             seconds = time.process_time() - start
             sys.stderr.flush()
             spoken.seek(0)

@@ -131,7 +131,7 @@ def _contrast_scale(grey: Image) -> np.float32:
     across, down = np.diff(small, axis=1)[:-1], np.diff(small, axis=0)[:, :-1]
     contrast = float(np.sqrt((across**2 + down**2).mean()))
     if not contrast > _LEAST_CONTRAST:
-        msg = "there is no texture to estimate a blur kernel from"
+        msg = "there is no detail to estimate the shake from"
         raise EstimationError(msg, hint="the photo is all of one colour, or nearly so")
     return np.float32(priors.INTENSITY_RANGE * _CONTRAST / contrast)
 

@@ -109,7 +109,9 @@ class ScaleByScale:
             self.notes.append("no shake was found: the kernel is a single point")
         outermost = self.outermost
         if outermost > _TOUCHING:
-            self.notes.append("the kernel touches its bounds: try a larger --blur-size")
+            self.notes.append(
+                "the shake may be wider than what was looked for: try a larger --blur-size"
+            )
         if self.before is None:
             return kept, 0.0
         return kept, _agreement(self.before.above(_CUT), kept) * (1 - outermost)

@@ -1,0 +1,81 @@
+"""A kernel in the race: where it comes from, and what the race makes of it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from deshake.blind.agreement import agreement
+from deshake.blind.camera_path import thinned
+from deshake.blind.candidate import refined
+from deshake.blind.trimming import heaviest
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from deshake.blind.candidate import Axes, Refinement
+    from deshake.geometry.kernel import RotationKernel
+    from deshake.signal.pyramid import Pyramid
+
+__all__ = ["Entry", "nearest"]
+
+_FAINT = 0.05  # share of the kernel's weight that its width does not count
+_ROLL_WORTH = 0.003  # margin: least gain that justifies a kernel with roll
+_LEAST_WIDTH = 2.5  # px of the kernel's scale; a narrower kernel is a point and is not refined
+_AGREEING = 3  # number of nearest kernels in the mean agreement
+
+
+class Entry(NamedTuple):
+    """A kernel in the race.
+
+    Parameters
+    ----------
+    name : str
+        Origin of the kernel, for the log.
+    start, level : int
+        Index of its first scale, and of the scale of its estimate.
+    kernel : RotationKernel
+        The kernel, for the camera of the photo, centred.
+
+    """
+
+    name: str
+    start: int
+    level: int
+    kernel: RotationKernel
+
+    @property
+    def width(self) -> float:
+        """Width of the kernel in pixels of the photo."""
+        return heaviest(self.kernel, _FAINT).extent_px()
+
+    @property
+    def rolls(self) -> bool:
+        """Whether the camera turns about its optical axis."""
+        return bool(self.kernel.theta[:, 2].any())
+
+    @property
+    def price(self) -> float:
+        """The margin that the kernel must gain to justify its roll."""
+        return _ROLL_WORTH * self.rolls
+
+    def thin(self, width: float = 1.0) -> Entry:
+        """Reduce the kernel to a thin path; `width` is that of the neighbourhood, in grid steps."""
+        return self._replace(name=f"{self.name}, thin", kernel=thinned(self.kernel, width))
+
+    def refined(self, pyramid: Pyramid, how: Refinement, axes: Axes) -> Entry:
+        """Refine the kernel at its scale, unless it is a point there."""
+        camera = pyramid.at(self.level).camera
+        if self.kernel.for_camera(camera).extent_px() < _LEAST_WIDTH:
+            return self
+        kernel = refined(pyramid, self.kernel, self.level, how, axes=axes)
+        flat = "" if axes[2] else ", no roll"
+        return self._replace(name=f"{self.name}, refined at {how.price:g}{flat}", kernel=kernel)
+
+
+def nearest(entry: Entry, known: Sequence[Entry]) -> float:
+    """Return the mean agreement of a kernel with the nearest kernels of other starts, 0..1."""
+    others = [one.kernel for one in known if one.start != entry.start]
+    alike = sorted((agreement(entry.kernel, other) for other in others), reverse=True)
+    return float(np.mean(alike[:_AGREEING] or [0.0]))
