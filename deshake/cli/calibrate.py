@@ -71,8 +71,8 @@ def command(
     length with the resolution of the focal plane), from the crop factor that lensfun knows, or from
     a table of cameras' sensors. A cropped or resized PHOTO, or one taken with a digital
     zoom, is noticed where its EXIF has a record of it. The camera file (.npz) has it with the
-    principal point in the middle of the upright photo. The confidence that --json prints is a judgement of how likely the
-    figure is right to within 5 %. If one photo fails, the others go on.
+    principal point in the middle of the upright photo. The confidence that --json prints is a
+    judgement of how likely the figure is right to within 5 %. If one photo fails, the others go on.
 
     With --chessboard, all PHOTOs are of one printed board, 3 at the least and better 10 to 20, the
     board tilted in all directions and seen in all parts of the frame, by one camera at one focal
