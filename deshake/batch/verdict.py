@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final, Literal
 
-from deshake.stages.estimate_result import TRUSTED
+from deshake.blind.trust import DOUBTFUL
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -21,14 +21,14 @@ __all__ = [
 ]
 
 Verdict = Literal["improved", "left", "doubtful"]
-"""Improved: deblurred by a kernel that is trusted; left: as it is; doubtful: by another kernel."""
+"""Improved: by a kernel that is not doubtful; left: as it is; doubtful: by a doubtful kernel."""
 
 UNSHAKEN: Final = "unshaken"
 """Verdict on a photo that is passed over, because it is not shaken."""
 
 _LEFT: Final = "left as it is"
 _STILL: Final = "by its kernel, the camera stood still"
-_WORDS: Final = ((0.9, "confident"), (0.7, "fairly confident"), (TRUSTED, "not quite confident"))
+_WORDS: Final = ((0.9, "confident"), (DOUBTFUL, "fairly confident"))
 
 
 def verdict_figures(kernel: RotationKernel, confidence: float, notes: object) -> dict[str, Any]:
@@ -45,7 +45,7 @@ def verdict_figures(kernel: RotationKernel, confidence: float, notes: object) ->
 
     """
     if kernel.theta[kernel.weights > 0].any():
-        return {"verdict": "improved" if confidence >= TRUSTED else "doubtful"}
+        return {"verdict": "improved" if confidence >= DOUBTFUL else "doubtful"}
     texts = [str(note) for note in notes] if isinstance(notes, list) else []
     reasons = [note.partition(_LEFT)[0] for note in texts if _LEFT in note]
     # "the photo looks sharp: it is left as it is" has its reason before the colon.

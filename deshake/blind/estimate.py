@@ -21,7 +21,7 @@ from deshake.blind.race import race
 from deshake.blind.result import BlindEstimate
 from deshake.blind.sharpness import looks_sharp, sharpness
 from deshake.blind.spot import is_spot
-from deshake.blind.trust import confidence
+from deshake.blind.trust import DOUBTFUL, confidence
 from deshake.blind.variational.estimate import estimate_variational
 from deshake.errors import EstimationError
 from deshake.geometry.camera import Camera
@@ -48,7 +48,6 @@ SOFT = "the photo is a little soft rather than shaken: it is left as it is"
 
 _FAIRLY_SHARP = 0.69  # value of `sharpness`; a real shaken photo has 0.68
 _LEAST_USABLE = 0.05  # share of the pixels
-_DOUBTFUL = 0.8  # confidence; below it a note warns the user
 _EVEN = 0.5  # confidence; below it the kernel would rather harm the photo, which stays unchanged
 _UNCHANGED = 0.1  # largest confidence of a kernel that leaves the photo unchanged
 _RACE_SHARE = 0.95  # share of the computing time
@@ -159,7 +158,7 @@ def _concluded(
         return _unchanged(pyramid, whole, min(trust, _UNCHANGED), note)
     if FILLED in notes and trust < 1:
         trust = min(trust, 0.9)
-    if trust < _DOUBTFUL:
+    if trust < DOUBTFUL:
         notes.append(
             f"the estimate of the shake is doubtful (confidence {trust:.2f}): compare the result "
             "with the photo"

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 if TYPE_CHECKING:
     from deshake.blind.race import Finish
 
-__all__ = ["confidence"]
+__all__ = ["DOUBTFUL", "confidence"]
+
+DOUBTFUL: Final = 0.8
+"""Confidence below which a kernel is doubtful, and the user should look at the result."""
 
 _EVEN = -4.4  # log odds: the constant term
 _OF_MARGIN = 25.0  # log odds per unit of margin

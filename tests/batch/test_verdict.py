@@ -13,7 +13,7 @@ STILL = RotationKernel.delta(CAMERA)
 
 
 def test_a_trusted_kernel_improves_and_another_is_doubtful():
-    assert verdict_figures(PAN, 0.5, ["a note"]) == {"verdict": "improved"}
+    assert verdict_figures(PAN, 0.8, ["a note"]) == {"verdict": "improved"}
     assert verdict_figures(PAN, 0.49, []) == {"verdict": "doubtful"}
 
 
@@ -38,8 +38,8 @@ def test_a_camera_that_stood_still_leaves_the_photo_for_a_reason(notes, reason):
 
 
 def test_words_for_how_sure_it_is():
-    words = [confidence_words(each) for each in (1.0, 0.9, 0.75, 0.5, 0.49, 0.0)]
-    expected = ["confident", "confident", "fairly confident", "not quite confident"]
+    words = [confidence_words(each) for each in (1.0, 0.9, 0.85, 0.8, 0.79, 0.0)]
+    expected = ["confident", "confident", "fairly confident", "fairly confident"]
     assert words == [*expected, "doubtful", "doubtful"]
 
 

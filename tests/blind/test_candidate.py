@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from deshake.blind.agreement import agreement
-from deshake.blind.candidate import FINE, Candidate, Refinement, edge_floor, refined
+from deshake.blind.candidate import FINE, THIN, Candidate, Refinement, edge_floor, refined
 from deshake.geometry.camera import Camera
 from deshake.signal.pyramid import RATIO, Pyramid
 
@@ -31,6 +31,13 @@ def test_a_known_shake_is_found(finished, shaken) -> None:
     assert agreement(finished.kernel, shaken.kernel) > 0.9
     assert finished.kernel.camera is shaken.camera
     assert 0.7 < finished.width / shaken.kernel.extent_px() < 1.8
+
+
+def test_a_thin_path_reaches_the_known_shake_too(finished, pyramid, shaken) -> None:
+    thin = run(Candidate(pyramid, 3, THIN))
+    assert thin.level == 0
+    assert agreement(thin.kernel, shaken.kernel) > 0.9
+    assert thin.kernel.weights.tobytes() != finished.kernel.weights.tobytes()
 
 
 def test_a_wide_roll_is_found(shake) -> None:
