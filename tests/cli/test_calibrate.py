@@ -78,7 +78,7 @@ def test_nothing_to_go_by_is_an_error_with_a_hint(deshake, tmp_path):
 def test_an_absurd_length_is_an_error(deshake, photo):
     outcome = deshake("calibrate", photo, "--focal-px", 3)
     assert outcome.code == 1
-    assert outcome.err.startswith(f"error: {photo}: --focal-px 3 makes")
+    assert outcome.err.startswith(f"error: {photo}: a focal length of 3 pixels (--focal-px 3)")
 
 
 def test_refuses_to_replace(deshake, photo, tmp_path):
