@@ -75,7 +75,7 @@ class KernelFileError(DeshakeError):
 
 
 class CalibrationError(DeshakeError):
-    """The focal length in pixels cannot be told."""
+    """The focal length in pixels is unknown."""
 
 
 class EstimationError(DeshakeError):

@@ -47,7 +47,7 @@ LEAST_WIDTH = 120
 
 
 def caption(photo: Photo, blind_estimate: Estimate, seconds: float, columns: int) -> list[str]:
-    """Tell about a photo and its estimate, in lines of so many characters."""
+    """Describe a photo and its estimate, in lines of so many characters."""
     facts = blind_estimate.report()
     text = (
         f"{photo.source.name}   {photo.shape[1]} x {photo.shape[0]}   {seconds:.0f} s"

@@ -120,7 +120,7 @@ def read_case(path: Path) -> LevinPhoto:
 def true_kernel(correlated: NDArray[np.float64], camera: Camera) -> RotationKernel:
     """Return the kernel of a camera of the uniform model that correlates with a filter.
 
-    The photo sees at each pixel what lies by (dx, dy) beside it: turned about Y by dx / f and
+    Each pixel of the photo shows what lies by (dx, dy) beside it: turned about Y by dx / f and
     about X by -dy / f.
     """
     rows, columns = np.nonzero(correlated)

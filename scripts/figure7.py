@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from deshake.geometry.kernel import RotationKernel
     from deshake.pictures.canvas import Picture
     from deshake.stages.estimate_result import Estimate
-    from deshake.stages.registering import Found
+    from deshake.stages.registering import RegistrationResult
 
 WIDTH = 400
 LEAST_WIDTH = 120
@@ -80,7 +80,7 @@ class PairToShow(NamedTuple):
 class Shown(NamedTuple):
     """The registration, both kernels, both results, and the seconds of a pair."""
 
-    registering: Found
+    registering: RegistrationResult
     kernels: dict[str, Estimate]
     results: dict[str, Photo]
     seconds: float
@@ -114,7 +114,7 @@ def deblurred(pair: PairToShow, threads: int) -> Shown:
     return Shown(registering, kernels, results, time.perf_counter() - start)
 
 
-def noisy_in_frame(pair: PairToShow, registering: Found) -> Photo:
+def noisy_in_frame(pair: PairToShow, registering: RegistrationResult) -> Photo:
     """Return the noisy photo, registered to the blurred one and as bright."""
     f_N = pair.noisy.pixels
     if pair.blurred.pixels.ndim == 2:

@@ -172,7 +172,7 @@ def test_no_name_stands_in_two_rooms() -> None:
     for module in MODULES:
         if not module.stem.startswith("__"):
             rooms.setdefault(module.stem, set()).add(module.parts[0])
-    assert {stem: found for stem, found in rooms.items() if len(found) > 1} == {}
+    assert {stem: homes for stem, homes in rooms.items() if len(homes) > 1} == {}
 
 
 def test_every_room_has_tests() -> None:

@@ -15,14 +15,14 @@ from deshake.pictures.comparison import SUFFIX as SHEET
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-__all__ = ["Found", "find_photos", "identity", "natural_order"]
+__all__ = ["InputPhoto", "find_photos", "identity", "natural_order"]
 
 _RESULTS = (".deshaken", SHEET)
 _SUFFIXES = frozenset([*SUFFIXES, *READ_ONLY])
 
 
 @dataclass(frozen=True)
-class Found:
+class InputPhoto:
     """A photo that the user names, or a photo in a folder.
 
     Parameters
@@ -40,7 +40,7 @@ class Found:
 
 def find_photos(
     inputs: Sequence[Path], *, recursive: bool = False, without: Sequence[Path] = ()
-) -> list[Found]:
+) -> list[InputPhoto]:
     """List the photos among `inputs` and those in the folders among them.
 
     In a folder, a photo is a file whose name ends as photos' do; what is hidden, or is a result
@@ -64,11 +64,11 @@ def find_photos(
         If a folder has no photos, or cannot be read.
 
     """
-    photos: list[Found] = []
+    photos: list[InputPhoto] = []
     passed_over = {known for path in without if (known := identity(path))}
     for path in inputs:
         if not path.is_dir():
-            photos.append(Found(path))
+            photos.append(InputPhoto(path))
             continue
         visited = set(passed_over)
         inside = list(_in_folder(path, Path(), visited, recursive=recursive))
@@ -104,7 +104,7 @@ def identity(path: Path) -> tuple[int, int] | None:
 
 def _in_folder(
     folder: Path, below: Path, visited: set[tuple[int, int]], *, recursive: bool
-) -> Iterator[Found]:
+) -> Iterator[InputPhoto]:
     """Yield the photos of a folder and, if `recursive`, of its folders not yet visited."""
     visited.add(identity(folder) or (0, 0))
     try:
@@ -114,7 +114,7 @@ def _in_folder(
         reason = (error.strerror or str(error)).lower()
         raise PhotoError(f"the folder cannot be read: {reason}", file=folder) from error
     shown.sort(key=lambda entry: natural_order(entry.name))
-    yield from (Found(folder / entry.name, below) for entry in shown if _is_photo(entry))
+    yield from (InputPhoto(folder / entry.name, below) for entry in shown if _is_photo(entry))
     if not recursive:
         return
     for entry in shown:

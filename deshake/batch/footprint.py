@@ -10,7 +10,7 @@ import math
 from typing import TYPE_CHECKING, Final
 
 from deshake.formats.picture_size import PictureSize, picture_size
-from deshake.stages.finishing import AS_IT_IS, Finish
+from deshake.stages.finishing import AS_IT_IS, FinishingOptions
 from deshake.stages.preview import preview_side
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def restoration_memory(
     threads: int,
     blur: float | None = None,
     *,
-    finish: Finish = AS_IT_IS,
+    finish: FinishingOptions = AS_IT_IS,
     masked: bool = False,
     bends: bool = False,
 ) -> int:
@@ -94,7 +94,7 @@ def restoration_memory(
         By so many threads.
     blur : float, optional
         Extent of the blur in pixels of the size that is worked at; by default a likely one.
-    finish : Finish
+    finish : FinishingOptions
         What is wanted of the result.
     masked : bool
         Whether a mask is read with each photo.
@@ -114,7 +114,7 @@ def restoration_memory(
     return int(max(reading, _PROCESS + (each + mask) * worked.pixels + more))
 
 
-def worked_size(size: PictureSize, finish: Finish) -> PictureSize:
+def worked_size(size: PictureSize, finish: FinishingOptions) -> PictureSize:
     """Return the size at which a photo is worked on: that of its preview, if one is wanted."""
     if not finish.preview:
         return size

@@ -15,7 +15,7 @@ from deshake.formats.encoding import SUFFIXES
 from deshake.formats.output_names import output_ending
 
 if TYPE_CHECKING:
-    from deshake.batch.folders import Found
+    from deshake.batch.folders import InputPhoto
     from deshake.formats.encoding import Format
 
 __all__ = ["FIELDS", "NameTemplate"]
@@ -67,7 +67,7 @@ class NameTemplate:
         """The name itself, of a template without fields."""
         return Path(*["".join(literal for literal, _ in part) for part in self._parts])
 
-    def place(self, photo: Found) -> Path:
+    def place(self, photo: InputPhoto) -> Path:
         """Return where the result of a photo goes.
 
         Raises

@@ -8,7 +8,7 @@ import stat
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
-from deshake.batch.folders import Found, find_photos, identity
+from deshake.batch.folders import InputPhoto, find_photos, identity
 from deshake.errors import DeshakeError, OutputError
 from deshake.files.disk import STREAM, check_output
 from deshake.files.part_files import remove_stale_parts
@@ -48,12 +48,12 @@ class Extra:
     path: Path | None
     name: Callable[[Path], str] | None = None
 
-    def place(self, found: Found, result: Path | None) -> Path:
+    def place(self, photo: InputPhoto, result: Path | None) -> Path:
         """Return where it goes for a photo."""
         if self.path is None:
-            beside = found.path if result is None else result
+            beside = photo.path if result is None else result
             return beside.with_name(self.name(beside) if self.name else beside.name)
-        return self.path / found.below / self.name(found.path) if self.name else self.path
+        return self.path / photo.below / self.name(photo.path) if self.name else self.path
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def plan(
     name: Callable[[Path], str] = output_name,
     beside: bool = True,
     extras: Mapping[str, Extra] | None = None,
-    needs: Mapping[str, Callable[[Found], Path | None]] | None = None,
+    needs: Mapping[str, Callable[[InputPhoto], Path | None]] | None = None,
     recursive: bool = False,
     existing: Existing = "refuse",
     dry: bool = False,
@@ -154,8 +154,8 @@ def plan(
         Photos and folders of photos.
     output : Path, optional
         For one photo, a file or an existing folder. For several, or a folder of them, a folder,
-        which is made if it is missing and its parent is there; the folders that photos are found
-        in are made in it.
+        which is made if it is missing and its parent is there; it gets the folders below the named
+        ones that have photos.
     template : NameTemplate, optional
         Gives the place of each result instead of `output`. The folder that it begins with is made
         if it is missing and its parent is there. Earlier results of the template, which say so in
@@ -203,17 +203,17 @@ def plan(
         tops.insert(0, output)
     own = [top for top in tops if identity(top) not in [identity(path) for path in inputs]]
 
-    def place(found: Found) -> Path | None:
-        source = found.path
+    def place(photo: InputPhoto) -> Path | None:
+        source = photo.path
         if template is not None:
-            return template.place(found)
+            return template.place(photo)
         if output is None:
             return source.with_name(name(source)) if beside else None
-        return output / found.below / name(source) if into else output
+        return output / photo.below / name(source) if into else output
 
     jobs = [
-        _job(found, place, extras, needs, existing)
-        for found in find_photos(inputs, recursive=recursive, without=own)
+        _job(photo, place, extras, needs, existing)
+        for photo in find_photos(inputs, recursive=recursive, without=own)
     ]
     if template is not None:
         jobs = _without_results(jobs, inputs)
@@ -236,28 +236,28 @@ def plan(
 
 
 def _job(
-    found: Found,
-    place: Callable[[Found], Path | None],
+    photo: InputPhoto,
+    place: Callable[[InputPhoto], Path | None],
     extras: Mapping[str, Extra],
-    needs: Mapping[str, Callable[[Found], Path | None]],
+    needs: Mapping[str, Callable[[InputPhoto], Path | None]],
     existing: Existing,
 ) -> Job:
     """Return the job of a photo; what is wrong with its names stands in it."""
     try:
-        result = place(found)
+        result = place(photo)
     except DeshakeError as error:
-        return Job(found.path, None, problem=error, existing=existing)
-    others = {kind: extra.place(found, result) for kind, extra in extras.items()}
+        return Job(photo.path, None, problem=error, existing=existing)
+    others = {kind: extra.place(photo, result) for kind, extra in extras.items()}
     given: dict[str, Path] = {}
     problem: DeshakeError | None = None
     for kind, find in needs.items():
         try:
-            path = find(found)
+            path = find(photo)
         except DeshakeError as error:
             problem = error
         else:
             given |= {} if path is None else {kind: path}
-    return Job(found.path, result, others, given, problem, existing=existing)
+    return Job(photo.path, result, others, given, problem, existing=existing)
 
 
 def _check_places(output: Path | None, extras: Mapping[str, Extra], *, several: bool) -> None:

@@ -1,7 +1,7 @@
 """The report of a run: collected a photo at a time, and written as one page at the end.
 
-What the page shows of a photo waits in a temporary file, so that a report of hundreds takes no more
-memory than one.
+The part of the page about each photo is kept in a temporary file until the end. So a report of
+hundreds of photos takes no more memory than a report of one.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ __all__ = ["Report", "ReportPlace"]
 
 _NAME: Final = "report.html"
 _SUFFIXES: Final = {".html", ".htm"}
-# Their ending keeps the pictures from being taken for photos where the page lies among these.
+# By this ending, a later run in the same folder recognizes that these pictures are no photos.
 _PICTURE: Final = re.compile(r"\d+-[a-z-]+-[0-9a-f]{16}\.deshaken\.(jpg|png)")
 _HINT: Final = "choose another place with --report"
 
@@ -70,7 +70,7 @@ class ReportPlace:
         return self.page.with_name(f"{self.page.stem}-pictures")
 
     def room(self, photos: int) -> int:
-        """Return the bytes that the pictures of one of so many photos may take."""
+        """Return the most bytes for the pictures of one photo, in a report of so many photos."""
         return room_for(photos, beside=self.beside)
 
     def check(self, jobs: Sequence[Job], *, dry: bool = False) -> None:
@@ -113,7 +113,7 @@ class ReportPlace:
 
 
 class Report:
-    """A report in the making, as a context manager that leaves nothing unfinished behind.
+    """A report during the run, as a context manager; without the page, no pictures are left.
 
     Parameters
     ----------
@@ -122,9 +122,9 @@ class Report:
     jobs : sequence of Job
         All photos, in the order of the page.
     command : str
-        What made the page.
+        The command of the run.
     command_of : callable
-        Gives what makes the result of one job again.
+        Returns the command that makes the result of one job again.
 
     """
 
@@ -159,14 +159,14 @@ class Report:
     ) -> None:
         if self._waiting is not None:
             self._waiting.close()
-        for path in self._made:  # nothing is left of a page that was not written
+        for path in self._made:  # a page that was not written leaves no pictures
             path.unlink(missing_ok=True)
         if self._made:
             with contextlib.suppress(OSError):
                 self._place.pictures.rmdir()
 
     def add(self, result: Result) -> None:
-        """Add what came of a photo.
+        """Add the result of a photo.
 
         Raises
         ------
@@ -271,7 +271,8 @@ class Report:
     def _put_beside(self, name: str, picture: Encoded, photos: Sequence[Path]) -> str:
         """Write a picture of photos beside the page, and return its address.
 
-        Its name has a digest of it: pictures of an earlier page are never replaced by others.
+        The name has a digest of the picture. So no picture of an earlier page is replaced by a
+        different one.
         """
         digest = hashlib.sha256(picture.data).hexdigest()[:16]
         path = self._place.pictures / f"{name}-{digest}.deshaken.{picture.ending}"
@@ -301,7 +302,7 @@ class Report:
 
 
 def _labels(photos: Sequence[Path]) -> dict[Path, str]:
-    """Return short names of photos: below the folder that all of them are in."""
+    """Return short names of photos: relative to the folder that has them all."""
     if len(photos) == 1:
         return {photos[0]: photos[0].name}
     try:

@@ -17,7 +17,7 @@ from deshake.files.kernel_file import read_kernel
 from deshake.formats.conversion import check_ending
 from deshake.pictures.report_pictures import ReportPictures, report_pictures
 from deshake.stages.deblurring import deblur_file
-from deshake.stages.finishing import AS_IT_IS, Finish
+from deshake.stages.finishing import AS_IT_IS, FinishingOptions
 from deshake.stages.fixing import fix_file
 from deshake.stages.inspecting import photo_blur
 from deshake.stages.methods import RestorationOptions
@@ -49,7 +49,7 @@ class Fix:
         Options of the estimate.
     restoration : RestorationOptions
         How the photo is deblurred.
-    finish : Finish
+    finish : FinishingOptions
         What is wanted of the result beside it; the ``mask`` is the job's.
     room : int, optional
         Bytes that a report has for the photo's pictures; by default there is no report.
@@ -60,7 +60,7 @@ class Fix:
 
     options: EstimateOptions
     restoration: RestorationOptions = field(default_factory=RestorationOptions)
-    finish: Finish = AS_IT_IS
+    finish: FinishingOptions = AS_IT_IS
     room: int | None = None
     only_shaken: bool = False
 
@@ -154,7 +154,7 @@ class Deblur:
         How.
     transfer : {"srgb", "linear", "gamma22"}, optional
         The file's transfer curve.
-    finish : Finish
+    finish : FinishingOptions
         What is wanted of the result beside it; the ``mask`` is the job's.
     search_angle : float, optional
         Range of the search for a registration that is not given, in degrees.
@@ -165,7 +165,7 @@ class Deblur:
 
     restoration: RestorationOptions = field(default_factory=RestorationOptions)
     transfer: TransferName | None = None
-    finish: Finish = AS_IT_IS
+    finish: FinishingOptions = AS_IT_IS
     search_angle: float | None = None
     room: int | None = None
 
@@ -260,7 +260,7 @@ class _Observed:
         return {} if self._pictures is None else {"pictures": self._pictures}
 
 
-def _wishes(finish: Finish, job: Job) -> Finish:
+def _wishes(finish: FinishingOptions, job: Job) -> FinishingOptions:
     """Return what is wanted of a job's result: with its own mask, for a file of its name."""
     return replace(finish, mask=job.needs.get("mask"), file=finish.file.called(job.place))
 

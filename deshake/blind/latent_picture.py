@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 __all__ = ["latent_gradients"]
 
-_LARGEST = 0.35e6  # pixels of the frame at that scale
-_WIDEST = 41.0  # px of that scale: extent of the kernel
+_LARGEST = 0.35e6  # pixels: largest frame of the scale that is used
+_WIDEST = 41.0  # px of that scale: largest extent of the kernel
 _PRICE = 2e-3  # squared contrast of the pyramid: price of an edge pixel
 
 

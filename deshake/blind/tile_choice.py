@@ -37,7 +37,7 @@ _FOCUS = 4.0
 _LARGEST_VIEW = 0.8e6  # pixels of the view, the scale that the information is measured on
 _APART = 0.75  # tile sizes: least distance between two tiles
 _NEAREST = 0.5  # tile sizes: distance between two possible places
-_CLIPPED = 3.0  # loss of a tile's weight per clipped share of its pixels
+_CLIPPED = 3.0  # a tile's weight is 1 less this times its share of clipped pixels
 _BOUND = 0.98  # quantile of the gradients; a stronger edge counts only this much
 _FOCUS_SIGMAS = (0.7, 6.0)  # px of the view: smoothing of the fine and of the coarse picture
 _DIRECTIONS = 4  # number of directions in half a turn
@@ -165,7 +165,7 @@ def _gradients(picture: Image, sigma: float) -> tuple[Image, Image]:
 
 
 def _focus(slopes: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Measure the focus of tiles, 0..1, by the slope of their edges relative to their height.
+    """Measure the focus of tiles, 0..1, by the slope of their edges relative to the edges' height.
 
     The shake blurs all tiles alike; a tile out of focus has more blur. The slope of an edge in the
     coarse picture depends on its height alone. So the ratio of the two slopes measures the blur of
@@ -210,7 +210,7 @@ def _information(
 ) -> NDArray[np.float64]:
     """Return the information (P, 3, 3) about the rotations, in grid steps.
 
-    It grows with the square root of the edges.
+    It grows with the square root of the structure tensors.
     """
     camera = scale.camera
     points = np.stack([x, y], 1)

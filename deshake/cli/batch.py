@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from deshake.batch.folders import Found
+    from deshake.batch.folders import InputPhoto
     from deshake.batch.plan import Existing, Job
     from deshake.batch.task import Result
     from deshake.batch.work import Work
@@ -157,7 +157,7 @@ def _collected(command: F, options: Sequence[Callable[[Any], Any]]) -> F:
     return cast("F", collected)
 
 
-def for_masks(mask: Path, photos: Sequence[Path]) -> Callable[[Found], Path | None]:
+def for_masks(mask: Path, photos: Sequence[Path]) -> Callable[[InputPhoto], Path | None]:
     """Return what finds the mask of a photo: the one, or that of its stem in the folder."""
     if not mask.is_dir():
         if len(photos) > 1 or photos[0].is_dir():

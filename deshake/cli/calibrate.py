@@ -69,10 +69,10 @@ def command(
 
     It comes from the options, from the EXIF tags of PHOTO (the 35 mm equivalent, or the focal
     length with the resolution of the focal plane), from the crop factor that lensfun knows, or from
-    a table of cameras' sensors. That PHOTO was cropped, resized or taken with a digital zoom is
-    noticed where its EXIF tells. The camera file (.npz) has it with the principal point in the
-    middle of the upright photo. The confidence that --json prints is a judgement of how likely the
-    figure is right to within 5 %. If one photo fails, the others go on.
+    a table of cameras' sensors. A cropped or resized PHOTO, or one taken with a digital
+    zoom, is noticed where its EXIF has a record of it. The camera file (.npz) has it with the
+    principal point in the middle of the upright photo. The confidence that --json prints is a
+    judgement of how likely the figure is right to within 5 %. If one photo fails, the others go on.
 
     With --chessboard, all PHOTOs are of one printed board, 3 at the least and better 10 to 20, the
     board tilted in all directions and seen in all parts of the frame, by one camera at one focal
@@ -114,7 +114,7 @@ def _from_chessboards(
     if output is None and not batch.as_json:
         raise click.UsageError("name the camera file with -o.")
     to_stdout = one_to_stdout(as_json=batch.as_json, output=output)
-    paths = [found.path for found in find_photos(photos, recursive=batch.recursive)]
+    paths = [photo.path for photo in find_photos(photos, recursive=batch.recursive)]
     with context.bar("chessboard") as bar:
         result = calibrate_from_chessboards(
             paths, output, board, overwrite=batch.overwrite, run=context.run(bar)

@@ -35,12 +35,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from deshake.batch.folders import Found
+    from deshake.batch.folders import InputPhoto
     from deshake.cli.batch import Batch
     from deshake.cli.context import Context
     from deshake.cli.report_options import ReportOptions
     from deshake.formats.transfer import TransferName
-    from deshake.stages.finishing import Finish
+    from deshake.stages.finishing import FinishingOptions
 
 __all__ = ["command"]
 
@@ -88,7 +88,7 @@ def command(
     search_angle: float | None,
     transfer: TransferName | None,
     mask: Path | None,
-    finish: Finish,
+    finish: FinishingOptions,
     report: ReportOptions,
     batch: Batch,
     **choices: Any,  # noqa: ANN401 - how to deblur
@@ -96,10 +96,10 @@ def command(
     """Deblur photos whose blur kernels are known.
 
     KERNEL is a kernel file (.npz), or - for standard input. It may have been made from PHOTO at
-    another size. With --noisy it is that of estimate-pair: where nothing else is said, the photos
-    are registered as they were there. The result has the format, depth and metadata of PHOTO,
-    and tells in them how it came about. Where the kernel's camera has a lens that bends, the result
-    is straight, unless its geometry is kept.
+    another size. With --noisy it is that of estimate-pair: by default the photos are registered
+    as they were there. The result has the format, depth and metadata of PHOTO,
+    and the metadata record how it was made. Where the kernel's camera has a lens that bends,
+    the result is straight, unless its geometry is kept.
 
     With --kernel all arguments are photos, or folders of them: those of a folder are taken in
     natural order, with -r also those of the folders in it. If one fails, the others go on.
@@ -130,7 +130,7 @@ def command(
     chosen = restoration(noisy, **choices)
     refuse_stdout(output)
     report.check(compare=finish.compare)
-    needs: dict[str, Callable[[Found], Path | None]] = {"kernel": _kernels(kernel)}
+    needs: dict[str, Callable[[InputPhoto], Path | None]] = {"kernel": _kernels(kernel)}
     if noisy is not None:
         check_pair(photos, noisy)
         needs |= {"noisy": lambda _: noisy, "registration": lambda _: registration}
@@ -142,7 +142,7 @@ def command(
     return run_batch(context, jobs, work, batch, report=report)
 
 
-def _kernels(path: Path) -> Callable[[Found], Path]:
+def _kernels(path: Path) -> Callable[[InputPhoto], Path]:
     """Return what finds the kernel of a photo: the one, or that of its stem in the folder."""
     from deshake.stages.estimating import kernel_name
 

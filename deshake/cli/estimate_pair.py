@@ -45,7 +45,7 @@ _NOT_WITH_REGISTRATION = ("camera", "focal_px", "focal_35mm", "lens", "lens_mode
     "--registration",
     type=FILE,
     metavar="FILE.npz",
-    help="Registration file written by register, with the camera to go by.  [default: register "
+    help="Registration file written by register, whose camera is used, too.  [default: register "
     "the photos]",
 )
 @search_angle_option
@@ -74,7 +74,7 @@ def command(
 
     BLURRED was exposed long, NOISY briefly and sharply, from the same place and with the same
     lens. NOISY may be much darker and turned by some degrees. The kernel is for BLURRED, in the
-    frame of the registered NOISY. Where nothing tells the focal length, a 50 mm equivalent is
+    frame of the registered NOISY. Where the focal length is unknown, a 50 mm equivalent is
     assumed.
     """
     from deshake.batch.estimate_work import EstimateKernel

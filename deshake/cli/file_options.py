@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from deshake.batch.plan import Job
     from deshake.cli.batch import Batch
     from deshake.formats.encoding import Format
-    from deshake.stages.finishing import Finish
+    from deshake.stages.finishing import FinishingOptions
     from deshake.stages.result_file import ResultFile
 
 __all__ = [
@@ -57,7 +57,7 @@ def file_options(command: F) -> F:
     """Add what `ResultFile` takes, and put it into ``finish``, which `finish_options` hands on."""
 
     @wraps(command)
-    def collected(*args: Any, finish: Finish, **values: Any) -> Any:  # noqa: ANN401
+    def collected(*args: Any, finish: FinishingOptions, **values: Any) -> Any:  # noqa: ANN401
         from deshake.stages.result_file import ResultFile
 
         file = ResultFile(
@@ -111,7 +111,7 @@ def planned_results(
     photos: Sequence[Path],
     output: Path | None,
     batch: Batch,
-    finish: Finish,
+    finish: FinishingOptions,
     **more: Any,  # noqa: ANN401 - what `plan` takes
 ) -> list[Job]:
     """Plan the jobs, with results called and written as the options say.
@@ -163,7 +163,7 @@ def _named(output: Path, file: ResultFile) -> tuple[NameTemplate | None, Path | 
     return (template, None) if template.has_fields else (None, template.name)
 
 
-def _check_quality(jobs: Sequence[Job], finish: Finish) -> None:
+def _check_quality(jobs: Sequence[Job], finish: FinishingOptions) -> None:
     """Refuse --jpeg-quality where no result is a JPEG."""
     from deshake.batch.plan import PlanError
 

@@ -19,7 +19,7 @@ F = TypeVar("F", bound="Callable[..., Any]")
 
 
 def finish_options(command: F) -> F:
-    """Add what `Finish` takes, and hand it over as ``finish``; --mask, a file or folder, apart."""
+    """Add the options of `FinishingOptions`, and pass it as ``finish``; --mask is passed apart."""
 
     @wraps(command)
     def collected(
@@ -27,11 +27,11 @@ def finish_options(command: F) -> F:
         no_provenance: bool,
         **values: Any,  # noqa: ANN401
     ) -> Any:  # noqa: ANN401
-        from deshake.stages.finishing import Finish
+        from deshake.stages.finishing import FinishingOptions
 
         names = "strength", "preview", "compare", "keep_geometry", "linear"
         given = {name: values.pop(name) for name in names}
-        finish = Finish(**given, with_provenance=not no_provenance)
+        finish = FinishingOptions(**given, with_provenance=not no_provenance)
         return command(*args, finish=finish, **values)
 
     for option in (

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from deshake.cli.batch import Batch
     from deshake.cli.context import Context
     from deshake.cli.report_options import ReportOptions
-    from deshake.stages.finishing import Finish
+    from deshake.stages.finishing import FinishingOptions
 
 __all__ = ["command"]
 
@@ -88,7 +88,7 @@ def command(
     quality: str,
     iterations: int | None,
     mask: Path | None,
-    finish: Finish,
+    finish: FinishingOptions,
     report: ReportOptions,
     batch: Batch,
     **choices: Any,  # noqa: ANN401 - what `chosen_estimate` takes
@@ -100,8 +100,8 @@ def command(
     with -r also those of the folders in it; hidden files and earlier results are passed over. If
     one photo fails, the others go on. --json prints a line a photo as it is done.
 
-    With --noisy the kernel of the one PHOTO is estimated, and PHOTO deblurred, with the help of a
-    noisy photo: the same bytes as register, estimate-pair and deblur --noisy give one by one.
+    With --noisy there is one PHOTO. A noisy photo helps to estimate its kernel and to deblur it:
+    the same bytes as register, estimate-pair and deblur --noisy give one by one.
     """
     from deshake.batch.plan import Extra
     from deshake.batch.restoration_work import Fix

@@ -315,13 +315,14 @@ def blur_options(command: F) -> F:
         "--max-angle",
         type=Number("DEGREES", most=45),
         callback=only_one_of("max_angle", "blur_size"),
-        help="Largest rotation about any axis to look for.  [default: found from the photo]",
+        help="Largest rotation about any axis to look for.  [default: estimated from the photo]",
     )
     size = click.option(
         "--blur-size",
         type=Number("PIXELS"),
         callback=only_one_of("max_angle", "blur_size"),
-        help="Largest blur to look for, in pixels of the photo.  [default: found from the photo]",
+        help="Largest blur to look for, in pixels of the photo.  "
+        "[default: estimated from the photo]",
     )
     return angle(size(command))
 
@@ -383,8 +384,8 @@ focal_option = click.option(
     "--focal",
     type=click.Choice(["auto"]),
     callback=only_one_of(*_FOCAL_SOURCES, "lens", "lens_model"),
-    help="Find the focal length with the kernel, where nothing tells it: four estimates, of which "
-    "the one is kept that explains the photo best.",
+    help="Estimate the focal length with the kernel, where it is unknown: four estimates are made, "
+    "and the one that explains the photo best is kept.",
 )
 
 

@@ -69,7 +69,7 @@ def command(
     BLURRED was exposed long, NOISY briefly and at a high sensitivity, from the same place and at
     the same focal length. The registration file (.npz) says by which rotation the camera had moved
     between the two, how many times brighter BLURRED is, and how sure that is. Photos of different
-    scenes are refused. Where nothing tells the focal length, a 50 mm equivalent is assumed.
+    scenes are refused. Where the focal length is unknown, a 50 mm equivalent is assumed.
     """
     from deshake.batch.estimate_work import Register
     from deshake.batch.plan import Extra

@@ -171,7 +171,7 @@ def write_bytes(
 
 
 def sha256(path: Path) -> str:
-    """Return the SHA-256 of a file, in hexadecimal: provenance names a photo by it."""
+    """Return the SHA-256 of a file, in hexadecimal: provenance identifies a photo by it."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 

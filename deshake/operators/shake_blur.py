@@ -72,7 +72,7 @@ class ShakeBlur:
         The blur; only its non-zero weights are used.
     margin : int, optional
         Pixels by which the latent image is larger on every side; by default the reach of the
-        kernel, so that every observed pixel sees latent ones only.
+        kernel, so that every observed pixel depends on latent ones only.
     mask : (h, w) array, optional
         Weights m of the observed pixels, 0..1; by default 1.
     kind : "filter_flow" or "warps"

@@ -1,8 +1,8 @@
 """The latent picture of an estimate, as a photo (Fig. 4).
 
-An estimate works with gradients. The photo has the intensities whose gradients come nearest to
-them. It has sharp edges at the edges of the estimate, and is flat elsewhere. Its brightness may
-drift from one part of the frame to another.
+An estimate works with gradients. The photo has the intensities whose gradients are nearest to
+the estimated ones. It has sharp edges at the edges of the estimate, and is flat elsewhere. Its
+brightness may drift from one part of the frame to another.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ def latent_photo(
     Parameters
     ----------
     photo : Photo
-        The photo that was estimated from.
+        The photo of the estimate.
     gradients : (2, h, w) array
         Differences to the right and to the lower neighbour, in linear light.
     region : (x, y, width, height), optional
-        The part of the photo that was estimated from, by default all of it. The result has its
-        mean.
+        The part of the photo that the estimate used, by default the whole. The result has the mean
+        brightness of this part.
 
     Returns
     -------

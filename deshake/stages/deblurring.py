@@ -31,7 +31,7 @@ from deshake.run import Run
 from deshake.signal.luminance import luminance
 from deshake.stages.calibration import camera_for
 from deshake.stages.camera_choice import CameraChoice
-from deshake.stages.finishing import AS_IT_IS, Finish
+from deshake.stages.finishing import AS_IT_IS, FinishingOptions
 from deshake.stages.fitting import check_registration, fitting_kernel
 from deshake.stages.methods import METHODS, RestorationOptions, default_method, restore
 from deshake.stages.outputs import prepared, write_result
@@ -169,7 +169,7 @@ def deblur_file(
     search_angle: float | None = None,
     transfer: TransferName | None = None,
     restoration: RestorationOptions | None = None,
-    finish: Finish = AS_IT_IS,
+    finish: FinishingOptions = AS_IT_IS,
     observer: Observer | None = None,
     overwrite: bool = False,
     overwrite_others: bool = False,

@@ -1,6 +1,7 @@
 """Wishes for a result beside the deblurring: a preview, a part of the result, a sheet.
 
-Every command that makes a result calls `Finish.prepare`, `Finish.before` and `Finish.blend`.
+Every command that makes a result calls the methods `prepare`, `before` and `blend` of
+`FinishingOptions`.
 """
 
 from __future__ import annotations
@@ -22,11 +23,11 @@ if TYPE_CHECKING:
     from deshake.formats.photo import Photo
     from deshake.geometry.camera import Camera
 
-__all__ = ["AS_IT_IS", "Finish"]
+__all__ = ["AS_IT_IS", "FinishingOptions"]
 
 
 @dataclass(frozen=True)
-class Finish:
+class FinishingOptions:
     """Wishes for a result beside the deblurring.
 
     Parameters
@@ -155,5 +156,5 @@ class Finish:
         return {"preview": True} if self.preview else {}
 
 
-AS_IT_IS: Final = Finish()
+AS_IT_IS: Final = FinishingOptions()
 """No wishes: only the whole result."""

@@ -16,7 +16,7 @@ from deshake.formats.photo import read_pair, read_photo
 from deshake.run import Run
 from deshake.stages.blind_estimate import estimate_blind
 from deshake.stages.deblurring import deblur
-from deshake.stages.finishing import AS_IT_IS, Finish
+from deshake.stages.finishing import AS_IT_IS, FinishingOptions
 from deshake.stages.methods import RestorationOptions, default_method
 from deshake.stages.outputs import prepared, write_result
 from deshake.stages.pair_estimate import estimate_pair
@@ -55,7 +55,7 @@ def fix_file(
     *,
     noisy: Path | None = None,
     restoration: RestorationOptions | None = None,
-    finish: Finish = AS_IT_IS,
+    finish: FinishingOptions = AS_IT_IS,
     observer: Observer | None = None,
     overwrite: bool = False,
     overwrite_others: bool = False,
@@ -78,7 +78,7 @@ def fix_file(
         A noisy photo of the same scene, used for the kernel and for the deblurring.
     restoration : RestorationOptions, optional
         Method of the deblurring and its options; by default the default method.
-    finish : Finish
+    finish : FinishingOptions
         Wishes beside the deblurring; the sheet, too, appears only together with the result.
     observer : callable, optional
         Receives the photo, its result and the kernel, before they are written.

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from deshake.formats.photo import Photo
     from deshake.geometry.kernel import RotationKernel
     from deshake.stages.blending import Mask
-    from deshake.stages.finishing import Finish
+    from deshake.stages.finishing import FinishingOptions
 
     Observer = Callable[[Photo, Photo, RotationKernel], None]
 
@@ -29,7 +29,7 @@ __all__ = ["prepared", "write_result"]
 _log = logging.getLogger(__name__)
 
 
-def prepared(photo: Photo, output: Path, finish: Finish) -> Photo:
+def prepared(photo: Photo, output: Path, finish: FinishingOptions) -> Photo:
     """Check that the result of a photo can be written; return the photo in its output form.
 
     The check takes a second and may save minutes of work. A warning names what the output format
@@ -41,7 +41,7 @@ def prepared(photo: Photo, output: Path, finish: Finish) -> Photo:
         The photo as it was read.
     output : Path
         Path of its result.
-    finish : Finish
+    finish : FinishingOptions
         Wishes for the result.
 
     Raises
@@ -69,7 +69,7 @@ def write_result(
     mask: Mask | None,
     kernel: RotationKernel,
     *,
-    finish: Finish,
+    finish: FinishingOptions,
     provenance: Mapping[str, Any] | None,
     kept: tuple[Path, KernelFile] | None = None,
     observer: Observer | None = None,
@@ -89,10 +89,10 @@ def write_result(
     result : Photo
         The deblurred photo.
     photo, mask
-        The photo and its mask from `Finish.prepare`.
+        The photo and its mask from `FinishingOptions.prepare`.
     kernel : RotationKernel
         The blur that was removed.
-    finish : Finish
+    finish : FinishingOptions
         Wishes beside the deblurring.
     provenance : mapping or None
         Provenance of the result.

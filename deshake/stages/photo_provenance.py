@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from deshake.lens.straightening import is_straightened
 from deshake.metadata.provenance import NAMESPACE, with_provenance
-from deshake.stages.finishing import AS_IT_IS, Finish
+from deshake.stages.finishing import AS_IT_IS, FinishingOptions
 from deshake.version import __version__
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def photo_provenance(
     transfer: TransferName | None = None,
     noisy: Photo | None = None,
     registration: Registration | None = None,
-    finish: Finish = AS_IT_IS,
+    finish: FinishingOptions = AS_IT_IS,
     mask: Mask | None = None,
 ) -> dict[str, Any] | None:
     """Return the provenance of a deblurred photo, as JSON data; None: it is not wanted.
@@ -60,7 +60,7 @@ def photo_provenance(
         The noisy photo of the same scene.
     registration : Registration, optional
         The given registration; recorded if it differs from the kernel's.
-    finish : Finish
+    finish : FinishingOptions
         Wishes beside the deblurring.
     mask : Mask, optional
         Share of the photo that is kept.
@@ -92,7 +92,7 @@ def photo_origin(
     restoration: RestorationOptions,
     *,
     transfer: TransferName | None = None,
-    finish: Finish = AS_IT_IS,
+    finish: FinishingOptions = AS_IT_IS,
     input_sha256: str | None = None,
     noisy_sha256: str | None = None,
     mask_sha256: str | None = None,

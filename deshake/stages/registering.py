@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from deshake.stages.estimate_options import EstimateOptions
 
 __all__ = [
-    "Found",
+    "RegistrationResult",
     "checkerboard",
     "find_registration",
     "known_registration",
@@ -55,7 +55,7 @@ _SQUARES = 10  # number of squares along the longer side of the preview
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class RegistrationResult:
     """A registration, its camera, and notes for the user.
 
     Parameters
@@ -113,7 +113,7 @@ def find_registration(
     options: EstimateOptions,
     *,
     run: Run = Run(),
-) -> Found:
+) -> RegistrationResult:
     """Register a noisy photo to a blurred one.
 
     Parameters
@@ -157,7 +157,7 @@ def find_registration(
     except DeshakeError as error:
         error.file = error.file or f"{blurred.source}, {noisy.source}"
         raise
-    return Found(replace(registration, camera=camera.camera), camera, notes)
+    return RegistrationResult(replace(registration, camera=camera.camera), camera, notes)
 
 
 def register_file(
@@ -171,7 +171,7 @@ def register_file(
     overwrite_others: bool = False,
     keep_result: bool = False,
     run: Run = Run(),
-) -> Found:
+) -> RegistrationResult:
     """Register a noisy photo to a blurred one, and write the registration file.
 
     Parameters
@@ -285,7 +285,7 @@ def relative_zoom(blurred: Photo, noisy: Photo) -> float | None:
 
 
 def _provenance(
-    blurred: Photo, noisy: Photo, options: EstimateOptions, match: Found
+    blurred: Photo, noisy: Photo, options: EstimateOptions, match: RegistrationResult
 ) -> dict[str, Any]:
     return {
         "deshake": __version__,

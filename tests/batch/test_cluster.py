@@ -24,7 +24,7 @@ pytestmark = [
     pytest.mark.long,
 ]
 
-# A scheduler in a process of its own, and workers in theirs; tells its address and their numbers.
+# A scheduler in a process of its own, and workers in theirs; prints its address and their numbers.
 CLUSTER = """
 import os, sys
 from distributed import LocalCluster
@@ -125,15 +125,15 @@ def test_what_does_not_work_is_said(start, photos, tmp_path, monkeypatch):
 
 
 class Machine:
-    """Stands for a client of a cluster of one machine that has, or sees, something else."""
+    """Stands for a client of a cluster of one machine with another version or other files."""
 
     def __init__(self, version=cluster.__version__, seen=None):
-        self.told = version, seen
+        self.answer = version, seen
 
     def run(self, function, *words):
         if not words:
-            return {"tcp://there:1": (self.told[0], False)}
-        return {"tcp://there:1": self.told[1](function, *words)}
+            return {"tcp://there:1": (self.answer[0], False)}
+        return {"tcp://there:1": self.answer[1](function, *words)}
 
 
 def test_other_versions_are_refused_and_threads_warned_of(caplog):

@@ -22,8 +22,10 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.estimate_options import EstimateOptions
-from deshake.stages.finishing import Finish
+from deshake.stages.finishing import AS_IT_IS, FinishingOptions
 from deshake.stages.methods import RestorationOptions
+
+KEPT = FinishingOptions(keep_geometry=True)
 
 
 @pytest.fixture
@@ -53,7 +55,7 @@ def test_previews_masks_and_lenses_count(photo, tmp_path):
     plain = memory_needed(job, Fix(options), 1)
     masked = replace(job, needs={"mask": job.source})
     assert memory_needed(masked, Fix(options), 1) == plain + 4 * pixels
-    assert memory_needed(job, Fix(options, finish=Finish(preview=True)), 1) < plain
+    assert memory_needed(job, Fix(options, finish=FinishingOptions(preview=True)), 1) < plain
     camera = Camera.from_focal(1500, 1000, 1500)
     lens = CameraFile(camera.with_lens(np.array([-0.1, 0, 0, 0])), "made up")
     by_name, by_file = (
@@ -61,7 +63,7 @@ def test_previews_masks_and_lenses_count(photo, tmp_path):
         for choice in (CameraChoice(lens=True), CameraChoice(file=lens))
     )
     straight, same = (memory_needed(job, Fix(each), 1) for each in (by_name, by_file))
-    kept = memory_needed(job, Fix(by_file, finish=Finish(keep_geometry=True)), 1)
+    kept = memory_needed(job, Fix(by_file, finish=FinishingOptions(keep_geometry=True)), 1)
     assert plain < straight == same < kept
     kernel = tmp_path / "k.npz"
     needed = []
@@ -73,13 +75,13 @@ def test_previews_masks_and_lenses_count(photo, tmp_path):
 
 
 def test_a_preview_has_its_least_size():
-    finish = Finish(preview=True)
+    finish = FinishingOptions(preview=True)
     assert worked_size(PictureSize(24_000_000, 3), finish) == (1_500_000, 3)
     assert worked_size(PictureSize(1_500_000, 1), finish).pixels == pytest.approx(
         640 * 427, rel=0.01
     )
     assert worked_size(PictureSize(100_000, 3), finish).pixels == 100_000
-    assert worked_size(PictureSize(24_000_000, 3), Finish()).pixels == 24_000_000
+    assert worked_size(PictureSize(24_000_000, 3), FinishingOptions()).pixels == 24_000_000
     assert worked_size(PictureSize(0, 1), finish).pixels == 0
 
 
@@ -89,8 +91,12 @@ def test_a_preview_has_its_least_size():
         (512e6, RestorationOptions(), {}),
         (524e6, RestorationOptions(), {"masked": True}),
         (555e6, RestorationOptions(), {"bends": True}),
-        (572e6, RestorationOptions(), {"bends": True, "finish": Finish(keep_geometry=True)}),
-        (184e6, RestorationOptions(), {"finish": Finish(preview=True)}),
+        (
+            572e6,
+            RestorationOptions(),
+            {"bends": True, "finish": KEPT},
+        ),
+        (184e6, RestorationOptions(), {"finish": FinishingOptions(preview=True)}),
         (1054e6, RestorationOptions("fusion"), {}),
     ],
 )
@@ -128,8 +134,10 @@ def test_stages_differ():
     alone = restoration_memory(size, RestorationOptions(), 1)
     assert photo_memory(size) < estimate_memory(size, 1) < alone
     assert alone < restoration_memory(size, RestorationOptions("fusion"), 1)
-    kept = Finish(keep_geometry=True)
-    for finish, low, high in ((Finish(), 3.07e9, 3.5e9), (kept, 3.43e9, 3.8e9)):  # 3.07 and 3.43
+    for finish, low, high in (
+        (AS_IT_IS, 3.07e9, 3.5e9),
+        (KEPT, 3.43e9, 3.8e9),
+    ):  # 3.07 and 3.43
         needed = restoration_memory(size, RestorationOptions(), 1, 30, finish=finish, bends=True)
         assert low < needed < high
     assert 2.8e9 < restoration_memory(size, RestorationOptions(), 1, 30) < 3.2e9  # measured: 2.8

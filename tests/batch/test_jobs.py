@@ -19,23 +19,23 @@ def test_processors_are_shared_out():
 
 
 def test_one_photo_is_worked_on_here(trial, jobs):
-    told = []
+    reports = []
     [result] = run_jobs(
-        jobs("x"), trial(), Resources(), Run(progress=lambda *word: told.append(word))
+        jobs("x"), trial(), Resources(), Run(progress=lambda *word: reports.append(word))
     )
     assert result.figures["pid"] == os.getpid()
-    assert told == [(0.5, "half")]
+    assert reports == [(0.5, "half")]
 
 
 def test_many_are_not_and_how_far_they_are_adds_up(trial, jobs):
     made = jobs("x", "x", "skipped", "x", existing="skip")
     made[2].output.touch()
-    told = []
+    reports = []
     resources = Resources(jobs=1)
-    results = list(run_jobs(made, trial(), resources, Run(1, lambda *word: told.append(word))))
+    results = list(run_jobs(made, trial(), resources, Run(1, lambda *word: reports.append(word))))
     assert [result.status for result in results] == ["done", "done", "skipped", "done"]
     assert os.getpid() not in {result.figures.get("pid") for result in results}
-    shares = [share for share, _ in told]
+    shares = [share for share, _ in reports]
     assert shares == sorted(shares)
     assert shares[0] == pytest.approx(1 / 6)
-    assert told[-1] == (pytest.approx(1), "3 of 3 photos")
+    assert reports[-1] == (pytest.approx(1), "3 of 3 photos")

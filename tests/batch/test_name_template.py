@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from deshake.batch.folders import Found
+from deshake.batch.folders import InputPhoto
 from deshake.batch.name_template import NameTemplate
 from deshake.errors import OutputError
 
 
 def place(text, path, below="", form=None):
-    return NameTemplate(text, form).place(Found(Path(path), Path(below))).as_posix()
+    return NameTemplate(text, form).place(InputPhoto(Path(path), Path(below))).as_posix()
 
 
 @pytest.mark.parametrize(

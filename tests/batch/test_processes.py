@@ -24,28 +24,28 @@ def run(trial):
 
 
 def test_every_photo_is_worked_on_elsewhere_and_once(run, jobs, caplog):
-    told = []
+    reports = []
     made = jobs("fail", "warn", "x", "bug", "x")
-    found = dict(run(made, progress=lambda *word: told.append(word)))
-    status = [found[number].status for number in range(5)]
+    results = dict(run(made, progress=lambda *word: reports.append(word)))
+    status = [results[number].status for number in range(5)]
     assert status == ["failed", "done", "done", "failed", "done"]
-    assert [found[number].job.source for number in range(5)] == [job.source for job in made]
-    pids = {result.figures["pid"] for result in found.values() if result.figures}
+    assert [results[number].job.source for number in range(5)] == [job.source for job in made]
+    pids = {result.figures["pid"] for result in results.values() if result.figures}
     assert os.getpid() not in pids
     assert len(pids) <= 2
-    assert (2, 0.5, "half") in told
+    assert (2, 0.5, "half") in reports
     assert f"{made[1].source}: mind" in caplog.messages
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs POSIX signals")
 def test_a_killed_process_takes_down_one_photo(run, jobs, tmp_path):
     made = jobs("x", "kill SIGKILL", "x", "kill SIGSEGV", "x", "x")
-    found = dict(run(made))
-    status = [found[number].status for number in range(6)]
+    results = dict(run(made))
+    status = [results[number].status for number in range(6)]
     assert status == ["done", "failed", "done", "failed", "done", "done"]
-    assert f"{made[1].source}: its process was killed" in found[1].error
-    assert "-j 1" in found[1].hint
-    assert "SIGSEGV" in found[3].error
+    assert f"{made[1].source}: its process was killed" in results[1].error
+    assert "-j 1" in results[1].hint
+    assert "SIGSEGV" in results[3].error
     outputs = sorted(job.output for n, job in enumerate(made) if n not in {1, 3})
     assert sorted(set(tmp_path.iterdir()) - {job.source for job in made}) == outputs
 
@@ -53,8 +53,8 @@ def test_a_killed_process_takes_down_one_photo(run, jobs, tmp_path):
 def test_photos_wait_for_memory(run, jobs, tmp_path):
     made = jobs("sleep .2", "x", "sleep .2", "sleep .2")
     # Eight pixels a byte: 640 of need where there is a sleep, of which one fits, and 80 where not.
-    found = dict(run(made, processes=3, budget=Budget(1200), need=10))
-    assert {result.status for result in found.values()} == {"done"}
+    results = dict(run(made, processes=3, budget=Budget(1200), need=10))
+    assert {result.status for result in results.values()} == {"done"}
     begun = [(tmp_path / f"{n}.out.begun").stat().st_mtime_ns for n in (0, 2, 3)]
     ended = [(tmp_path / f"{n}.out").stat().st_mtime_ns for n in (0, 2, 3)]
     assert ended[0] <= begun[1]
@@ -62,8 +62,8 @@ def test_photos_wait_for_memory(run, jobs, tmp_path):
 
 
 def test_a_photo_that_needs_more_goes_alone_or_is_refused(run, jobs, caplog):
-    found = dict(run(jobs("x", "x"), budget=Budget(5), need=2_000_000_000))
-    assert [found[n].status for n in (0, 1)] == ["done", "done"]
+    results = dict(run(jobs("x", "x"), budget=Budget(5), need=2_000_000_000))
+    assert [results[n].status for n in (0, 1)] == ["done", "done"]
     assert "GB of memory, and only 0 MB are free: it is worked on alone" in caplog.text
     made = jobs("x", existing="replace")
     [(_, result)] = run(made, budget=Budget(7, given=True), need=10)
@@ -86,8 +86,8 @@ def test_closing_ends_what_is_under_way_and_leaves_nothing(run, jobs, await_slee
 
 @pytest.mark.skipif(os.name == "nt", reason="needs POSIX signals")
 def test_an_interrupt_from_the_keyboard_is_not_for_the_processes(run, jobs):
-    found = dict(run(jobs("kill SIGINT", "x"), processes=1))
-    assert [found[n].status for n in (0, 1)] == ["done", "done"]
+    results = dict(run(jobs("kill SIGINT", "x"), processes=1))
+    assert [results[n].status for n in (0, 1)] == ["done", "done"]
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 

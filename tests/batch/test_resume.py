@@ -15,7 +15,7 @@ from deshake.batch.task import run_job
 from deshake.run import Run
 from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.estimate_options import EstimateOptions
-from deshake.stages.finishing import Finish
+from deshake.stages.finishing import FinishingOptions
 from deshake.stages.methods import RestorationOptions
 
 OPTIONS = EstimateOptions(
@@ -63,14 +63,14 @@ def test_what_this_work_made_is_not_doubted(job):
             "--focal-35mm 40, now --focal",
         ),
         (replace(FIX, restoration=RestorationOptions("rl")), "method sparse, now rl"),
-        (replace(FIX, finish=Finish(0.5)), "strength by default, now 0.5"),
-        (replace(FIX, finish=Finish(linear=True)), "linear by default, now True"),
+        (replace(FIX, finish=FinishingOptions(0.5)), "strength by default, now 0.5"),
+        (replace(FIX, finish=FinishingOptions(linear=True)), "linear by default, now True"),
     ],
 )
 def test_other_options_are_said(job, work, words):
-    found = doubt(job, work)
-    assert f"{job.output} exists already, but was made with other options (" in found
-    assert words in found
+    reason = doubt(job, work)
+    assert f"{job.output} exists already, but was made with other options (" in reason
+    assert words in reason
     before = job.output.read_bytes()
     result = run_job(job, work)
     assert result.status == "skipped"
@@ -86,8 +86,8 @@ def test_another_input_and_another_kernel_are_said(job, tmp_path):
     other = tmp_path / "other.npz"
     again = replace(job, output=other, others={})
     EstimateKernel(replace(OPTIONS, blur_size=4))(replace(again, source=job.output), Run(1))
-    found = doubt(replace(job, needs={"kernel": other}), Deblur())
-    assert "from another input and with other options (blur_size 3, now 4)" in found
+    reason = doubt(replace(job, needs={"kernel": other}), Deblur())
+    assert "from another input and with other options (blur_size 3, now 4)" in reason
     assert doubt(replace(job, output=kernel), EstimateKernel(OPTIONS)).endswith("another input")
 
 
@@ -99,7 +99,7 @@ def test_what_tells_nothing_is_not_doubted(job):
 
 
 def test_options_left_out_are_by_default():
-    told = {"options": {"mask_sha256": "x", "a": [1, 2]}, "more": 1}
-    assert differences(told, {"options": {"a": (1, 2)}}) == ["with another mask"]
-    assert differences(told, {}) == []
+    origin = {"options": {"mask_sha256": "x", "a": [1, 2]}, "more": 1}
+    assert differences(origin, {"options": {"a": (1, 2)}}) == ["with another mask"]
+    assert differences(origin, {}) == []
     assert differences({}, {"options": {"a": None}, "input_sha256": "x"}) == ["from another input"]

@@ -8,13 +8,13 @@ from deshake.errors import OutputError
 from deshake.run import Run
 
 
-def told(share, text):
+def progress(share, text):
     assert (share, text) == (0.5, "half")
 
 
 def test_what_came_of_a_photo(trial, jobs):
     [job] = jobs("warn")
-    result = run_job(job, trial(), run=Run(3, told))
+    result = run_job(job, trial(), run=Run(3, progress))
     assert (result.status, result.warnings, result.error) == ("done", ("mind",), None)
     assert result.figures["threads"] == 3
     assert result.seconds >= 0

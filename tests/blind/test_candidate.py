@@ -115,7 +115,7 @@ def test_an_edge_must_be_above_the_noise(shaken, pyramid) -> None:
 
 @pytest.fixture(scope="module")
 def rough(shaken) -> RotationKernel:
-    """What a much coarser scale would tell of the shake."""
+    """The shake as a much coarser scale would estimate it."""
     return shaken.kernel.resampled(4 * shaken.kernel.steps).centred()
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass
-class Told:
+class Reports:
     """The progress that an estimate reports."""
 
     shares: list[float] = field(default_factory=list)
@@ -29,8 +29,8 @@ class Told:
 
 
 @pytest.fixture(scope="module")
-def progress() -> Told:
-    return Told()
+def progress() -> Reports:
+    return Reports()
 
 
 @pytest.fixture(scope="module")

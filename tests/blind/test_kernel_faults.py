@@ -54,9 +54,9 @@ def test_without_bounds_a_kernel_must_not_run_away() -> None:
 
 
 def test_bounds_are_pixels_of_the_photo_at_any_size() -> None:
-    found = kernel(path(20))
+    small = kernel(path(20))
     photo = Camera.from_focal(1200.0, 800, 1200)
-    large = found.for_camera(photo)
+    large = small.for_camera(photo)
     assert faults(large, blur_px=96) == []
     assert faults(large, blur_px=48) == [TOUCHING]
 

@@ -141,10 +141,10 @@ def test_only_allowed_tiles_are_taken(photograph) -> None:
 
 def test_of_a_large_photo_a_smaller_view_says_where(photograph) -> None:
     large = cv2.resize(photograph, (1200, 1200), interpolation=cv2.INTER_CUBIC)
-    found = chosen(of(large), 0, 4 * SIZE, 5, width=24.0)
-    assert max(max(corner) for corner in found) > 300
-    assert max(max(corner) for corner in found) <= 1200 - 4 * SIZE
+    corners = chosen(of(large), 0, 4 * SIZE, 5, width=24.0)
+    assert max(max(corner) for corner in corners) > 300
+    assert max(max(corner) for corner in corners) <= 1200 - 4 * SIZE
     small = np.clip(large[:: 1200 // 300, :: 1200 // 300], 0, 1)
-    for y, x in found:
+    for y, x in corners:
         tile = small[y // 4 : y // 4 + SIZE, x // 4 : x // 4 + SIZE]
         assert tile.std() > 0.5 * small.std() or np.abs(np.diff(tile)).max() > 0.1

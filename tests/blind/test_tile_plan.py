@@ -84,8 +84,8 @@ def test_a_third_of_the_frame_is_kept_apart() -> None:
 def test_few_tiles_serve_for_everything(photo, kernel) -> None:
     level = photo.coarsest
     seen = kernel.for_camera(photo.at(level).camera)
-    found = [places(planned_tiles(photo, level, seen, part=part)) for part in PARTS]
-    assert found[0] == found[1] == found[2]
+    plans = [places(planned_tiles(photo, level, seen, part=part)) for part in PARTS]
+    assert plans[0] == plans[1] == plans[2]
 
 
 def test_tiles_have_room_for_the_kernel(photo, kernel) -> None:

@@ -74,10 +74,10 @@ def test_the_blur_within_a_tile_is_that_of_the_exact_warps(shake, focal, path, o
     shape = 200, 240
     camera = Camera.from_focal(focal, *shape) if focal else Camera.uniform(*shape)
     seen = case(shake, camera, path)
-    found = without_mean(seen.tiles.blurred(seen.latent)[inner(seen.tiles)])
+    blurred = without_mean(seen.tiles.blurred(seen.latent)[inner(seen.tiles)])
     exact = without_mean(seen.exact)
     changed = np.linalg.norm(without_mean(seen.latent[inner(seen.tiles)]) - exact)
-    assert np.linalg.norm(found - exact) < off * changed
+    assert np.linalg.norm(blurred - exact) < off * changed
 
 
 @pytest.fixture(scope="module")
@@ -176,12 +176,12 @@ def test_rotations_without_weight_do_not_blur(shaken) -> None:
     kernel = shaken.kernel
     theta = np.concatenate([kernel.theta, 3 * kernel.theta])
     weights = np.concatenate([kernel.weights, 0 * kernel.weights])
-    found = []
+    blurs = []
     for one in (kernel, RotationKernel(theta, weights, kernel.steps, kernel.camera)):
         tiles = cut(shaken.grey, shaken.camera, 12)
         tiles.bind(one)
-        found.append(tiles.blurred(tiles.g).tobytes())
-    assert found[0] == found[1]
+        blurs.append(tiles.blurred(tiles.g).tobytes())
+    assert blurs[0] == blurs[1]
 
 
 def test_a_still_camera_blurs_nothing(shaken) -> None:
@@ -203,13 +203,13 @@ def test_the_gradients_are_the_photos_where_it_is_seen(shaken) -> None:
     steps = np.arange(tiles.block) - tiles.first
     photo = np.pad(shaken.grey, 40, mode="edge")
     for axis, spectra in enumerate(tiles.gradients):
-        found = tiles.irfft(spectra.copy())
+        back = tiles.irfft(spectra.copy())
         slopes = differences(photo)[axis]
         for p, (y, x) in enumerate(corners):
             wanted = slopes[np.ix_(40 + y + steps[:-1], 40 + x + steps[:-1])]
             inside = np.outer(y + steps[:-1] + 1 < 200, x + steps[:-1] + 1 < 240)
-            np.testing.assert_allclose(found[p, :-1, :-1], wanted * inside, atol=1e-5)
-            assert np.abs(found[p, -1]).max() < 1e-5
+            np.testing.assert_allclose(back[p, :-1, :-1], wanted * inside, atol=1e-5)
+            assert np.abs(back[p, -1]).max() < 1e-5
 
 
 def test_contrast_is_a_factor(shaken) -> None:
@@ -224,6 +224,6 @@ def test_smaller_steps_are_nearer_the_exact_warps(shake) -> None:
     errors = []
     for roll in (1.0, 4.0):
         seen = case(shake, camera, np.array([[0, 0, -roll], [0, 0, roll]]))
-        found = without_mean(seen.tiles.blurred(seen.latent)[inner(seen.tiles)])
-        errors.append(np.linalg.norm(found - without_mean(seen.exact)))
+        blurred = without_mean(seen.tiles.blurred(seen.latent)[inner(seen.tiles)])
+        errors.append(np.linalg.norm(blurred - without_mean(seen.exact)))
     assert errors[0] < 0.6 * errors[1]

@@ -24,26 +24,26 @@ def kernel(weights):
     return RotationKernel.from_indices(list(weights), list(weights.values()), steps, CAMERA)
 
 
-def indices(found):
-    return {tuple(i) for i in found.indices.tolist()}
+def indices(trimmed):
+    return {tuple(i) for i in trimmed.indices.tolist()}
 
 
 PATH = {(0, 0, 0): 5, (0, 1, 0): 3, (1, 2, 1): 2, (1, 4, 1): 2}
 
 
 def test_the_strongest_are_kept():
-    found = strongest(kernel(PATH), 2)
-    assert indices(found) == {(0, 0, 0), (0, 1, 0)}
-    np.testing.assert_allclose(found.weights, [5 / 8, 3 / 8])
+    trimmed = strongest(kernel(PATH), 2)
+    assert indices(trimmed) == {(0, 0, 0), (0, 1, 0)}
+    np.testing.assert_allclose(trimmed.weights, [5 / 8, 3 / 8])
     whole = kernel(PATH)
     assert strongest(whole, 4) is whole
 
 
 @pytest.mark.parametrize(("share", "count"), [(0, 4), (0.1, 4), (0.2, 3), (0.4, 2), (0.9, 1)])
 def test_the_lightest_are_dropped_that_hold_less_than_a_share(share, count):
-    found = heaviest(kernel(PATH), share)
-    assert len(found.weights) == count
-    assert found.weights.sum() == pytest.approx(1)
+    trimmed = heaviest(kernel(PATH), share)
+    assert len(trimmed.weights) == count
+    assert trimmed.weights.sum() == pytest.approx(1)
 
 
 def test_a_long_faint_tail_is_kept_beside_a_bright_point():
@@ -58,16 +58,16 @@ def test_a_long_faint_tail_is_kept_beside_a_bright_point():
 @pytest.mark.parametrize(("heavy", "count"), [(5, 3), (92, 1)])
 def test_most_of_a_kernel_holds_most_of_its_weight(heavy, count):
     whole = kernel(PATH | {(0, 0, 0): heavy})
-    found = most_of(whole)
-    assert len(found.weights) == count
+    trimmed = most_of(whole)
+    assert len(trimmed.weights) == count
     assert np.sort(whole.weights)[::-1][:count].sum() >= 0.8
 
 
 def test_strays_are_dropped_and_gaps_are_none():
     far = {(9, -9, 3): 0.1, (9, -9, 4): 0.1}
-    found = without_strays(kernel(PATH | far))
-    assert indices(found) == set(PATH)
-    assert found.weights.sum() == pytest.approx(1)
+    trimmed = without_strays(kernel(PATH | far))
+    assert indices(trimmed) == set(PATH)
+    assert trimmed.weights.sum() == pytest.approx(1)
 
 
 def test_what_lies_apart_but_is_heavy_stays():
@@ -83,7 +83,7 @@ def test_a_kernel_all_in_pieces_stays_whole():
 
 def test_the_main_piece_is_the_heaviest_that_hangs_together():
     far = {(9, -9, 3): 4, (9, -9, 4): 4}
-    found = main_piece(kernel(PATH | far))
-    assert indices(found) == set(PATH)
-    assert found.weights.sum() == pytest.approx(1)
+    trimmed = main_piece(kernel(PATH | far))
+    assert indices(trimmed) == set(PATH)
+    assert trimmed.weights.sum() == pytest.approx(1)
     assert indices(main_piece(kernel(PATH | dict.fromkeys(far, 9)))) == set(far)

@@ -57,7 +57,7 @@ def shaken(tmp_path: Path) -> Callable[..., Path]:
     """Save a small shaken photo under a name; a 16-bit one if asked.
 
     Those of 100 x 80 are shaken too little: they are left as they are. From `large` ones, of
-    200 x 160, a kernel is found with ``--blur-size 10``.
+    200 x 160, a kernel can be estimated with ``--blur-size 10``.
     """
 
     def save(name: str, depth: int = 8, *, large: bool = False) -> Path:

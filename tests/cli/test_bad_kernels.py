@@ -1,4 +1,4 @@
-"""Files that are no kernels are told in one line, at once, and without eating memory."""
+"""Files that are no kernels are refused in one line, at once, and without eating memory."""
 
 from __future__ import annotations
 

@@ -43,25 +43,25 @@ def test_every_shell_has_its_script(ask, shell):
 
 
 def test_commands_and_options_are_completed(ask):
-    found = ask("zsh_complete", COMP_WORDS="deshake ", COMP_CWORD="1").splitlines()
-    assert set(COMMANDS) <= set(found)
-    assert COMMANDS["fix"].summary in found
-    found = ask("zsh_complete", COMP_WORDS="deshake estimate-", COMP_CWORD="1").splitlines()
-    assert [word for word in found if word.startswith("est")] == [
+    choices = ask("zsh_complete", COMP_WORDS="deshake ", COMP_CWORD="1").splitlines()
+    assert set(COMMANDS) <= set(choices)
+    assert COMMANDS["fix"].summary in choices
+    choices = ask("zsh_complete", COMP_WORDS="deshake estimate-", COMP_CWORD="1").splitlines()
+    assert [word for word in choices if word.startswith("est")] == [
         "estimate-blind",
         "estimate-pair",
     ]
-    found = ask("zsh_complete", COMP_WORDS="deshake fix --str", COMP_CWORD="2").splitlines()
-    assert found[1] == "--strength"
-    found = ask("fish_complete", COMP_WORDS="deshake deblur --m", COMP_CWORD="--m")
+    choices = ask("zsh_complete", COMP_WORDS="deshake fix --str", COMP_CWORD="2").splitlines()
+    assert choices[1] == "--strength"
+    choices = ask("fish_complete", COMP_WORDS="deshake deblur --m", COMP_CWORD="--m")
     assert {"plain,--method", "plain,--mask"} <= {
-        line.split("\t")[0] for line in found.splitlines()
+        line.split("\t")[0] for line in choices.splitlines()
     }
 
 
 def test_values_of_choices_are_completed(ask):
-    found = ask("bash_complete", COMP_WORDS="deshake fix --quality ", COMP_CWORD="3")
-    assert found.split() == ["plain,fast", "plain,default", "plain,high"]
+    choices = ask("bash_complete", COMP_WORDS="deshake fix --quality ", COMP_CWORD="3")
+    assert choices.split() == ["plain,fast", "plain,default", "plain,high"]
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
@@ -92,5 +92,5 @@ def test_presets_are_completed(ask, tmp_path):
     config.parent.mkdir()
     config.write_text("[preset.night]\n[preset.noon]\n[preset.day]\n", "utf-8")
     line = {"COMP_WORDS": "deshake fix --preset n", "COMP_CWORD": "3"}
-    found = ask("zsh_complete", **line, XDG_CONFIG_HOME=str(tmp_path)).splitlines()
-    assert [word for word in found if word.startswith("n")] == ["night", "noon"]
+    choices = ask("zsh_complete", **line, XDG_CONFIG_HOME=str(tmp_path)).splitlines()
+    assert [word for word in choices if word.startswith("n")] == ["night", "noon"]

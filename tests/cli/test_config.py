@@ -21,14 +21,14 @@ def config(tmp_path):
 @pytest.fixture
 def seen(trial):
     """Parameters and context that the trial command was run with."""
-    found = {}
+    parsed = {}
 
     def function(ctx):
-        found.clear()
-        found.update(ctx.params, threads=ctx.obj.threads, verbosity=ctx.obj.verbosity)
+        parsed.clear()
+        parsed.update(ctx.params, threads=ctx.obj.threads, verbosity=ctx.obj.verbosity)
 
     trial(function)
-    return found
+    return parsed
 
 
 def test_flag_then_environment_then_file_then_default(deshake, config, seen, monkeypatch):
@@ -62,13 +62,13 @@ def real(deshake, monkeypatch):
     """Parameters that a real command gets, its defaults and its environment as in a real run."""
 
     def parse(*args, config=None):
-        found = {}
+        parsed = {}
         [command] = [main.cli.get_command(None, arg) for arg in args if arg in main.COMMANDS]
-        monkeypatch.setattr(command, "invoke", lambda ctx: found.update(ctx.params))
+        monkeypatch.setattr(command, "invoke", lambda ctx: parsed.update(ctx.params))
         words = () if config is None else ("--config", config)
         outcome = deshake(*words, *args)
         assert outcome.code == 0, outcome.err
-        return found
+        return parsed
 
     return parse
 

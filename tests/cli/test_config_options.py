@@ -26,14 +26,14 @@ def own(tmp_path, monkeypatch):
 @pytest.fixture
 def seen(trial):
     """Parameters and context that the trial command was run with."""
-    found = {}
+    parsed = {}
 
     def function(ctx):
-        found.clear()
-        found.update(ctx.params, threads=ctx.obj.threads, verbosity=ctx.obj.verbosity)
+        parsed.clear()
+        parsed.update(ctx.params, threads=ctx.obj.threads, verbosity=ctx.obj.verbosity)
 
     trial(function)
-    return found
+    return parsed
 
 
 def test_the_users_own_file_is_read_and_v_says_so(deshake, own, seen):

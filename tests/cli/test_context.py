@@ -28,7 +28,7 @@ def shown(capsys, fractions):
         for fraction in fractions:
             bar(fraction, "deblurring")
     err = capsys.readouterr().err
-    return err, [int(found) for found in re.findall(r"(\d+)%", err)]
+    return err, [int(share) for share in re.findall(r"(\d+)%", err)]
 
 
 def test_the_bar_tells_what_and_how_far(capsys):

@@ -51,10 +51,10 @@ def test_depth_and_opacity_stay(deshake, kernel, tmp_path):
     codes = np.random.default_rng(1).integers(0, 65536, (80, 100, 4)).astype(np.uint16)
     path.write_bytes(cv2.imencode(".png", codes)[1].tobytes())
     assert deshake("deblur", path, kernel, "-o", out, "--iterations", 2).code == 0
-    found = cv2.imread(str(out), cv2.IMREAD_UNCHANGED)
-    assert found.dtype == np.uint16
-    assert np.array_equal(found[..., 3], codes[..., 3])
-    assert not np.array_equal(found[..., :3], codes[..., :3])
+    result = cv2.imread(str(out), cv2.IMREAD_UNCHANGED)
+    assert result.dtype == np.uint16
+    assert np.array_equal(result[..., 3], codes[..., 3])
+    assert not np.array_equal(result[..., :3], codes[..., :3])
 
 
 def test_metadata_stay(deshake, shaken, kernel, tmp_path):
@@ -76,14 +76,14 @@ def test_the_result_tells_how_it_came_about(deshake, shaken, kernel, tmp_path, e
     how = ("--method", "rl", "--iterations", 1)
     assert deshake("deblur", photo, kernel, *how).code == 0
     out = tmp_path / f"a.deshaken.{ending}"
-    told = read_provenance(out)
-    assert told["options"] == {
+    provenance = read_provenance(out)
+    assert provenance["options"] == {
         "transfer": None,
         "method": "rl",
         "quality": "default",
         "iterations": 1,
     }
-    assert told["input_sha256"] == hashlib.sha256(photo.read_bytes()).hexdigest()
+    assert provenance["input_sha256"] == hashlib.sha256(photo.read_bytes()).hexdigest()
     assert str(tmp_path).encode() not in out.read_bytes()
     with Image.open(out) as image:
         assert image.getexif()[305] == f"deshake {__version__}"
@@ -125,7 +125,7 @@ def test_another_shape_is_an_error(deshake, kernel, tmp_path, size, hint):
 
 def test_method_iterations_and_transfer_shape_the_result(deshake, shaken, kernel, tmp_path):
     photo = shaken("a.png")
-    found = set()
+    results = set()
     for args in (
         ("--iterations", 2),
         ("--iterations", 5),
@@ -138,16 +138,16 @@ def test_method_iterations_and_transfer_shape_the_result(deshake, shaken, kernel
         ("--quality=high",),
     ):
         assert deshake("deblur", photo, kernel, "--overwrite", *args).code == 0
-        found.add((tmp_path / "a.deshaken.png").read_bytes())
-    assert len(found) == 9
+        results.add((tmp_path / "a.deshaken.png").read_bytes())
+    assert len(results) == 9
 
 
 def test_the_default_is_sparse(deshake, shaken, kernel, tmp_path):
-    photo, found = shaken("a.png"), set()
+    photo, results = shaken("a.png"), set()
     for args in ((), ("--method", "sparse")):
         assert deshake("deblur", photo, kernel, "--overwrite", *args).code == 0
-        found.add((tmp_path / "a.deshaken.png").read_bytes())
-    assert len(found) == 1
+        results.add((tmp_path / "a.deshaken.png").read_bytes())
+    assert len(results) == 1
     assert "'median' is not one of" in deshake("deblur", photo, kernel, "--method", "median").err
 
 
@@ -184,12 +184,12 @@ def test_says_the_iterations_when_asked(deshake, shaken, kernel):
 
 @pytest.mark.parametrize("method", ["sparse", "rl"])
 def test_threads_do_not_change_a_byte(deshake, shaken, kernel, tmp_path, method):
-    photo, found = shaken("a.png", 16), set()
+    photo, results = shaken("a.png", 16), set()
     for threads in (1, 3):
         args = ("--overwrite", "--method", method, "--threads", threads)
         assert deshake("deblur", photo, kernel, *args).code == 0
-        found.add((tmp_path / "a.deshaken.png").read_bytes())
-    assert len(found) == 1
+        results.add((tmp_path / "a.deshaken.png").read_bytes())
+    assert len(results) == 1
 
 
 def test_the_kernel_comes_from_standard_input_too(deshake, shaken, kernel, tmp_path):
@@ -255,14 +255,14 @@ def pair(kernel, tmp_path):
 
 def test_a_noisy_photo_helps(deshake, pair, kernel, tmp_path):
     blurred, noisy, registration = pair
-    found = {}
+    results = {}
     for args in ((), ("--method=fusion",), ("--method=residual",), ("--quality=fast",)):
-        told = ("--noisy", noisy, "--registration", registration, "--overwrite", *args)
-        outcome = deshake("deblur", blurred, kernel, *told)
+        options = ("--noisy", noisy, "--registration", registration, "--overwrite", *args)
+        outcome = deshake("deblur", blurred, kernel, *options)
         assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
-        found[args] = (tmp_path / "a.deshaken.png").read_bytes()
-    assert found[()] == found[("--method=fusion",)]
-    assert len(set(found.values())) == 3
+        results[args] = (tmp_path / "a.deshaken.png").read_bytes()
+    assert results[()] == results[("--method=fusion",)]
+    assert len(set(results.values())) == 3
     result, *others = (
         np.square(
             cv2.imread(str(path)) - cv2.imread(str(tmp_path / "sharp.png")).astype(float)
@@ -278,8 +278,8 @@ def test_a_registration_of_its_own_is_told_and_noticed(deshake, pair, kernel, tm
     args = (blurred, kernel, "--noisy", noisy, "-o", out, "--iterations", 1)
     given = ("--registration", registration)
     assert deshake("deblur", *args, *given).code == 0
-    told = read_provenance(out)["registration"]
-    assert told == {"theta": [0, 0, 0], "scale": 1, "confidence": 1}
+    recorded = read_provenance(out)["registration"]
+    assert recorded == {"theta": [0, 0, 0], "scale": 1, "confidence": 1}
     assert "another" not in deshake("deblur", *args, *given, "--skip-existing").err
     assert "with another registration" in deshake("deblur", *args, "--skip-existing").err
 
@@ -307,9 +307,9 @@ def test_light_beyond_white_stays_in_a_floating_point_tiff(deshake, kernel, tmp_
     tifffile.imwrite(path, np.stack([light] * 3, -1), photometric="rgb", metadata=None)
     outcome = deshake("deblur", path, kernel)
     assert (outcome.code, outcome.err) == (0, "")
-    found = tifffile.imread(tmp_path / "a.deshaken.tif")
-    assert found.dtype == np.float32
-    assert 6.5 < found.max() < 8
+    result = tifffile.imread(tmp_path / "a.deshaken.tif")
+    assert result.dtype == np.float32
+    assert 6.5 < result.max() < 8
     outcome = deshake("deblur", path, kernel, "-o", png)
     assert "warning: " in outcome.err
     assert "beyond white is cut off" in outcome.err

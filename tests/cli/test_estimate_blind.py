@@ -234,8 +234,8 @@ def test_a_picture_that_cannot_be_is_one_line(*, refused, shaken, tmp_path, opti
 
 def test_two_pictures_do_not_share_a_file(refused, shaken, tmp_path):
     both = tmp_path / "p.png"
-    told = refused("estimate-blind", shaken("a.jpg"), "--latent", both, "--tiles", both)
-    assert "p.png: the output is the input itself" in told
+    errors = refused("estimate-blind", shaken("a.jpg"), "--latent", both, "--tiles", both)
+    assert "p.png: the output is the input itself" in errors
 
 
 @pytest.mark.parametrize("option", ["--latent", "--tiles"])

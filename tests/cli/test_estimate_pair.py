@@ -159,8 +159,8 @@ def test_the_frame_is_that_of_all_commands(deshake, pair, tmp_path):
 
 def test_a_search_angle_is_remembered(deshake, pair, tmp_path):
     assert deshake("estimate-pair", *pair, *FAST, "--search-angle", 12).code == 0
-    told = read_kernel(tmp_path / "blurred.kernel.npz").provenance
-    assert told["options"]["search_angle"] == 12
+    provenance = read_kernel(tmp_path / "blurred.kernel.npz").provenance
+    assert provenance["options"]["search_angle"] == 12
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ PAIR = ("--focal-px", 150, "--blur-size", 8, "--iterations", 2)
 def portrait(tmp_path):
     """Save a photo that was shaken by 7 pixels along a slant, under a name.
 
-    From one of 200 x 160 its kernel can be found.
+    One of 200 x 160 is enough for an estimate of its kernel.
     """
 
     def save(name, width=100, height=80):
@@ -63,9 +63,9 @@ def test_what_the_mask_keeps_keeps_its_codes(deshake, shaken, pan, mask, *, name
     whole, out = photo.with_stem("whole"), photo.with_stem("out")
     assert deshake("deblur", photo, pan, "-o", whole).code == 0
     assert deshake("deblur", photo, pan, "-o", out, "--mask", mask()).code == 0
-    before, after, found = (codes(path) for path in (photo, whole, out))
-    assert np.array_equal(found[:40], before[:40])
-    assert np.array_equal(found[40:], after[40:])
+    before, after, result = (codes(path) for path in (photo, whole, out))
+    assert np.array_equal(result[:40], before[:40])
+    assert np.array_equal(result[40:], after[40:])
     assert not np.array_equal(after[:40], before[:40])
 
 
@@ -104,9 +104,9 @@ def test_fix_blends_as_deblur_does(deshake, portrait, mask, tmp_path):
     args = (kernels / "a.kernel.npz", "--iterations", 2, "-o", out)
     assert deshake("deblur", photo, *args, *finish).code == 0
     assert out.read_bytes() == (tmp_path / "a.deshaken.jpg").read_bytes()
-    told = read_provenance(out)["options"]
-    assert told["strength"] == 0.8
-    assert len(told["mask_sha256"]) == 64
+    options = read_provenance(out)["options"]
+    assert options["strength"] == 0.8
+    assert len(options["mask_sha256"]) == 64
 
 
 def test_a_folder_of_masks_is_for_many_photos(deshake, portrait, mask, tmp_path):
@@ -116,8 +116,8 @@ def test_a_folder_of_masks_is_for_many_photos(deshake, portrait, mask, tmp_path)
     outcome = deshake("fix", one, two, *FAST, "--mask", folder, "--json")
     assert outcome.code == 0
     lines = [json.loads(line) for line in outcome.out.splitlines()]
-    found = {line["input"]: line.get("mask") for line in lines}
-    assert found == {str(one): str(folder / "one.png"), str(two): None}
+    masks = {line["input"]: line.get("mask") for line in lines}
+    assert masks == {str(one): str(folder / "one.png"), str(two): None}
     before, kept, whole = (
         codes(tmp_path / name) for name in ("one.png", "one.deshaken.png", "two.deshaken.png")
     )
@@ -239,9 +239,9 @@ def test_a_preview_is_small_and_its_kernel_fits_the_photo(deshake, shaken, tmp_p
     assert outcome.code == 0, outcome.err
     assert json.loads(outcome.out)["preview"] is True
     assert codes(out).shape == (512, 640, 3)
-    told = read_provenance(out)
-    assert told["options"]["preview"] is True
-    assert told["kernel"]["options"]["preview"] is True
+    provenance = read_provenance(out)
+    assert provenance["options"]["preview"] is True
+    assert provenance["kernel"]["options"]["preview"] is True
     kernel = kernels / "a.kernel.npz"
     assert read_kernel(kernel).kernel.camera.shape == (512, 640)
     again = tmp_path / "again.jpg"

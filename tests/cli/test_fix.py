@@ -52,10 +52,10 @@ def test_the_method_is_that_of_deblur(deshake, shaken, tmp_path):
 def test_the_photo_tells_of_its_kernel_or_nothing_at_all(deshake, shaken, tmp_path):
     photo, out = shaken("a.jpg"), tmp_path / "a.deshaken.jpg"
     assert deshake("fix", photo, *FAST).code == 0
-    told = read_provenance(out)["kernel"]
-    assert told["command"] == "estimate-blind"
-    assert told["camera"] == "--focal-35mm 40"
-    assert told["options"]["region"] == [20, 10, 60, 50]
+    provenance = read_provenance(out)["kernel"]
+    assert provenance["command"] == "estimate-blind"
+    assert provenance["camera"] == "--focal-35mm 40"
+    assert provenance["options"]["region"] == [20, 10, 60, 50]
     assert deshake("fix", photo, *FAST, "--overwrite", "--no-provenance").code == 0
     assert b"deshake" not in out.read_bytes()
 

@@ -29,10 +29,10 @@ QUIET = ("--threads", 1, "-q")
 def test_gives_the_bytes_of_its_stages_with_any_threads(deshake, pair, tmp_path, chosen, how):
     blurred, noisy = pair
     known, kernel, sharp = (tmp_path / name for name in ("r.npz", "k.npz", "sharp.png"))
-    told = ("--registration", known, *QUIET)
+    more = ("--registration", known, *QUIET)
     assert deshake("register", *pair, *LENS, "-o", known, *QUIET).code == 0
-    assert deshake("estimate-pair", *pair, *BLUR, *chosen, "-o", kernel, *told).code == 0
-    args = ("--noisy", noisy, *how, "-o", sharp, *told)
+    assert deshake("estimate-pair", *pair, *BLUR, *chosen, "-o", kernel, *more).code == 0
+    args = ("--noisy", noisy, *how, "-o", sharp, *more)
     assert deshake("deblur", blurred, kernel, *args).code == 0
     out, kernels = tmp_path / "out.png", tmp_path / "kernels"
     args = (*LENS, *BLUR, *chosen, *how, "-o", out, "--keep-kernels", kernels)
@@ -42,8 +42,8 @@ def test_gives_the_bytes_of_its_stages_with_any_threads(deshake, pair, tmp_path,
     assert (kernels / "blurred.kernel.npz").read_bytes() == kernel.read_bytes()
     assert read_kernel(kernel).kernel.camera.is_uniform == bool(chosen)
     assert out.read_bytes() != blurred.read_bytes()
-    told = read_provenance(out)
-    assert told["noisy_sha256"] == told["kernel"]["noisy_sha256"]
+    provenance = read_provenance(out)
+    assert provenance["noisy_sha256"] == provenance["kernel"]["noisy_sha256"]
 
 
 def test_it_is_sharper_and_the_report_says_all(deshake, pair, tmp_path):

@@ -97,13 +97,13 @@ def test_no_lens_is_undone_twice(deshake, shaken, lens, bent_pan, pan):
 
 def test_a_pair_through_a_lens(deshake, pair, tmp_path):
     blurred, noisy = pair
-    lens, found = tmp_path / "lens.npz", tmp_path / "r.npz"
+    lens, registration = tmp_path / "lens.npz", tmp_path / "r.npz"
     camera = Camera.from_focal(150, 100, 140).with_lens(np.array([-0.02, 0, 0, 0]))
     write_camera(lens, CameraFile(camera, "made up"))
-    assert deshake("register", blurred, noisy, "-o", found, "--camera", lens).code == 0
-    assert read_registration(found).camera.distortion.tolist() == [-0.02, 0, 0, 0]
+    assert deshake("register", blurred, noisy, "-o", registration, "--camera", lens).code == 0
+    assert read_registration(registration).camera.distortion.tolist() == [-0.02, 0, 0, 0]
     kernel, one, two = tmp_path / "k.npz", tmp_path / "one.png", tmp_path / "two.png"
-    by = ("--registration", found)
+    by = ("--registration", registration)
     assert deshake("estimate-pair", blurred, noisy, "-o", kernel, *by, "--blur-size", 7).code == 0
     more = ("--noisy", noisy, "--keep-geometry", "--quality", "fast")
     assert deshake("deblur", blurred, kernel, "-o", one, *more, *by).code == 0
@@ -128,10 +128,10 @@ def test_calibrate_finds_the_profile(deshake, kit, tmp_path):
     pytest.importorskip("lensfunpy")
     out = tmp_path / "c.npz"
     outcome = deshake("calibrate", kit, "--lens", "--json", "-o", out)
-    found = json.loads(outcome.out)
-    assert found["lens"] == "E PZ 16-50mm f/3.5-5.6 OSS"
+    report = json.loads(outcome.out)
+    assert report["lens"] == "E PZ 16-50mm f/3.5-5.6 OSS"
     camera = read_camera(out)
-    assert camera.camera.distortion.tolist() == found["distortion"]
+    assert camera.camera.distortion.tolist() == report["distortion"]
     assert camera.source.endswith("; lens E PZ 16-50mm f/3.5-5.6 OSS (lensfun)")
     assert "lens" not in json.loads(deshake("calibrate", kit, "--json").out)
 
@@ -144,13 +144,13 @@ def test_simulate_bends_and_calibrate_finds_the_same_lens_again(deshake, kit, tm
     assert not true.is_pinhole
     again = tmp_path / "c.npz"
     assert deshake("calibrate", out, "--lens", "-o", again).code == 0
-    found = read_camera(again).camera
-    assert found.focal_px == pytest.approx(true.focal_px, rel=1e-3)
+    camera = read_camera(again).camera
+    assert camera.focal_px == pytest.approx(true.focal_px, rel=1e-3)
     corner = np.array([[float(true.width - 1), float(true.height - 1)]])
     from deshake.geometry.distortion import undistorted  # noqa: PLC0415
 
     np.testing.assert_allclose(
-        undistorted(corner, found, found), undistorted(corner, true, true), atol=0.1
+        undistorted(corner, camera, camera), undistorted(corner, true, true), atol=0.1
     )
 
 

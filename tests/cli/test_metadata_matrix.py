@@ -87,8 +87,8 @@ def there(kinds: Iterable[str], source: str, channels: int) -> set[str]:
     """
     missing = {"IPTC"} if source not in {"JPEG", "PNG", "TIFF", "RAW"} else set()
     missing |= {"profile"} if source == "JPEG 2000" else set()
-    found = set(kinds) - missing - ({"profile"} if channels < 3 else set())
-    return (found - {"profile"}) | {"developed"} if source == "RAW" else found
+    expected = set(kinds) - missing - ({"profile"} if channels < 3 else set())
+    return (expected - {"profile"}) | {"developed"} if source == "RAW" else expected
 
 
 def check_metadata(path: Path, form: str, kinds: set[str], err: str, readers: object) -> None:
@@ -103,22 +103,24 @@ def check_metadata(path: Path, form: str, kinds: set[str], err: str, readers: ob
     with_exiftool = len(readers) > len(metadata_readers.READERS)
     if form == "JPEG 2000" and not with_exiftool:
         pytest.skip("exiftool alone reads the metadata of a JPEG 2000, and is not installed")
-    read = [found for reader in readers if (found := reader(path))]
+    read = [fields for reader in readers if (fields := reader(path))]
     for kind in KINDS:
         if kind == "profile" and "developed" in kinds:
             continue
-        told = [found[kind] for found in read if kind in found]
+        values = [fields[kind] for fields in read if kind in fields]
         if kind in kinds and INTO[kind][form] == "kept":
-            assert len(told) >= (2 if form != "JPEG 2000" else 1) - (not with_exiftool), kind
-            for item in told:
+            assert len(values) >= (2 if form != "JPEG 2000" else 1) - (not with_exiftool), kind
+            for item in values:
                 assert item == pytest.approx(expected[kind]), kind
         else:
-            assert not told, kind
+            assert not values, kind
     left_out = [kind for kind in KINDS if kind in kinds and INTO[kind][form] == "left out"]
     assert [f"{form} has no place for {kind}" in err for kind in left_out] == [True] * len(left_out)
-    assert all(found["comment"] == b"\0\0no charset"[:11] for found in read if "comment" in found)
-    assert {found["orientation"] for found in read if "orientation" in found} == {1}
-    assert {found["software"] for found in read if "software" in found} == {
+    assert all(
+        fields["comment"] == b"\0\0no charset"[:11] for fields in read if "comment" in fields
+    )
+    assert {fields["orientation"] for fields in read if "orientation" in fields} == {1}
+    assert {fields["software"] for fields in read if "software" in fields} == {
         f"deshake {__version__}"
     }
     assert read_provenance(path)["deshake"] == __version__
@@ -153,8 +155,8 @@ def check_pixels(path: Path, source: Path, form: str, depth: int, channels: int)
         assert np.array_equal(read, wanted)
         return
     assert read.shape == wanted.shape
-    found, right = (item / np.iinfo(item.dtype).max for item in (read, wanted))
-    assert np.abs(found - right).mean() < 0.025
+    result, right = (item / np.iinfo(item.dtype).max for item in (read, wanted))
+    assert np.abs(result - right).mean() < 0.025
 
 
 @pytest.mark.parametrize("form", FORMATS)

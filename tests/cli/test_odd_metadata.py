@@ -26,12 +26,12 @@ def deblurred(deshake, tmp_path):
     still = RotationKernel.from_path([(0, 0, 0)], Camera.from_focal(40, HEIGHT, WIDTH))
     write_kernel(tmp_path / "still.npz", KernelFile(still))
 
-    def run(name, data, ending, *, told=True):
+    def run(name, data, ending, *, kept=True):
         path, out = tmp_path / name, tmp_path / f"out.{ending}"
         path.write_bytes(data)
         outcome = deshake("deblur", path, tmp_path / "still.npz", "-o", out)
         assert outcome.code == 0
-        assert (read_provenance(out) is not None) == told
+        assert (read_provenance(out) is not None) == kept
         lines = outcome.err.splitlines()
         assert all(line.startswith(f"warning: {path}: ") for line in lines)
         return [line.removeprefix(f"warning: {path}: ") for line in lines], out
@@ -147,7 +147,7 @@ def test_texts_that_are_lost_are_said_to_be(deblurred, name, data, ending):
 def test_xmp_that_is_none_stays_and_takes_no_provenance(deblurred):
     packet = b"<rubbish/>"
     data = in_jpeg((0xE1, b"http://ns.adobe.com/xap/1.0/\0" + packet))
-    said, out = deblurred("a.jpg", data, "png", told=False)
+    said, out = deblurred("a.jpg", data, "png", kept=False)
     assert said == ["its XMP metadata are damaged: they do not get a note of how it was made"]
     with Image.open(out) as picture:
         assert picture.info["xmp"] == packet

@@ -18,11 +18,11 @@ def parse():
         @click.command()
         @decorator
         def command(**params):
-            found.update(params)
+            parsed.update(params)
 
-        found = {}
+        parsed = {}
         result = CliRunner().invoke(command, args)
-        return found if result.exit_code == 0 else result.output
+        return parsed if result.exit_code == 0 else result.output
 
     return run
 
@@ -31,9 +31,9 @@ def test_focal_length_comes_from_one_place(parse):
     def both(command):
         return options.focal_options(options.camera_option(command))
 
-    found = parse(both, "--focal-35mm", "28")
-    assert found["focal_35mm"] == 28
-    assert (found["focal_px"], found["camera"]) == (None, None)
+    parsed = parse(both, "--focal-35mm", "28")
+    assert parsed["focal_35mm"] == 28
+    assert (parsed["focal_px"], parsed["camera"]) == (None, None)
     assert parse(both, "--camera", "c.npz")["camera"].name == "c.npz"
     for args in (
         ("--focal-px", "3000", "--focal-35mm", "28"),

@@ -92,9 +92,9 @@ def test_a_ten_bit_avif_stays_one(deshake, tmp_path, kernel):
     options = [cv2.IMWRITE_AVIF_DEPTH, 10, cv2.IMWRITE_AVIF_QUALITY, 100]
     path.write_bytes(cv2.imencode(".avif", codes, options)[1].tobytes())
     assert deshake("deblur", path, kernel(64, 80), "--iterations", 1, *QUIET).code == 0
-    found = cv2.imread(str(tmp_path / "a.deshaken.avif"), cv2.IMREAD_UNCHANGED)
-    assert found.dtype == np.uint16
-    assert 256 < found.max() < 1024
+    result = cv2.imread(str(tmp_path / "a.deshaken.avif"), cv2.IMREAD_UNCHANGED)
+    assert result.dtype == np.uint16
+    assert 256 < result.max() < 1024
 
 
 @pytest.mark.parametrize("suffix", [".heic", ".avif", ".jp2"])

@@ -87,8 +87,8 @@ def test_deblur_writes_a_16_bit_tiff_beside_it(deshake, raw, kernel, scene, tmp_
     png, jpeg = tmp_path / "o.png", tmp_path / "o.jpg"
     for path in (png, jpeg):
         assert deshake("deblur", raw, kernel, "-o", path, *QUIET).code == 0
-    found = cv2.imread(str(png), cv2.IMREAD_UNCHANGED)[..., ::-1]
-    assert np.array_equal(found, codes)
+    written = cv2.imread(str(png), cv2.IMREAD_UNCHANGED)[..., ::-1]
+    assert np.array_equal(written, codes)
     with Image.open(jpeg) as result:
         assert result.format == "JPEG"
         assert np.abs(np.asarray(result) / 255 - codes / 65535).mean() < 0.01
@@ -142,8 +142,8 @@ def test_a_pair_of_raw_files(deshake, make_dng, raw, scene, tmp_path):
     assert outcome.code == 0
     report = json.loads(outcome.out)
     assert report["scale"] == pytest.approx(4, rel=0.05)
-    found = tifffile.imread(out) / 65535
-    assert error(found, sharp) < 0.6 * error(SRGB.from_linear(scene[1]), sharp)
+    result = tifffile.imread(out) / 65535
+    assert error(result, sharp) < 0.6 * error(SRGB.from_linear(scene[1]), sharp)
 
 
 def test_a_sharp_raw_file_can_be_shaken(deshake, make_dng, scene, tmp_path):
@@ -151,9 +151,9 @@ def test_a_sharp_raw_file_can_be_shaken(deshake, make_dng, scene, tmp_path):
     raw.write_bytes(make_dng(scene[0], exif=EXIF))
     words = ("--blur-size", 6, "-o", out, "--kernel", tmp_path / "true.npz")
     assert deshake("simulate", raw, *words, *QUIET).code == 0
-    found = cv2.imread(str(out), cv2.IMREAD_UNCHANGED)
-    assert found.dtype == np.uint16
-    mean = SRGB.to_linear(found[..., ::-1] / 65535).mean((0, 1))
+    result = cv2.imread(str(out), cv2.IMREAD_UNCHANGED)
+    assert result.dtype == np.uint16
+    mean = SRGB.to_linear(result[..., ::-1] / 65535).mean((0, 1))
     assert np.abs(mean / scene[0].mean((0, 1)) - 1).max() < 0.1
 
 

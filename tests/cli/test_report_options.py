@@ -171,12 +171,12 @@ def test_photos_that_fail_or_are_left_are_told_apart(deblur, folder, tmp_path):
     page = Page(tmp_path / "look.html")
     assert "1 improved, 1 left as it is, 1 failed" in page.words
     assert "Left as it is: the photo looks sharp" in page.words
-    told = {Path(line["input"]).name: line for line in map(json.loads, outcome.out.splitlines())}
-    assert told["plain.png"]["verdict"] == "left"
-    assert told["plain.png"]["reason"] == "the photo looks sharp"
-    assert told[HOSTILE]["verdict"] == "improved"
-    assert "pictures" not in told[HOSTILE]
-    assert told["other.png"]["error"].removeprefix(f"{folder / 'other.png'}: ") in page.words
+    lines = {Path(line["input"]).name: line for line in map(json.loads, outcome.out.splitlines())}
+    assert lines["plain.png"]["verdict"] == "left"
+    assert lines["plain.png"]["reason"] == "the photo looks sharp"
+    assert lines[HOSTILE]["verdict"] == "improved"
+    assert "pictures" not in lines[HOSTILE]
+    assert lines["other.png"]["error"].removeprefix(f"{folder / 'other.png'}: ") in page.words
 
 
 def test_an_existing_page_is_kept_before_any_work(deblur, tmp_path):

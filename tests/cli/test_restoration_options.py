@@ -19,11 +19,11 @@ def parse():
         @noisy_option
         @restoration_options
         def command(**choices):
-            found.append(restoration(**choices))
+            chosen.append(restoration(**choices))
 
-        found = []
+        chosen = []
         result = CliRunner().invoke(command, args)
-        return found[0] if result.exit_code == 0 else result.output
+        return chosen[0] if result.exit_code == 0 else result.output
 
     return run
 

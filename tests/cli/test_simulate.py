@@ -47,15 +47,15 @@ def test_writes_the_photo_and_its_kernel(deshake, photo):
 
 
 def test_equal_seeds_give_equal_bytes(deshake, photo, tmp_path):
-    found = {}
+    written = {}
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
         args = ("--seed", seed, "--noise", 0.01, "--photons", 1000, "--blur-size", 5, *FOCAL_35MM)
         out = tmp_path / f"{name}.png"
         assert deshake("simulate", photo, "-o", out, *args).code == 0
-        found[name] = out.read_bytes(), out.with_suffix(".npz").read_bytes()
-    assert found["a"] == found["b"]
-    assert found["a"][0] != found["c"][0]
-    assert found["a"][1] != found["c"][1]
+        written[name] = out.read_bytes(), out.with_suffix(".npz").read_bytes()
+    assert written["a"] == written["b"]
+    assert written["a"][0] != written["c"][0]
+    assert written["a"][1] != written["c"][1]
 
 
 def test_the_sharp_photo_is_the_input_cropped(deshake, photo, tmp_path):
@@ -220,8 +220,8 @@ def test_calibrating_what_was_shaken_finds_the_focal_length_again(deshake, tmp_p
     assert deshake("simulate", sharp, "-o", out, "--blur-size", 12).code == 0
     true = read_kernel(out.with_suffix(".npz")).kernel.camera
     assert true.width < size[0]
-    found = json.loads(deshake("calibrate", out, "--json").out)
-    assert found["focal_px"] == pytest.approx(true.focal_px, rel=1e-3)
+    calibrated = json.loads(deshake("calibrate", out, "--json").out)
+    assert calibrated["focal_px"] == pytest.approx(true.focal_px, rel=1e-3)
 
 
 def test_photo_and_kernel_appear_together_or_not_at_all(deshake, photo, tmp_path, monkeypatch):
@@ -245,8 +245,8 @@ def test_a_format_and_a_quality_can_be_chosen(deshake, photo, tmp_path):
         assert deshake(*words, "-o", out, *quality).code == 0
         sizes.append(out.stat().st_size)
     assert sizes[0] == sizes[1] > 2 * sizes[2]
-    told = read_kernel(tmp_path / "2.npz").provenance["options"]
-    assert told["jpeg_quality"] == 10
+    options = read_kernel(tmp_path / "2.npz").provenance["options"]
+    assert options["jpeg_quality"] == 10
     assert "jpeg_quality" not in read_kernel(tmp_path / "0.npz").provenance["options"]
 
 

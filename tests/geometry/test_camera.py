@@ -47,7 +47,7 @@ def test_scaled_agrees_with_resizing(height: int, width: int) -> None:
     ways = cv2.INTER_AREA if height < 48 else cv2.INTER_LINEAR
     x_there = cv2.resize(x, (width, height), interpolation=ways)
     y_there = cv2.resize(y, (width, height), interpolation=ways)
-    # where a new pixel sees, in the old picture
+    # the place of each new pixel in the old picture
     back = camera.matrix @ np.linalg.inv(camera.scaled(height, width).matrix)
     column, row = width // 3, height // 3
     expected = back @ [column, row, 1]

@@ -26,18 +26,18 @@ def edge(step):
 
 
 def test_gradients_become_a_grey_photo_of_their_size(photo):
-    found = latent_photo(photo, edge(0.2))
-    assert found.shape == (8, 12)
-    assert found.pixels.mean() == pytest.approx(70 / 255, abs=1e-6)
-    assert found.pixels[:, 6:] - found.pixels[:, :6] == pytest.approx(np.full((8, 6), 0.2))
-    assert found.alpha is None
-    assert not found.clipped.any()
+    latent = latent_photo(photo, edge(0.2))
+    assert latent.shape == (8, 12)
+    assert latent.pixels.mean() == pytest.approx(70 / 255, abs=1e-6)
+    assert latent.pixels[:, 6:] - latent.pixels[:, :6] == pytest.approx(np.full((8, 6), 0.2))
+    assert latent.alpha is None
+    assert not latent.clipped.any()
 
 
 @pytest.mark.parametrize(("x", "level"), [(0, 40), (10, 100)])
 def test_a_region_gives_its_own_mean(photo, x, level):
-    found = latent_photo(photo, edge(0.1), (x, 2, 10, 8))
-    assert found.pixels.mean() == pytest.approx(level / 255, abs=1e-6)
+    latent = latent_photo(photo, edge(0.1), (x, 2, 10, 8))
+    assert latent.pixels.mean() == pytest.approx(level / 255, abs=1e-6)
 
 
 def test_it_is_written_as_display_values_and_clipped(photo, tmp_path):

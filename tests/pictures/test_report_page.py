@@ -46,9 +46,9 @@ class Page(HTMLParser):
 
     def all(self, tag, **attributes):
         return [
-            found
-            for name, found in self.elements
-            if name == tag and all(found.get(key) == value for key, value in attributes.items())
+            given
+            for name, given in self.elements
+            if name == tag and all(given.get(key) == value for key, value in attributes.items())
         ]
 
     @property
@@ -178,7 +178,7 @@ def test_nothing_that_a_name_holds_becomes_part_of_the_page(field):
     text = whole([entry(**harmless | {field: value}), entry(2, **harmless | {field: value})], shown)
     page = Page(text)
     assert [tag for tag, _ in page.elements] == [tag for tag, _ in plain.elements]
-    assert [set(found) for _, found in page.elements] == [set(found) for _, found in plain.elements]
+    assert [set(given) for _, given in page.elements] == [set(given) for _, given in plain.elements]
     assert printable(HOSTILE) in page.text
     assert "\\u202e" in page.text
     assert "\\x1b" in page.text
@@ -189,14 +189,14 @@ def test_the_page_asks_for_nothing_from_elsewhere():
     text = whole([entry(), entry(2)], {1: pictures(), 2: pictures(left=True)})
     assert "://" not in text
     assert not re.search(r"@import|fetch\(|XMLHttp|<link|<iframe|srcset", text)
-    addresses = [found.get("src", "data:") for _, found in Page(text).elements]
+    addresses = [given.get("src", "data:") for _, given in Page(text).elements]
     assert all(address.startswith("data:image/") or address == "data:" for address in addresses)
     assert "default-src 'none'" in text
 
 
 def test_ids_are_there_once_and_labels_point_to_them():
     page = Page(whole([entry(), entry(2)], {1: pictures(), 2: pictures()}))
-    ids = [found["id"] for _, found in page.elements if "id" in found]
+    ids = [given["id"] for _, given in page.elements if "id" in given]
     assert len(ids) == len(set(ids))
     assert {each["aria-labelledby"] for each in page.all("article")} <= set(ids)
 

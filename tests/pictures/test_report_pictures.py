@@ -77,10 +77,10 @@ def test_the_detail_is_where_the_photo_has_most(photo, kernel):
 def test_the_room_is_kept_whatever_the_photo(kernel, photo, room):
     rng = np.random.default_rng(2)
     noise = photo.with_pixels(rng.random(SHAPE, np.float32))
-    found = report_pictures(noise, noise, kernel, room)
-    parts = (found.before, found.after, found.part, found.part_after, found.kernel)
+    pictures = report_pictures(noise, noise, kernel, room)
+    parts = (pictures.before, pictures.after, pictures.part, pictures.part_after, pictures.kernel)
     assert sum(len(part.data) for part in parts) <= room
-    assert found.part.width >= 360
+    assert pictures.part.width >= 360
 
 
 def test_what_is_left_as_it_is_has_no_after_and_no_kernel(photo, kernel):

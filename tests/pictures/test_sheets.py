@@ -33,9 +33,9 @@ def test_pictures_lie_side_by_side_below_their_caption():
     )
     page = sheets.sheet([sheets.Line(["one"], [red, blue]), sheets.Line(["two"], [blue])])
     assert page.width == 40 + 60 + 3 * sheets.GAP
-    found = np.asarray(page)
-    assert (found == (255, 0, 0)).all(-1).sum() == red.size // 3
-    assert (found == (0, 0, 255)).all(-1).sum() == 2 * blue.size // 3
+    pixels = np.asarray(page)
+    assert (pixels == (255, 0, 0)).all(-1).sum() == red.size // 3
+    assert (pixels == (0, 0, 255)).all(-1).sum() == 2 * blue.size // 3
 
 
 def test_a_page_may_be_wider_than_its_pictures():

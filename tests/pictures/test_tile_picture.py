@@ -141,10 +141,10 @@ def test_a_photo_becomes_one_of_eight_bits_through_its_lens():
     photo = photo_of(grey)
     plain = tile_photo(photo, pan(12), CAMERA)
     straight = tile_photo(photo, pan(12).for_camera(bends), bends, (20, 20, 600, 440))
-    for found in (plain, straight):
-        assert found.shape[1] == 640
-        assert found.encoding.format == "PNG"
-        assert encode_photo(found).startswith(b"\x89PNG")
+    for each in (plain, straight):
+        assert each.shape[1] == 640
+        assert each.encoding.format == "PNG"
+        assert encode_photo(each).startswith(b"\x89PNG")
     drawn = tile_picture(grey, CAMERA, pan(12))
     assert np.array_equal(np.rint(255 * SRGB.from_linear(plain.pixels)), drawn)
     assert not np.array_equal(plain.pixels[:480], straight.pixels[:480])

@@ -1,4 +1,4 @@
-"""What the comparison of two commits sees."""
+"""Differences that the comparison of two commits reports."""
 
 from __future__ import annotations
 

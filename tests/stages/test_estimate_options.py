@@ -30,7 +30,7 @@ def test_provenance_tells_what_is_not_by_default():
         "estimator": "edges",
     }
     known = EstimateOptions(camera=CameraChoice(focal_px=9, file=CameraFile(CAMERA, "given")))
-    assert known.provenance() == plain  # the camera is told apart
+    assert known.provenance() == plain  # the camera has an entry of its own
     assert EstimateOptions(camera=CameraChoice(focal="auto")).provenance() == plain | {
         "focal": "auto"
     }

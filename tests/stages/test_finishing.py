@@ -8,7 +8,7 @@ from PIL import Image
 
 from deshake.errors import OutputError
 from deshake.formats.photo import read_photo
-from deshake.stages.finishing import AS_IT_IS, Finish
+from deshake.stages.finishing import AS_IT_IS, FinishingOptions
 
 
 @pytest.fixture
@@ -35,7 +35,7 @@ def test_by_default_a_result_is_taken_as_it_is(photo):
 
 
 def test_a_preview_reduces_photo_and_mask(photo, mask):
-    finish = Finish(mask=mask, preview=True)
+    finish = FinishingOptions(mask=mask, preview=True)
     small, kept = finish.prepare(photo)
     assert small.shape == kept.share.shape == (400, 640)
     assert kept.sha256 == hashlib.sha256(mask.read_bytes()).hexdigest()
@@ -46,21 +46,21 @@ def test_a_preview_reduces_photo_and_mask(photo, mask):
 
 
 def test_provenance_tells_what_is_not_by_default(mask):
-    provenance = Finish(0.5, mask, preview=True, compare=True).provenance("ab12")
+    provenance = FinishingOptions(0.5, mask, preview=True, compare=True).provenance("ab12")
     assert provenance == {"strength": 0.5, "mask_sha256": "ab12", "preview": True}
-    assert Finish(linear=True, with_provenance=False).provenance() == {"linear": True}
+    assert FinishingOptions(linear=True, with_provenance=False).provenance() == {"linear": True}
 
 
 @pytest.mark.parametrize("strength", [-0.1, 1.1, float("nan")])
 def test_a_strength_is_a_share(strength):
     with pytest.raises(ValueError, match="not from 0 to 1"):
-        Finish(strength)
+        FinishingOptions(strength)
 
 
 def test_outputs_are_neither_mask_nor_input(photo, mask, tmp_path):
     with pytest.raises(OutputError, match="the input itself"):
-        Finish(mask=mask).check(mask, photo.source, overwrite=True)
-    finish = Finish(compare=True)
+        FinishingOptions(mask=mask).check(mask, photo.source, overwrite=True)
+    finish = FinishingOptions(compare=True)
     out = tmp_path / "out.png"
     finish.check(out, photo.source, overwrite=False)
     sheet = finish.sheet(out)

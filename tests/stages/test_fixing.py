@@ -58,22 +58,22 @@ def test_progress_rises_from_estimate_to_deblurring(photo, tmp_path):
 )
 def test_outputs_are_checked_before_any_work(photo, kernel, tmp_path, name, what):
     reports = []
-    tell = {"run": Run(progress=lambda share, _: reports.append(share)), "overwrite": True}
+    keywords = {"run": Run(progress=lambda share, _: reports.append(share)), "overwrite": True}
     with pytest.raises(OutputError, match=what):
-        deblur_file(photo, kernel, tmp_path / name, **tell)
+        deblur_file(photo, kernel, tmp_path / name, **keywords)
     with pytest.raises(OutputError, match=what):
-        fix_file(photo, tmp_path / name, None, OPTIONS, **tell)
+        fix_file(photo, tmp_path / name, None, OPTIONS, **keywords)
     assert reports == []
 
 
 def test_a_format_that_cannot_hold_the_photo_is_told_before_any_work(kernel, tmp_path):
     path, reports = tmp_path / "clear.png", []
     Image.new("RGBA", (80, 64), (1, 2, 3, 4)).save(path)
-    tell = {"run": Run(progress=lambda share, _: reports.append(share))}
+    keywords = {"run": Run(progress=lambda share, _: reports.append(share))}
     with pytest.raises(PhotoError, match="transparency"):
-        deblur_file(path, kernel, tmp_path / "out.jpg", **tell)
+        deblur_file(path, kernel, tmp_path / "out.jpg", **keywords)
     with pytest.raises(PhotoError, match="transparency"):
-        fix_file(path, tmp_path / "out.jpg", None, OPTIONS, **tell)
+        fix_file(path, tmp_path / "out.jpg", None, OPTIONS, **keywords)
     assert reports == []
 
 

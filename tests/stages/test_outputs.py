@@ -12,7 +12,7 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.metadata.provenance import read_provenance
 from deshake.stages import outputs
-from deshake.stages.finishing import AS_IT_IS, Finish
+from deshake.stages.finishing import AS_IT_IS, FinishingOptions
 from deshake.stages.outputs import prepared, write_result
 
 KERNEL = RotationKernel.delta(Camera.from_focal(100, 64, 80))
@@ -36,7 +36,7 @@ def test_the_photo_comes_with_its_sheet_its_kernel_and_its_provenance(photo, tmp
         photo,
         None,
         KERNEL,
-        finish=Finish(0.5, compare=True),
+        finish=FinishingOptions(0.5, compare=True),
         provenance={"deshake": "1"},
         kept=(kernel, KernelFile(KERNEL)),
     )
@@ -64,7 +64,7 @@ def test_sheet_and_kernel_go_if_the_photo_cannot_be_written(photo, tmp_path, mon
             photo,
             None,
             KERNEL,
-            finish=Finish(compare=True),
+            finish=FinishingOptions(compare=True),
             provenance=None,
             kept=(others[0], KernelFile(KERNEL)),
             overwrite_others=existed,
@@ -83,7 +83,7 @@ def test_what_the_result_will_lack_is_said_and_linear_light_is_for_raw_files(
     prepared(read_photo(tmp_path / "a.tif"), tmp_path / "out.png", AS_IT_IS)
     assert "beyond white is cut off" in caplog.text
     with pytest.raises(PhotoError, match="--linear is for RAW files"):
-        prepared(photo, tmp_path / "out.png", Finish(linear=True))
+        prepared(photo, tmp_path / "out.png", FinishingOptions(linear=True))
 
 
 def test_a_result_that_another_process_finishes_first_keeps_its_sheet_and_its_kernel(
@@ -104,7 +104,7 @@ def test_a_result_that_another_process_finishes_first_keeps_its_sheet_and_its_ke
             photo,
             None,
             KERNEL,
-            finish=Finish(compare=True),
+            finish=FinishingOptions(compare=True),
             provenance=None,
             kept=(kernel, KernelFile(KERNEL)),
             overwrite_others=True,
@@ -115,7 +115,7 @@ def test_a_result_that_another_process_finishes_first_keeps_its_sheet_and_its_ke
 def test_a_result_that_is_kept_gets_its_sheet(photo, tmp_path):
     out = tmp_path / "out.png"
     out.write_text("mine")
-    finish = Finish(compare=True)
+    finish = FinishingOptions(compare=True)
     write_result(out, photo, photo, None, KERNEL, finish=finish, provenance=None, keep_result=True)
     assert out.read_text() == "mine"
     with Image.open(tmp_path / "out.compare.png") as sheet:

@@ -170,7 +170,7 @@ def test_no_input_is_overwritten(pair, name):
 
 @pytest.mark.parametrize("grey", [False, True])
 def test_tone_curves_are_matched(pair, grey):
-    """Photos whose tones differ by more than a factor: found out, and the kernel is right."""
+    """Photos whose tones differ by more than a factor: it is detected, and the kernel is right."""
     folder, truth = pair
     blurred, noisy = (read_photo(folder / f"{name}.tif", transfer="linear") for name in FILES)
     curve = 2.5 * np.maximum(noisy.pixels, 0) ** np.array([0.6, 0.7, 0.5], np.float32)

@@ -15,7 +15,7 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.lens.straightening import is_straightened
 from deshake.metadata.provenance import read_provenance
 from deshake.pair.registration import Registration
-from deshake.stages.finishing import Finish
+from deshake.stages.finishing import FinishingOptions
 from deshake.stages.methods import RestorationOptions
 from deshake.stages.photo_provenance import photo_provenance, with_photo_provenance
 from deshake.version import __version__
@@ -52,7 +52,7 @@ def test_it_tells_what_was_done_to_what(photo):
         "kernel": {"camera": "EXIF"},
     }
     json.dumps(written)
-    silent = Finish(with_provenance=False)
+    silent = FinishingOptions(with_provenance=False)
     assert photo_provenance(photo, content({}), RestorationOptions(), finish=silent) is None
 
 
@@ -84,7 +84,7 @@ def test_a_straightened_photo_says_so_for_good(photo):
     bent = KernelFile(pinhole.kernel.for_camera(lens))
     options = RestorationOptions()
     assert "straightened" not in photo_provenance(photo, pinhole, options)
-    kept = photo_provenance(photo, bent, options, finish=Finish(keep_geometry=True))
+    kept = photo_provenance(photo, bent, options, finish=FinishingOptions(keep_geometry=True))
     assert "straightened" not in kept
     written = photo_provenance(photo, bent, options)
     assert written["straightened"] is True

@@ -187,7 +187,7 @@ def _avif(picture: np.ndarray, exif: bytes, xmp: bytes, icc: bytes) -> bytes:
 
 
 def _mosaic(picture: np.ndarray) -> np.ndarray:
-    """Return what a sensor with a Bayer pattern (RGGB) sees of a picture."""
+    """Return the values of a sensor with a Bayer pattern (RGGB) for a picture."""
     y, x = np.mgrid[: picture.shape[0], : picture.shape[1]]
     return np.take_along_axis(picture, (y % 2 + x % 2)[..., None], -1)
 
