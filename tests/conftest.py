@@ -18,7 +18,7 @@ from deshake.cli.main import main
 from deshake.geometry.camera import Camera
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Generator, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -244,3 +244,14 @@ def sharp() -> np.ndarray:
     grey = data.coffee()[:, 40:560] @ np.array([0.3, 0.59, 0.11]) / 255
     small = cv2.resize(grey, (260, 200), interpolation=cv2.INTER_AREA)
     return (small**2.2).astype(np.float32)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Escape file names that are no text in the captured log: reports travel as UTF-8."""
+    report = yield
+    report.sections = [
+        (title, text.encode("utf-8", "backslashreplace").decode())
+        for title, text in report.sections
+    ]
+    return report
