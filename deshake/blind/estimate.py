@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.blind.blur_kind import judged, measured
+from deshake.blind.blur_kind import measured
 from deshake.blind.bounds import check_size
 from deshake.blind.camera_path import filled_path
 from deshake.blind.kernel_faults import FILLED, faults
@@ -48,8 +48,7 @@ SOFT = "the photo is a little soft rather than shaken: it is left as it is"
 
 _FAIRLY_SHARP = 0.69  # value of `sharpness`; a real shaken photo has 0.68
 _LEAST_USABLE = 0.05  # share of the pixels
-_EVEN = 0.5  # confidence; below it the photo stays unchanged, unless it looks shaken by itself
-_LEAST = 0.25  # confidence; below it the photo stays unchanged
+_EVEN = 0.5  # confidence; below it the kernel would rather harm the photo, which stays unchanged
 _UNCHANGED = 0.1  # largest confidence of a kernel that leaves the photo unchanged
 _RACE_SHARE = 0.95  # share of the computing time
 
@@ -146,13 +145,12 @@ def _concluded(
 ) -> BlindEstimate:
     """Turn the result of a race into an estimate for the photo."""
     kernel = result.winner.kernel
+    trust = 0.0 if result.at_rest else confidence(result, measured(pyramid).evidence)
     if result.at_rest or is_spot(kernel):
         point = len(kernel.weights) == 1 or not kernel.extent_px() > 1
-        return _unchanged(pyramid, whole, _UNCHANGED, SHARP if point else SOFT)
-    measures = measured(pyramid)
-    trust = confidence(result, measures.evidence)
+        return _unchanged(pyramid, whole, min(trust, _UNCHANGED), SHARP if point else SOFT)
     notes = faults(_on_its_grid(kernel), blur_px=blur_px)
-    if trust < (_LEAST if judged(measures).kind == "shaken" else _EVEN):
+    if trust < _EVEN:
         note = (
             f"no estimate of the shake improves it (best confidence {trust:.2f}): the photo is "
             "left as it is"
