@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import click
 
 from deshake.cli.batch import batch_options, photos_argument, planned, run_batch
+from deshake.cli.general_options import general_options
 from deshake.cli.json_output import print_json
 from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
     focal_options,
-    general_options,
     left_out,
     lens_options,
     one_to_stdout,

@@ -14,10 +14,10 @@ from deshake.cli.batch import (
 )
 from deshake.cli.file_options import file_options, planned_results
 from deshake.cli.finishing_options import finish_options
+from deshake.cli.general_options import general_options
 from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
     FILE,
-    general_options,
     left_out,
     output_option,
     search_angle_option,

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from deshake.cli.batch import batch_options, photos_argument, planned, run_batch
+from deshake.cli.general_options import general_options
 from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
     FILE,
     chosen_estimate,
     estimate_options,
-    general_options,
     one_to_stdout,
     output_option,
 )

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from deshake.cli.batch import planned, reading_options, run_batch
+from deshake.cli.general_options import general_options
 from deshake.cli.messages import print_note
 from deshake.cli.option_groups import GroupedCommand
-from deshake.cli.options import FILE, general_options, no_stdin
+from deshake.cli.options import FILE, no_stdin
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -19,8 +19,8 @@ import click
 from click.exceptions import NoSuchCommand
 
 from deshake.cli.context import Context
+from deshake.cli.general_options import program_options
 from deshake.cli.messages import log_to_stderr, print_exception, print_note
-from deshake.cli.options import program_options
 from deshake.version import __version__
 
 if TYPE_CHECKING:

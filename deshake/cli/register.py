@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from deshake.cli.batch import frame_options, planned, run_batch
+from deshake.cli.general_options import general_options
 from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
     FILE,
     camera_option,
     chosen_estimate,
     focal_options,
-    general_options,
     lens_options,
     no_stdin,
     one_pair,

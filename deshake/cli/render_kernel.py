@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from deshake.cli.general_options import general_options
 from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
-    general_options,
     kernel_argument,
     output_option,
     overwrite_option,

@@ -14,12 +14,12 @@ from deshake.cli.file_options import (
     is_typed,
     quality_option,
 )
+from deshake.cli.general_options import general_options
 from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
     FILE,
     camera_option,
     focal_options,
-    general_options,
     lens_options,
     output_option,
     overwrite_option,

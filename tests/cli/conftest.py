@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 import cv2
@@ -14,6 +14,7 @@ from PIL import Image
 from skimage import data
 
 from deshake.cli import main, options
+from deshake.cli.general_options import general_options
 from deshake.files.kernel_file import KernelFile, write_kernel
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
@@ -37,7 +38,7 @@ def trial(monkeypatch: pytest.MonkeyPatch) -> Trial:
         @click.command("trial")
         @click.option("--blur-size", type=float)
         @options.transfer_option
-        @options.general_options
+        @general_options
         @click.pass_context
         def command(ctx: click.Context, **_: object) -> int | None:
             """Try something out."""
@@ -145,3 +146,16 @@ def refused(deshake: Callable, contents: Callable, tmp_path: Path, pan: Path) ->
         return error
 
     return run
+
+
+@pytest.fixture
+def seen(trial: Trial) -> dict[str, Any]:
+    """Parameters and context that the trial command was run with."""
+    parsed: dict[str, Any] = {}
+
+    def function(ctx: click.Context) -> None:
+        parsed.clear()
+        parsed.update(ctx.params, threads=ctx.obj.threads, verbosity=ctx.obj.verbosity)
+
+    trial(function)
+    return parsed

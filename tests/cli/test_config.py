@@ -18,19 +18,6 @@ def config(tmp_path):
     return write
 
 
-@pytest.fixture
-def seen(trial):
-    """Parameters and context that the trial command was run with."""
-    parsed = {}
-
-    def function(ctx):
-        parsed.clear()
-        parsed.update(ctx.params, threads=ctx.obj.threads, verbosity=ctx.obj.verbosity)
-
-    trial(function)
-    return parsed
-
-
 def test_flag_then_environment_then_file_then_default(deshake, config, seen, monkeypatch):
     path = config("[trial]\nblur-size = 10\n")
     assert deshake("trial").code == 0

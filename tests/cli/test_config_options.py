@@ -23,19 +23,6 @@ def own(tmp_path, monkeypatch):
     return write
 
 
-@pytest.fixture
-def seen(trial):
-    """Parameters and context that the trial command was run with."""
-    parsed = {}
-
-    def function(ctx):
-        parsed.clear()
-        parsed.update(ctx.params, threads=ctx.obj.threads, verbosity=ctx.obj.verbosity)
-
-    trial(function)
-    return parsed
-
-
 def test_the_users_own_file_is_read_and_v_says_so(deshake, own, seen):
     path = own("threads = 3\n[trial]\nblur-size = 10\n")
     assert deshake("trial").err == ""

@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from deshake.cli import options
+from deshake.cli.general_options import general_options
 
 
 @pytest.fixture
@@ -80,7 +81,7 @@ def test_arguments_are_paths(parse):
         (options.focal_options, "--focal-35mm MILLIMETRES"),
         (options.camera_option, "--camera FILE.npz"),
         (options.transfer_option, "[linear|srgb|gamma22]"),
-        (options.general_options, "--threads N"),
+        (general_options, "--threads N"),
     ],
 )
 def test_help_shows_units_and_defaults(decorator, shown):
