@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from deshake.blind.candidate import Axes, Refinement
+    from deshake.blind.judge import Judge
     from deshake.geometry.kernel import RotationKernel
     from deshake.signal.pyramid import Pyramid
 
@@ -55,10 +56,9 @@ class Entry(NamedTuple):
         """Whether the camera turns about its optical axis."""
         return bool(self.kernel.theta[:, 2].any())
 
-    @property
-    def price(self) -> float:
-        """The margin that the kernel must gain to justify its roll."""
-        return _ROLL_WORTH * self.rolls
+    def margin(self, judge: Judge) -> float:
+        """Return the margin of the kernel, less what a kernel with roll must gain to justify it."""
+        return judge.margin(self.kernel) - _ROLL_WORTH * self.rolls
 
     def thin(self, width: float = 1.0) -> Entry:
         """Reduce the kernel to a thin path; `width` is that of the neighbourhood, in grid steps."""

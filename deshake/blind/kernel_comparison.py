@@ -97,7 +97,7 @@ class Comparison:
     def _both(self, entries: Sequence[Entry], level: int) -> tuple[Scores, Scores]:
         """Return the margins of kernels, and how much sparser the restored picture becomes."""
         judge = Judge.of(self.pyramid, level, [entry.kernel for entry in entries])
-        margins = np.array([judge.margin(entry.kernel) - entry.price for entry in entries])
+        margins = np.array([entry.margin(judge) for entry in entries])
         return margins, np.array([judge.sharpening(entry.kernel) for entry in entries])
 
     def judge(self, entries: Sequence[Entry]) -> Judge:
@@ -133,4 +133,4 @@ class Comparison:
 
     def _judged(self, entries: Sequence[Entry], level: int) -> Scores:
         judge = Judge.of(self.pyramid, level, [entry.kernel for entry in entries])
-        return np.array([judge.margin(entry.kernel) - entry.price for entry in entries])
+        return np.array([entry.margin(judge) for entry in entries])

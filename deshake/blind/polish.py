@@ -126,4 +126,4 @@ class _Polish:
         kernel = entry.kernel.for_camera(self.judge.tiles.camera)
         if is_spot(entry.kernel) or reach(kernel.camera, kernel.theta) > self.judge.tiles.far:
             return -COLLAPSED
-        return self.judge.margin(entry.kernel) - entry.price
+        return entry.margin(self.judge)

@@ -6,6 +6,7 @@ import pytest
 from deshake.blind.agreement import agreement
 from deshake.blind.candidate import Refinement
 from deshake.blind.entry import Entry, nearest
+from deshake.blind.judge import Judge
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
 
 
@@ -16,14 +17,15 @@ def entry(shaken) -> Entry:
     return Entry("truth", 2, 0, on_grid.centred().for_camera(camera))
 
 
-def test_width_and_price(entry, shaken) -> None:
+def test_width_and_the_price_of_a_roll(entry, pyramid, shaken) -> None:
     assert 0.7 * shaken.kernel.extent_px() < entry.width <= 1.1 * entry.kernel.extent_px()
     flat = RotationKernel.from_path(
         np.array([[0.0, -3, 0], [0, 3, 0]]) * shaken.kernel.steps, shaken.camera
     )
     assert entry.rolls
-    assert entry.price > 0
-    assert entry._replace(kernel=flat).price == 0
+    judge = Judge.of(pyramid, 0, [entry.kernel, flat])
+    assert entry.margin(judge) < judge.margin(entry.kernel)
+    assert entry._replace(kernel=flat).margin(judge) == judge.margin(flat)
 
 
 def test_a_refinement_keeps_a_right_kernel_and_names_itself(entry, pyramid, shaken) -> None:
