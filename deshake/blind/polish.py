@@ -8,13 +8,12 @@ separate right from wrong kernels better than those before it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from deshake.blind.candidate import Refinement
-from deshake.blind.kernel_comparison import COLLAPSED, Comparison
+from deshake.blind.kernel_comparison import COLLAPSED
 from deshake.blind.spot import is_spot
 from deshake.geometry.rotations import reach
 from deshake.operators.strips import in_order
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     from deshake.blind.candidate import Axes
     from deshake.blind.entry import Entry
     from deshake.blind.judge import Judge
+    from deshake.blind.kernel_comparison import Comparison
     from deshake.run import Run
     from deshake.signal.pyramid import Pyramid
 
@@ -41,20 +41,8 @@ _ROUNDS_EACH = 2  # number of rounds for each
 _ROUNDS = 4  # number of rounds for the better one; a line whose margin does not rise ends earlier
 
 
-@dataclass
-class _Line:
-    """The best kernel of a start so far, its margin, and whether the last round raised it."""
-
-    best: Entry
-    margin: float
-    rises: bool = True
-
-    def __post_init__(self) -> None:
-        self.name = f"{self.best.name}, polished"
-
-
 def polished(
-    pyramid: Pyramid,
+    comparison: Comparison,
     ranked: Sequence[Entry],
     sources: Sequence[Entry],
     axes: Axes,
@@ -64,8 +52,8 @@ def polished(
 
     Parameters
     ----------
-    pyramid : Pyramid
-        The photo.
+    comparison : Comparison
+        The photo, and the judge of its kernels.
     ranked : sequence of Entry
         Kernels, the best first.
     sources : sequence of Entry
@@ -80,48 +68,51 @@ def polished(
     for entry in ranked:
         best.setdefault(entry.start, entry)
     entries = list(best.values())[:_STARTS]
-    polish = _Polish(pyramid, axes, Comparison(pyramid).judge(entries))
-    lines = [_Line(entry, polish.margin(entry)) for entry in entries]
+    lines = [_Line(comparison.pyramid, axes, comparison.judge(entry), entry) for entry in entries]
     others = {entry.start: [(entry, _OTHER_EDGES)] for entry in sources}
     parts = iter(run.parts([1.0] * (_ROUNDS_EACH * (len(lines) - 1) + _ROUNDS)))
     for line in lines:
-        polish.advance(line, others[line.best.start], next(parts))
+        line.advance(others[line.best.start], next(parts))
         for _ in range(_ROUNDS_EACH - 1):
-            polish.advance(line, [], next(parts))
+            line.advance([], next(parts))
     leader = max(lines, key=lambda line: line.margin)
     for part in parts:
-        polish.advance(leader, [], part)
+        leader.advance([], part)
     return [line.best for line in lines]
 
 
-class _Polish:
-    """The photo, the axes that the camera may turn about, and the judge of all kernels."""
+class _Line:
+    """The best kernel of a start so far, its margin, and whether the last round raised it."""
 
-    def __init__(self, pyramid: Pyramid, axes: Axes, judge: Judge) -> None:
+    def __init__(self, pyramid: Pyramid, axes: Axes, judge: Judge, entry: Entry) -> None:
         self.pyramid = pyramid
         self.axes = axes
         self.judge = judge
+        self.name = f"{entry.name}, polished"
+        self.best = entry
+        self.margin = self._margin(entry)
+        self.rises = True
 
-    def advance(self, line: _Line, others: Sequence[tuple[Entry, Refinement]], run: Run) -> None:
-        """Replace the best kernel of a line by the best refinement, if the margin rises."""
-        if not line.rises:
+    def advance(self, others: Sequence[tuple[Entry, Refinement]], run: Run) -> None:
+        """Replace the best kernel by the best refinement, if the margin rises."""
+        if not self.rises:
             return
-        axes = (self.axes[0], self.axes[1], self.axes[2] and line.best.rolls)
-        jobs = [*others, *((line.best.thin(width), how) for width, how in _PATHS)]
+        axes = (self.axes[0], self.axes[1], self.axes[2] and self.best.rolls)
+        jobs = [*others, *((self.best.thin(width), how) for width, how in _PATHS)]
         new = []
         work = in_order(lambda job: job[0].refined(self.pyramid, job[1], axes), jobs, run)
         for done, (_, entry) in enumerate(work, 1):
             new.append(entry)
             run.report(done / len(jobs), "refinement")
         if others:
-            new += [line.best.thin(), new[0].thin()]
-        margins = [self.margin(entry) for entry in new]
+            new += [self.best.thin(), new[0].thin()]
+        margins = [self._margin(entry) for entry in new]
         top = int(np.argmax(margins))
-        line.rises = margins[top] > line.margin
-        if line.rises:
-            line.best, line.margin = new[top]._replace(name=line.name), margins[top]
+        self.rises = margins[top] > self.margin
+        if self.rises:
+            self.best, self.margin = new[top]._replace(name=self.name), margins[top]
 
-    def margin(self, entry: Entry) -> float:
+    def _margin(self, entry: Entry) -> float:
         """Return the margin of a kernel; one that the judge has no room for has none."""
         kernel = entry.kernel.for_camera(self.judge.tiles.camera)
         if is_spot(entry.kernel) or reach(kernel.camera, kernel.theta) > self.judge.tiles.far:

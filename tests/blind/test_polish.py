@@ -30,8 +30,8 @@ def thick(shaken) -> Entry:
 def test_a_kernel_that_is_too_wide_comes_nearer_to_the_truth(thick, pyramid, shaken) -> None:
     shares: list[float] = []
     run = Run(1, lambda share, _: shares.append(share))
-    (best,) = polished(pyramid, [thick], [thick], ALL_AXES, run)
-    before, after = Comparison(pyramid).side_by_side([thick, best])
+    (best,) = polished(Comparison(pyramid), [thick], [thick], ALL_AXES, run)
+    before, after = Comparison(pyramid).scores([thick, best])
     assert after > before + 0.01
     truth = shaken.kernel
     near = agreement(best.kernel, truth, smoothing=FINE)
@@ -45,7 +45,7 @@ def test_the_best_kernel_of_each_of_two_starts(thick, pyramid) -> None:
     point = thick._replace(name="point", start=4, kernel=RotationKernel.delta(thick.kernel.camera))
     third = point._replace(name="third", start=6)
     ranked = [point, point._replace(name="second"), thick, third]
-    lines = polished(pyramid, ranked, [thick, point, third], (True, True, False), Run())
+    lines = polished(Comparison(pyramid), ranked, [thick, point, third], (True, True, False), Run())
     assert [entry.start for entry in lines] == [4, 2]
     assert lines[0] is point  # a point is not refined
     assert lines[1].name == "thick, polished"
