@@ -12,6 +12,7 @@ G needs one number for each difference of indices.
 
 from __future__ import annotations
 
+import contextlib
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -43,7 +44,12 @@ _LEAST_SUM = 1e-6  # sum of the weights; below it the edges explain nothing
 _PIVOTS = 100  # steps of the solver; it needs 2 to 7
 _TRIES = 3  # steps without fewer wrong weights, before they are exchanged one by one
 _SLACK = 1e-9  # share of the largest correlation; smaller gradients count as zero
-_JITTER = 1e-10  # share of the largest diagonal element, so that G is never singular
+_JITTERS = (
+    1e-10,
+    1e-3,
+    1e-2,
+    1e-1,
+)  # shares of the largest diagonal element
 
 
 class NormalEquations(NamedTuple):
@@ -176,19 +182,26 @@ def nonnegative(gram: Vector, right: Vector, start: Vector) -> Vector:
     Parameters
     ----------
     gram : (K, K) array
-        G, symmetric with non-negative eigenvalues.
+        G, symmetric. Its eigenvalues are not negative, but for the errors of an approximation; if
+        they are, the diagonal grows until all are positive.
     right : (K,) array
         b.
     start : (K,) array
         Weights near the solution. Only which of them are positive matters.
 
     """
-    diagonal = gram.diagonal()
-    if not diagonal.max() > 0:
+    largest = gram.diagonal().max()
+    if not largest > 0:
         return np.zeros_like(right)
-    gram = gram + np.diag(np.full(len(gram), _JITTER * diagonal.max()))
+    for jitter in _JITTERS:
+        with contextlib.suppress(scipy.linalg.LinAlgError):
+            return _pivoted(gram + np.diag(np.full(len(gram), jitter * largest)), right, start > 0)
+    raise ValueError("the Gram matrix is far from positive semidefinite")
+
+
+def _pivoted(gram: Vector, right: Vector, free: NDArray[np.bool_]) -> Vector:
+    """Return the minimum for a positive definite G; `free` are the first free weights."""
     slack = _SLACK * np.abs(right).max()
-    free = start > 0
     fewest, tries = len(right) + 1, 0
     for _ in range(_PIVOTS):
         w, gradient = _unbounded(gram, right, free)
