@@ -77,6 +77,10 @@ class Judge:
         tiles = planned_tiles(pyramid, level, widest, part="apart", budget=_BUDGET, room=_ROOM)
         return cls(tiles)
 
+    def has_room(self, kernel: RotationKernel) -> bool:
+        """Return whether the room around the tiles holds the kernel's displacements."""
+        return _reach(kernel.for_camera(self.tiles.camera)) <= self.tiles.far
+
     def margin(self, kernel: RotationKernel) -> float:
         """Return the gain of a kernel in ``-ln E`` over a still camera.
 

@@ -37,6 +37,8 @@ _SHARPENING_WORTH = 0.3  # margin per gain of 1 in -ln nsp
 class Comparison:
     """Scores of kernels for one photo; a higher one is better.
 
+    A scale has one judge for all kernels that it has room for, so that their scores compare.
+
     Parameters
     ----------
     pyramid : Pyramid
@@ -46,25 +48,43 @@ class Comparison:
 
     def __init__(self, pyramid: Pyramid) -> None:
         self.pyramid = pyramid
+        self._judges: dict[int, Judge] = {}
+        self._scores: dict[tuple[Judge, str], float] = {}
 
     def scores(self, entries: Sequence[Entry]) -> Scores:
-        """Return the margins of kernels, and the worth of the sparsity of the restored picture."""
-        scores = np.empty(len(entries))
-        levels = np.array([self._level(entry) for entry in entries])
-        for level in np.unique(levels):
-            at = [int(i) for i in np.flatnonzero(levels == level)]
-            judge = self._judge([entries[i] for i in at], int(level))
-            for i in at:
-                sharper = judge.sharpening(entries[i].kernel)
-                scores[i] = entries[i].margin(judge) + _SHARPENING_WORTH * sharper
-        return scores - COLLAPSED * np.array([is_spot(entry.kernel) for entry in entries])
+        """Return the margins of kernels, and the worth of the sparsity of the restored picture.
+
+        The kernels have different names.
+        """
+        levels = [self._level(entry) for entry in entries]
+        by_level: dict[int, list[Entry]] = {}
+        for entry, level in zip(entries, levels, strict=True):
+            by_level.setdefault(level, []).append(entry)
+        for level, group in by_level.items():
+            self._make_room(level, group)
+        scores = [self._score(entry, at) for entry, at in zip(entries, levels, strict=True)]
+        return np.array(scores) - COLLAPSED * np.array([is_spot(entry.kernel) for entry in entries])
 
     def judge(self, entry: Entry) -> Judge:
-        """Return the judge at the scale of a kernel, with room for one that grows a little."""
-        return self._judge([entry], self._level(entry))
+        """Return the judge at the scale of a kernel."""
+        level = self._level(entry)
+        self._make_room(level, [entry])
+        return self._judges[level]
 
-    def _judge(self, entries: Sequence[Entry], level: int) -> Judge:
-        return Judge.of(self.pyramid, level, [entry.kernel for entry in entries])
+    def _score(self, entry: Entry, level: int) -> float:
+        judge = self._judges[level]
+        key = judge, entry.name
+        if key not in self._scores:
+            sharper = judge.sharpening(entry.kernel)
+            self._scores[key] = entry.margin(judge) + _SHARPENING_WORTH * sharper
+        return self._scores[key]
+
+    def _make_room(self, level: int, entries: Sequence[Entry]) -> None:
+        """Replace the judge of a scale, unless it has room for the kernels."""
+        kernels = [entry.kernel for entry in entries]
+        judge = self._judges.get(level)
+        if judge is None or not all(judge.has_room(kernel) for kernel in kernels):
+            self._judges[level] = Judge.of(self.pyramid, level, kernels)
 
     def _level(self, entry: Entry) -> int:
         """Return the scale that resolves a kernel well."""

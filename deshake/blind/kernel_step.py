@@ -12,7 +12,6 @@ G needs one number for each difference of indices.
 
 from __future__ import annotations
 
-import contextlib
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -44,12 +43,7 @@ _LEAST_SUM = 1e-6  # sum of the weights; below it the edges explain nothing
 _PIVOTS = 100  # steps of the solver; it needs 2 to 7
 _TRIES = 3  # steps without fewer wrong weights, before they are exchanged one by one
 _SLACK = 1e-9  # share of the largest correlation; smaller gradients count as zero
-_JITTERS = (
-    1e-10,
-    1e-3,
-    1e-2,
-    1e-1,
-)  # shares of the largest diagonal element
+_JITTER = 1e-10  # share of the largest diagonal element, so that G is never singular
 
 
 class NormalEquations(NamedTuple):
@@ -183,7 +177,7 @@ def nonnegative(gram: Vector, right: Vector, start: Vector) -> Vector:
     ----------
     gram : (K, K) array
         G, symmetric. Its eigenvalues are not negative, but for the errors of an approximation; if
-        they are, the diagonal grows until all are positive.
+        one is, the diagonal grows until none is.
     right : (K,) array
         b.
     start : (K,) array
@@ -193,10 +187,19 @@ def nonnegative(gram: Vector, right: Vector, start: Vector) -> Vector:
     largest = gram.diagonal().max()
     if not largest > 0:
         return np.zeros_like(right)
-    for jitter in _JITTERS:
-        with contextlib.suppress(scipy.linalg.LinAlgError):
-            return _pivoted(gram + np.diag(np.full(len(gram), jitter * largest)), right, start > 0)
-    raise ValueError("the Gram matrix is far from positive semidefinite")
+    shift = _JITTER * largest
+    try:
+        return _pivoted(_shifted(gram, shift), right, start > 0)
+    except scipy.linalg.LinAlgError:
+        least = scipy.linalg.eigvalsh(gram, subset_by_index=(0, 0))[0]
+        return _pivoted(_shifted(gram, shift - min(2 * least, 0)), right, start > 0)
+
+
+def _shifted(gram: Vector, shift: float) -> Vector:
+    """Return G with a number added to its diagonal, and so to all of its eigenvalues."""
+    shifted = gram.copy()
+    shifted.flat[:: len(gram) + 1] += shift
+    return shifted
 
 
 def _pivoted(gram: Vector, right: Vector, free: NDArray[np.bool_]) -> Vector:

@@ -40,6 +40,7 @@ __all__ = ["Finish", "race"]
 Scores = NDArray[np.float64]
 
 _COARSEST_START = 11  # index of a scale
+_FEWEST_STARTS = 4  # number of starts; with fewer, every scale is a first scale
 _SETTINGS = (FINE, THIN)  # of every second start
 _SNAPSHOTS = 2  # number of last scales of a candidate whose kernels are kept
 _REFINED = 3  # number of starts
@@ -99,7 +100,7 @@ def race(
 
     """
     course = _Course(pyramid, axes, bound)
-    starts = list(range(min(pyramid.coarsest, _COARSEST_START), 0, -2))[::-1] or [0]
+    starts = _first_scales(pyramid.coarsest)
     entries = course.started(starts[:2], run.part(0.0, 0.15))
     if may_rest and all(is_spot(e.kernel) and e.level == 0 for e in _last(entries)):
         run.report(1.0, "the photo is not shaken")
@@ -135,22 +136,21 @@ class _Course:
 
     def best(self, entries: Sequence[Entry]) -> Entry:
         """Return the best kernel of the starts."""
-        return self._ranked(entries, entries)[0]
+        return self._ranked(entries)[0]
 
     def finished(self, entries: list[Entry], run: Run) -> Entry:
         """Refine the kernels of the best starts, add them to the entries, and return the best."""
-        best = list(dict.fromkeys(e.start for e in self._ranked(entries, entries)))[:_REFINED]
+        best = list(dict.fromkeys(e.start for e in self._ranked(entries)))[:_REFINED]
         ends = _last(entries)
         taken = [e for e in ends if e.start in best]
         taken = [e for e in taken if not is_spot(e.kernel)] or taken
         entries += self._refined(taken, run.part(0.0, 0.5))
-        ranked = self._ranked(entries, entries)
-        last = polished(self.comparison, ranked, ends, self.axes, run.part(0.5, 1.0))
-        return self._ranked(last, entries)[0]
+        ranked = self._ranked(entries)
+        return polished(self.comparison, ranked, ends, self.axes, run.part(0.5, 1.0))
 
-    def _ranked(self, entries: Sequence[Entry], known: Sequence[Entry]) -> list[Entry]:
-        """Sort kernels, the best first, by their scores and agreement with the known kernels."""
-        agreement = np.array([nearest(entry, known) for entry in entries])
+    def _ranked(self, entries: Sequence[Entry]) -> list[Entry]:
+        """Sort kernels, the best first, by their scores and their agreement."""
+        agreement = np.array([nearest(entry, entries) for entry in entries])
         chances = self.comparison.scores(entries) + _AGREEMENT_WORTH * agreement
         return [entries[i] for i in np.argsort(-chances, kind="stable")]
 
@@ -177,6 +177,13 @@ class _Course:
             name = f"start {start}, scale {candidate.level}"
             entries.append(Entry(name, start, candidate.level, candidate.kernel))
         return entries[-_SNAPSHOTS:]
+
+
+def _first_scales(coarsest: int) -> list[int]:
+    """Return the first scales of all starts, the finest first."""
+    coarsest = min(coarsest, _COARSEST_START)
+    sparse = list(range(coarsest, 0, -2))[::-1] or [0]
+    return sparse if len(sparse) >= _FEWEST_STARTS else list(range(1, coarsest + 1)) or [0]
 
 
 def _last(entries: Sequence[Entry]) -> list[Entry]:

@@ -17,7 +17,7 @@ def entries(shaken) -> list[Entry]:
     mirrored = replace(true, theta=true.theta * [1, -1, 1])
     twice = replace(true, theta=2 * true.theta)
     point = RotationKernel.delta(shaken.camera)
-    return [Entry("", i, 0, k) for i, k in enumerate((true, mirrored, twice, point))]
+    return [Entry(str(i), i, 0, k) for i, k in enumerate((true, mirrored, twice, point))]
 
 
 def test_the_true_kernel_has_the_highest_score(entries, pyramid) -> None:

@@ -220,11 +220,11 @@ def test_nonnegative_finds_the_minimum_where_neighbours_are_alike(seed) -> None:
 def test_nonnegative_bears_slightly_negative_eigenvalues() -> None:
     a, target = problem(0, rows=20, columns=30)
     gram = a.T @ a
-    spoilt = gram - 1e-4 * gram.diagonal().max() * np.eye(30)
+    spoilt = gram - 1e-2 * gram.diagonal().max() * np.eye(30)
     assert np.linalg.eigvalsh(spoilt).min() < 0
     solution = nonnegative(spoilt, a.T @ target, np.full(30, 1 / 30))
     least = cost(gram, a.T @ target, nnls(a, target)[0])
-    assert cost(gram, a.T @ target, solution) < 0.99 * least
+    assert cost(gram, a.T @ target, solution) < 0.95 * least
 
 
 def test_nonnegative_of_nothing_is_nothing() -> None:
