@@ -1,7 +1,8 @@
 """The race: candidates from several first scales; the best are refined, and one is kept.
 
 An estimate needs a first scale where the shake is a few pixels wide. This scale is unknown. So
-candidates start at every second scale, and each continues to the finest scale that it can reach.
+candidates start at every second scale (in a small photo, at every scale), and each continues to the
+finest scale that it can reach.
 Two measures then rank the kernels. One is the score of their comparison, on tiles that no candidate
 used (`kernel_comparison`). The other is the agreement with the kernels of other starts, because
 kernels that agree from independent starts are seldom wrong. The best kernels are refined, with roll
