@@ -1,6 +1,6 @@
 """The comparison of the kernels in a race, on tiles that no kernel was fitted to.
 
-Each kernel alone is judged at the scale where it is a few pixels wide (`margins`). The best kernels
+Each kernel is first judged alone, at the scale where it is a few pixels wide (`margins`). The best
 are compared at one scale that resolves most of them well (`side_by_side`). There the judge's energy
 separates right kernels from wrong ones. In photos of fine texture, or with a bent tone curve, it
 shows no difference; then the sharpness of the restored picture decides (`by_sharpness`). Between
@@ -30,10 +30,10 @@ Scores = NDArray[np.float64]
 COLLAPSED = 10.0
 """Margin: penalty of a small round spot, larger than any gain."""
 
-_OWN_WIDTH = 8.0  # px of a kernel at the scale of its own judgement
-_COMMON_WIDTH = 28.0  # px of the kernels at the scale of a common comparison
+_OWN_WIDTH = 8.0  # px: width of a kernel at the scale where it is judged alone
+_COMMON_WIDTH = 28.0  # px: width of the kernels at the scale of a common comparison
 _WIDE = 0.6  # quantile of the kernels' widths; it sets the scale of a common comparison
-_WIDEST_OF_MOST = 0.9  # the same quantile, if the energy shows no difference between kernels
+_WIDEST_OF_MOST = 0.9  # the same quantile, in a comparison where the sharpness counts
 _MOST_LOSS = 0.05  # margin: largest loss that a comparison by sharpness counts
 _SHARPENING_WORTH = 0.6  # margin per gain of 1 in -ln nsp, where the energy shows no difference
 _LAST_SHARPENING_WORTH = 0.3  # the same, between the last kernels

@@ -33,13 +33,13 @@ Image = NDArray[np.float32]
 Vector = NDArray[np.float64]
 
 _RIDGE = 0.003  # share of the energy of the edges
-_TEXTURE = 0.3  # share of the edges' mean square: variance of the gradients about the edges
+_TEXTURE = 0.3  # share of the edges' mean square: prior variance of the gradients about the edges
 _MISFIT = 8.0  # variance of all that the model does not explain, in variances of the noise
 _LEAST_NOISE = 0.002  # contrast of the pyramid: standard deviation
 _ISLAND = 0.03  # share of the kernel's weight; a connected piece with less is noise
 _LEAST_ENERGY = 1e-9  # squared contrast, summed over pixels; every edge has more
 _LEAST_SUM = 1e-6  # sum of the weights; below it the edges explain nothing
-_ROUNDS = 6  # choices of the free weights
+_ROUNDS = 6  # largest number of rounds; each chooses the free weights again
 _STEPS = 50  # gradient steps in a round
 _SLACK = 1e-5  # share of the bound times the largest weight; smaller gradients count as zero
 _TINY = 1e-12  # weight; a stand-in for the largest weight if all are zero
@@ -56,7 +56,7 @@ class NormalEquations(NamedTuple):
 
 
 class RotationGrid:
-    """Rotations on a grid, and the displacements of the tiles' middles by each rotation.
+    """Rotations on a grid, and the displacements of the tiles' centres by each rotation.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ def nonnegative(gram: Vector, right: Vector, start: Vector) -> Vector:
 
 
 def _descended(gram: Vector, right: Vector, start: Vector, bound: float) -> tuple[Vector, bool]:
-    """Take some steps; return the weights, and whether they are settled."""
+    """Take up to `_STEPS` gradient steps; return the weights, and whether they are settled."""
     w, ahead, momentum = start.copy(), start.copy(), 1.0
     for _ in range(_STEPS):
         new = np.maximum(ahead - (gram @ ahead - right) / bound, 0)

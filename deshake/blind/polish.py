@@ -1,7 +1,7 @@
 """Polish kernels: refine a thin path of each again and again, as long as the judge's margin rises.
 
-A refinement alone stays where it is: a kernel that is too wide gives a latent picture that is too
-sharp, and the two fit each other. Reduced to a thin path, a kernel that is nearly right leaves this
+Refinement alone gets stuck: a kernel that is too wide gives a latent picture that is too sharp, and
+the two fit each other. Reduced to a thin path, a kernel that is nearly right leaves this
 state and comes nearer to the truth; a wrong one seldom gains. So the margins after the polish
 separate right from wrong kernels better than those before it.
 """
@@ -37,8 +37,8 @@ _PATHS = (  # grid steps: width of the neighbourhood on a thin path; refinement 
     (1.0, Refinement(2e-3, iterations=4)),
 )
 _STARTS = 2  # number of starts whose best kernel is polished
-_ROUNDS_EACH = 2  # number of rounds for each
-_ROUNDS = 4  # number of rounds for the better one; a line whose margin does not rise ends earlier
+_ROUNDS_EACH = 2  # number of rounds for each start
+_ROUNDS = 4  # number of rounds for the better start; a line whose margin does not rise ends earlier
 
 
 @dataclass
@@ -122,7 +122,7 @@ class _Polish:
             line.best, line.margin = new[top]._replace(name=line.name), margins[top]
 
     def margin(self, entry: Entry) -> float:
-        """Return the margin of a kernel; one that the judge has no room for has none."""
+        """Return the margin; `-COLLAPSED` for a spot, or without room for the kernel."""
         kernel = entry.kernel.for_camera(self.judge.tiles.camera)
         if is_spot(entry.kernel) or reach(kernel.camera, kernel.theta) > self.judge.tiles.far:
             return -COLLAPSED

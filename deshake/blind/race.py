@@ -40,9 +40,9 @@ __all__ = ["Finish", "race"]
 Scores = NDArray[np.float64]
 
 _COARSEST_START = 11  # index of a scale
-_SETTINGS = (FINE, THIN)  # of every second start
+_SETTINGS = (FINE, THIN)  # the starts use them in turn
 _SNAPSHOTS = 2  # number of last scales of a candidate whose kernels are kept
-_REFINED = 3  # number of starts
+_REFINED = 3  # number of starts whose last kernels are refined
 _REFINEMENT = Refinement(2e-3, iterations=5)  # price in squared contrast of the pyramid
 _UNIFORM_REFINEMENT = Refinement(1e-3, iterations=5)  # the same price, for the uniform model
 _COMPARED = 6  # number of kernels in a common comparison

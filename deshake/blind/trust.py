@@ -20,12 +20,13 @@ _LEAST_MARGIN, _MOST_MARGIN = -0.04, 0.08  # margin; values beyond count as thes
 _OF_AGREEMENT = 0.85  # log odds per power of ten by which the agreement comes nearer to one
 _CLOSEST = 0.005  # agreement: smallest difference from one that can be measured
 _OF_WIDTH = 1.9  # log odds per doubling of the width
-_NARROWEST, _EVEN_WIDTH, _WIDEST = 3.0, 10.0, 40.0  # px of the photo; widths beyond count as these
+# px of the photo; the middle one adds nothing, and widths beyond the others count as these
+_NARROWEST, _EVEN_WIDTH, _WIDEST = 3.0, 10.0, 40.0
 _OF_EVIDENCE = 4.6  # log odds per unit of evidence
 _MOST_EVIDENCE = 0.6  # evidence; more of it counts as this, and less than none counts as none
 """The constants come from a logistic regression on 93 results of 47 photos of the benchmark's
 tuning set. Margin, agreement and width depend on the kernel. A sharp photo, or one from a soft
-lens, easily gives a kernel by chance, and these three may speak for it. The evidence of a shake
+lens, easily gives a kernel by chance, and these three may be high for it. The evidence of a shake
 does not depend on the kernel."""
 
 
