@@ -30,7 +30,7 @@ _OURS = logging.getLogger("deshake")
 
 @dataclass(frozen=True)
 class Result:
-    """What came of one photo.
+    """The result of the work on one photo.
 
     Parameters
     ----------
@@ -43,13 +43,13 @@ class Result:
     figures : dict
         The figures of the work, as JSON data.
     warnings : tuple of str
-        What was warned of on the way.
+        Warnings during the work.
     error, hint : str or None
         What is wrong, and what to try, if it failed.
     trace : str or None
-        Where in the program, if it failed.
+        The traceback, if it failed.
     pictures : ReportPictures or None
-        Of the photo and its result, if a report wants them.
+        Pictures of the photo and its result, if a report wants them.
 
     """
 
@@ -64,7 +64,7 @@ class Result:
     pictures: ReportPictures | None = None
 
     def report(self) -> dict[str, Any]:
-        """Return all of it as JSON data."""
+        """Return the result as JSON data."""
         report: dict[str, Any] = {"status": self.status, "seconds": round(self.seconds, 2)}
         report |= self.job.files() | self.figures | {"warnings": list(self.warnings)}
         if self.status == "failed":
