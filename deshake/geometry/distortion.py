@@ -53,7 +53,7 @@ def distorted(points: Points, camera: Camera, straight_camera: Camera) -> Points
     points : (N, 2) array
         Pixels (x, y) of the pinhole's picture.
     camera : Camera
-        That of the photo, with its distortion.
+        The camera of the photo, with its distortion.
     straight_camera : Camera
         The pinhole.
 
@@ -88,11 +88,11 @@ def pinhole(camera: Camera, *, whole: bool = False) -> Camera:
     Parameters
     ----------
     camera : Camera
-        That of the photo, with its distortion.
+        The camera of the photo, with its distortion.
     whole : bool, keyword-only
-        The picture shows all of the photo, and is no smaller than it; by default it has the
-        photo's size, and the photo shows all of it: its focal length is the least for which no
-        pixel lies beyond the photo.
+        Whether the picture shows all of the photo, and is at least as large. By default it has the
+        photo's size, and the photo shows all of it: then its focal length is the least for which
+        no pixel lies beyond the photo.
 
     Raises
     ------
@@ -125,12 +125,12 @@ def bent_camera(straight_camera: Camera, distortion: Points) -> Camera:
     straight_camera : Camera
         The pinhole.
     distortion : (k,) array
-        Of the lens that the photo is taken through, in OpenCV's order.
+        Distortion of the photo's lens, in OpenCV's order.
 
     Returns
     -------
     Camera
-        Of the same size; its focal length is the least possible.
+        The photo's camera, of the same size; its focal length is the least possible.
 
     Raises
     ------
@@ -189,7 +189,7 @@ def fit_distortion(straight: Points, bent: Points) -> tuple[Points, float]:
 
 
 def _fit(straight: Points, bent: Points, terms: int) -> tuple[Points, float]:
-    """Fit with a denominator of some terms, by least squares reweighted with it [Sanathanan 1963].
+    """Fit with so many terms in the denominator, which reweights the squares [Sanathanan 1963].
 
     With x = (r / r_max)^2 and the ratio q: ``sum_i a_i x^i - q sum_j b_j x^j = q``.
     """
@@ -210,7 +210,7 @@ def _fit(straight: Points, bent: Points, terms: int) -> tuple[Points, float]:
         if denominator.min() < _POLE or a[0] < _POLE:
             return np.zeros(8), np.inf
     left = np.abs(above @ a / denominator - q) * straight
-    # In units of the straight picture at the scale of the middle, a_0 r.
+    # The unit of distance is that of the straight picture, a_0 r: its scale fits the middle.
     unit = (far * a[0]) ** 2
     k, m = a[1:] / a[0] / unit ** np.arange(1, 4), np.zeros(3)
     m[:terms] = b / unit ** np.arange(1, terms + 1)
