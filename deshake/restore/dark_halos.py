@@ -53,7 +53,7 @@ def without_dark_halos(
     window = np.ones((reach, reach), np.uint8)
     lifted = np.empty_like(f)
     channels = [...] if f.ndim == 2 else [np.s_[..., c] for c in range(f.shape[2])]
-    for channel in channels:  # one at a time, for the sake of memory
+    for channel in channels:  # one at a time, to save memory
         floor = cv2.erode(np.ascontiguousarray(g[channel]), window)
         floor = cv2.blur(floor, (reach, reach))
         np.maximum(f[channel], _SHARE * floor, out=lifted[channel])
