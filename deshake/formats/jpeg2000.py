@@ -78,7 +78,7 @@ def decode_jpeg2000(data: bytes) -> Decoded:
 
 
 def encode_jpeg2000(picture: Decoded) -> bytes:
-    """Encode codes of either depth as JP2, lossless.
+    """Encode codes of 8 or 16 bits as JP2, lossless.
 
     Raises
     ------

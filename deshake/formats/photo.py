@@ -204,8 +204,8 @@ def read_photo(
         The file's transfer curve. By default that of its ICC profile if it has a simple one,
         else what a PNG's chunks say, else sRGB. A RAW file is linear and takes none.
     luma : bool, keyword-only
-        Whether the luma of a JPEG is enough: the photo is then grey, and read faster. Other formats
-        have their colours all the same.
+        Whether the luma of a JPEG is enough: the photo is then grey, and read faster. Photos of
+        other formats keep their colours.
 
     Raises
     ------

@@ -1,9 +1,9 @@
 """Profiles of lenses and crop factors of cameras, from lensfun's database.
 
 lensfunpy [1]_ is an extra (``deshake[lens]``): the library is under the LGPL 3, its data are under
-CC BY-SA 3.0. Nothing of either is part of deshake. Names must match exactly, but for case, blanks
-and the maker's name before the lens's: lensfun's own search takes the nearest name, and a near miss
-is another lens.
+CC BY-SA 3.0. Nothing of either is part of deshake. Names must match exactly, except for case,
+blanks and the maker's name before the lens's. lensfun's own search takes the nearest name, which
+may be another lens.
 
 References
 ----------

@@ -44,7 +44,7 @@ class LensWarp:
     Parameters
     ----------
     camera : Camera
-        The photo's, with its distortion.
+        The photo's camera, with its distortion.
     straight_camera : Camera
         The pinhole, see `geometry.distortion.pinhole`.
 

@@ -75,16 +75,16 @@ def straightened(photo: Photo, camera: Camera, *, whole: bool = False) -> tuple[
     photo : Photo
         The photo.
     camera : Camera
-        Its camera; without distortion, photo and camera are returned as they are.
+        Its camera; without distortion, photo and camera are returned unchanged.
     whole : bool, keyword-only
-        Whether the picture is to show all of the photo.
+        Whether the picture shows all of the photo.
 
     Returns
     -------
     photo : Photo
         Pixels, clipped pixels and opacity are resampled; EXIF states the new frame.
     camera : Camera
-        Of the same principal point, without distortion.
+        The pinhole, with the same principal point.
 
     Raises
     ------
