@@ -121,7 +121,7 @@ def camera_pair(
     Parameters are those of `needs_curves` and `with_tones_of`. Return the matched photo, or None,
     and its trust at each pixel, (h, w), 0..1.
     """
-    with contextlib.suppress(EstimationError):  # then one factor has to do
+    with contextlib.suppress(EstimationError):  # then one factor is used
         if needs_curves(g, Af, mask):
             noisy = with_tones_of(g, f_N, registration, blur, mask, run=run)
             Af = blurred_planes(noisy.denoised, blur)
