@@ -1,4 +1,4 @@
-"""The camera of a picture, and the one that its caller names."""
+"""The camera of a picture: from the picture itself, or from the caller."""
 
 from __future__ import annotations
 

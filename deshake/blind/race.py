@@ -5,7 +5,7 @@ candidates start at every second scale, and each continues to the finest scale t
 Two measures then compare the kernels. One is the margin of the judge, on tiles that no candidate
 used. The other is the agreement with the kernels of other starts, because kernels that agree from
 independent starts are seldom wrong. The best kernels are refined, with roll and without, and are
-compared again (`kernel_comparison`). The best of two starts are polished (`polish`).
+compared again (`kernel_comparison`). The best kernels of two starts are polished (`polish`).
 
 Every second start carries its kernel as a thin path from scale to scale. Wide shakes often succeed
 in only one of the two ways.

@@ -75,7 +75,7 @@ class PatchInverse:
         Parameters
         ----------
         weights : (h, w) array of float32
-            In the frame.
+            Weights of the pixels of the frame.
 
         Returns
         -------
@@ -148,7 +148,7 @@ class PatchInverse:
         return out
 
     def _window(self, row: int, column: int) -> Image:
-        """Root of a patch's window, (N, N)."""
+        """Return the root of a patch's window, (N, N)."""
         grid = self.filters.grid
         return self._windows[self._ends(row, grid.rows), self._ends(column, grid.columns)]
 

@@ -64,7 +64,7 @@ def unclipped_mean(image: Image) -> Image:
 
 
 class _Window(NamedTuple):
-    """Around the pixels of a band: mean light, share of zeros, whether these come from noise."""
+    """Windows around the pixels of a band: mean light, share of zeros, whether noise made these."""
 
     light: Image
     zeros: Image
@@ -113,6 +113,6 @@ def _sigmas(window: _Window) -> NDArray[np.float64]:
 
 
 def _density(a: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Density of the normal distribution."""
+    """Return the density of the normal distribution."""
     density: NDArray[np.float64] = np.exp(-np.square(a) / 2) / np.sqrt(2 * np.pi)
     return density

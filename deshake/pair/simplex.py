@@ -62,7 +62,7 @@ def least_on_simplex(
     problem : LeastSquares
         G and h.
     start : (K,) array
-        Weights >= 0 of any positive sum to begin with.
+        The first weights, >= 0, of any positive sum.
     ridge : float
         r as a share of G's mean diagonal, >= 0. If G + r I has negative eigenvalues, r is raised
         until it has none.

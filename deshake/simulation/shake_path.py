@@ -169,7 +169,7 @@ def random_path(camera: Camera, blur_px: float, *, seed: int = 0, samples: int =
     spectrum = np.pad((phases[:, 0] + 1j * phases[:, 1]) * amplitude, ((0, 0), (1, 0)))
     theta = np.fft.irfft(spectrum, period)[:, :samples].T
     theta *= 1e-3 / np.abs(theta).max()
-    for _ in range(4):  # displacements are all but linear in the angles
+    for _ in range(4):  # displacements are nearly linear in the angles
         theta *= blur_px / CameraPath(theta).extent_px(camera)
         theta -= theta.mean(0)
     return CameraPath(theta)

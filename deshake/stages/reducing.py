@@ -27,8 +27,8 @@ _BAND: Final = 256  # rows whose colours are converted at once
 def reduced(photo: Photo, side: float) -> Photo:
     """Reduce the longer side of a photo to `side` pixels, if it is longer.
 
-    A new pixel counts as clipped if one of its pixels is clipped. Where opacity varies, transparent
-    pixels count as little as they show. Format, depth and metadata do not change.
+    A new pixel counts as clipped if one of its pixels is clipped. If the opacity varies, pixels
+    count in proportion to it. Format, depth and metadata do not change.
     """
     height, width = photo.shape
     factor = max(photo.shape) / side
