@@ -1,4 +1,4 @@
-"""What is done with each photo: the stages before the deblurring, as `Work`."""
+"""The work of the stages before the deblurring on one photo, as `Work`."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class EstimateKernel:
     Parameters
     ----------
     options : EstimateOptions
-        What the estimate uses.
+        Options of the estimate.
 
     """
 
@@ -67,7 +67,7 @@ class EstimateKernel:
         """Check the photos, the registration, and the names of the pictures."""
         check_inputs(job)
         registration = job.needs.get("registration")
-        if registration is not None and str(registration) != STREAM:  # which can be read but once
+        if registration is not None and str(registration) != STREAM:  # readable only once
             known_registration(registration)
         _check_pictures(job)
 
@@ -85,7 +85,7 @@ class EstimateKernel:
 
 @dataclass(frozen=True)
 class Register:
-    """``register``: find how the ``noisy`` photo of a job lies to its blurred one.
+    """``register``: register the ``noisy`` photo of a job to its blurred one.
 
     A checkerboard of both, the ``preview``, is kept if it is named.
 

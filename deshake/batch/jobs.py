@@ -1,4 +1,4 @@
-"""A whole batch: here, in processes, or on a cluster, whichever was asked for."""
+"""A whole batch: in this process, in several processes, or on a cluster."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def run_jobs(
     resources : Resources
         The resources that the run may use.
     run : Run
-        Threads for each photo; by default the processors are shared out. And who receives the
+        Threads for each photo, by default an equal share of the processors; and who receives the
         progress of all photos together.
 
     """

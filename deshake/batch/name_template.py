@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["FIELDS", "NameTemplate"]
 
 FIELDS: Final = ("folder", "parent", "stem", "ext")
-"""What a template can name of a photo."""
+"""The fields of a template; a photo gives their values."""
 
 _NAMES: Final = ", ".join(f"{{{field}}}" for field in FIELDS)
 _ENDING: Final = ".{ext}"
@@ -44,8 +44,8 @@ class NameTemplate:
     Raises
     ------
     ValueError
-        If a brace is not closed, a field is unknown, the ending is none of a format that is
-        written, or another format's, or if ``..`` follows a field.
+        If a brace is not closed, a field is unknown, or ``..`` follows a field. If the ending
+        stands for no format that deshake writes, or for another format than `form`.
 
     """
 
