@@ -37,7 +37,7 @@ __all__ = [
 F = TypeVar("F", bound="Callable[..., Any]")
 
 NO_JPEG = "--jpeg-quality is for JPEGs, and no result is one: add --format jpeg."
-"""A message."""
+"""The error of --jpeg-quality if no result is a JPEG."""
 
 format_option = click.option(
     "--format",
@@ -142,7 +142,7 @@ def planned_results(
 
 
 def check_ending(output: Path, file: ResultFile) -> None:
-    """Refuse the name of a file that ends as another format than --format does."""
+    """Refuse a name whose ending stands for another format than --format."""
     from deshake.formats.encoding import SUFFIXES
 
     if file.form is not None and SUFFIXES.get(output.suffix.lower()) != file.form:
@@ -164,7 +164,7 @@ def _named(output: Path, file: ResultFile) -> tuple[NameTemplate | None, Path | 
 
 
 def _check_quality(jobs: Sequence[Job], finish: FinishingOptions) -> None:
-    """Refuse --jpeg-quality where no result is a JPEG."""
+    """Refuse --jpeg-quality if no result is a JPEG."""
     from deshake.batch.plan import PlanError
 
     if finish.file.jpeg_quality is None or not is_typed("jpeg_quality"):

@@ -1,4 +1,4 @@
-"""What ``--json`` prints: one object a line, that every reader of JSON takes."""
+"""The output of ``--json``: one object a line, which every reader of JSON accepts."""
 
 from __future__ import annotations
 

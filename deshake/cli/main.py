@@ -35,11 +35,11 @@ EXIT_USAGE: Final = 2
 EXIT_INTERRUPTED: Final = 130
 
 _LINEAR_ALGEBRA: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""What NumPy's linear algebra reads when it is imported, which is after this module is."""
+"""The variables that NumPy's linear algebra reads when it is imported, after this module."""
 
 
 class _Entry(NamedTuple):
-    """Where a command lives, and the first line of its help."""
+    """The module of a command, and the first line of its help."""
 
     module: str
     summary: str

@@ -1,4 +1,4 @@
-"""The help of a command in groups: what is needed every day comes first.
+"""The help of a command in groups: the options for every day come first.
 
 The table below has the group of each option. An option that is in no group comes under "More
 options", just before the general ones.
