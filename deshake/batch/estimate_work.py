@@ -74,13 +74,13 @@ class EstimateKernel:
     def origin(self, job: Job) -> dict[str, Any]:
         """Return the inputs and the options."""
         noisy, registration = job.needs.get("noisy"), job.needs.get("registration")
-        known = kernel_origin(self.options, pair=noisy is not None)
-        known["input_sha256"] = sha256(job.source)
+        origin = kernel_origin(self.options, pair=noisy is not None)
+        origin["input_sha256"] = sha256(job.source)
         if noisy is not None:
-            known["noisy_sha256"] = sha256(noisy)
+            origin["noisy_sha256"] = sha256(noisy)
         if registration is not None and str(registration) != STREAM:
-            known["registration"] = known_registration(registration).report()
-        return known
+            origin["registration"] = known_registration(registration).report()
+        return origin
 
 
 @dataclass(frozen=True)
@@ -123,13 +123,13 @@ class Register:
 
     def origin(self, job: Job) -> dict[str, Any]:
         """Return the inputs and the options."""
-        known = {
+        origin = {
             "options": register_options(self.options),
             "input_sha256": sha256(job.source),
             "noisy_sha256": sha256(job.needs["noisy"]),
         }
         source = self.options.camera.source
-        return known if source is None else known | {"camera": source}
+        return origin if source is None else origin | {"camera": source}
 
 
 @dataclass(frozen=True)
@@ -195,9 +195,9 @@ def check_inputs(job: Job) -> None:
 
 def kernel_origin(options: EstimateOptions, *, pair: bool = False) -> dict[str, Any]:
     """Return the options in a kernel's provenance, and its camera if the user names one."""
-    known: dict[str, Any] = {"options": options.provenance(pair=pair)}
+    origin: dict[str, Any] = {"options": options.provenance(pair=pair)}
     source = options.camera.source
-    return known if source is None else known | {"camera": source}
+    return origin if source is None else origin | {"camera": source}
 
 
 def _check_pictures(job: Job) -> None:

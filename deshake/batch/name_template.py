@@ -127,8 +127,8 @@ def _parsed(text: str) -> list[tuple[str, str | None]]:
         ) from None
     pieces: list[tuple[str, str | None]] = []
     for literal, field, spec, conversion in parsed:
-        known = field
+        written = field
         if field is not None and (spec or conversion):  # a field has no format of its own
-            known = f"{field}{f'!{conversion}' if conversion else ''}{f':{spec}' if spec else ''}"
-        pieces.append((literal, known))
+            written = f"{field}{f'!{conversion}' if conversion else ''}{f':{spec}' if spec else ''}"
+        pieces.append((literal, written))
     return pieces

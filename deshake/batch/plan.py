@@ -98,8 +98,8 @@ class Job:
     @property
     def keeps_result(self) -> bool:
         """Whether the result exists already and is kept."""
-        there = self.output is not None and os.path.lexists(self.output)
-        return there and self.existing == "skip" and self.problem is None
+        exists = self.output is not None and os.path.lexists(self.output)
+        return exists and self.existing == "skip" and self.problem is None
 
     @property
     def missing(self) -> list[str]:
@@ -226,13 +226,13 @@ def plan(
             _check_folder(top)
     else:
         _prepare_folders(tops, jobs)
-    known = {
+    inputs_by_identity = {
         mark: path
         for job in jobs
         for path in (job.source, *job.needs.values())
         if (mark := identity(path))
     }
-    return [_checked(job, known, tops if dry else []) for job in jobs]
+    return [_checked(job, inputs_by_identity, tops if dry else []) for job in jobs]
 
 
 def _job(
@@ -373,7 +373,7 @@ def _no_folder(path: Path, number: int) -> OutputError:
     )
 
 
-def _checked(job: Job, known: Mapping[tuple[int, int], Path], to_be_made: Sequence[Path]) -> Job:
+def _checked(job: Job, inputs: Mapping[tuple[int, int], Path], to_be_made: Sequence[Path]) -> Job:
     """Return a job, with a problem if its outputs are wrong; some folders are made only later."""
     if job.problem is not None:
         return job
@@ -382,7 +382,7 @@ def _checked(job: Job, known: Mapping[tuple[int, int], Path], to_be_made: Sequen
         if not folder.exists() and any(folder.is_relative_to(top) for top in to_be_made):
             continue
         try:
-            other = known.get(identity(path) or (0, 0), job.source)
+            other = inputs.get(identity(path) or (0, 0), job.source)
             check_output(path, job.source, other, overwrite=job.overwrite_others)
         except DeshakeError as error:
             return replace(job, problem=error)

@@ -89,14 +89,14 @@ def run_job(job: Job, work: Work, run: Run = Run()) -> Result:
     with _warnings(job) as warnings:
         if job.problem is not None:
             return failure(job, job.problem)
-        there = job.keeps_result
+        exists = job.keeps_result
         try:
-            if there and (job.skipped or not made_by(job, work)):
+            if exists and (job.skipped or not made_by(job, work)):
                 _log_skipped(job, work)
                 return Result(job, "skipped", time.perf_counter() - start, {}, tuple(warnings))
             figures = work(job, run)
         except Exception as error:  # noqa: BLE001  one bad photo never stops the rest
-            if isinstance(error, OutputError) and job.keeps_result and not there:
+            if isinstance(error, OutputError) and job.keeps_result and not exists:
                 # Another run made the result in the meantime.
                 return Result(job, "skipped", time.perf_counter() - start, {}, tuple(warnings))
             return failure(job, error, time.perf_counter() - start, warnings)

@@ -1,4 +1,4 @@
-"""How results are called and written: options of ``fix`` and ``deblur``."""
+"""The names and files of results: options of ``fix`` and ``deblur``."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ quality_option = click.option(
 
 
 def file_options(command: F) -> F:
-    """Add what `ResultFile` takes, and put it into ``finish``, which `finish_options` hands on."""
+    """Add the options of `ResultFile`, and put them into the ``finish`` of `finish_options`."""
 
     @wraps(command)
     def collected(*args: Any, finish: FinishingOptions, **values: Any) -> Any:  # noqa: ANN401
@@ -114,7 +114,7 @@ def planned_results(
     finish: FinishingOptions,
     **more: Any,  # noqa: ANN401 - what `plan` takes
 ) -> list[Job]:
-    """Plan the jobs, with results called and written as the options say.
+    """Plan the jobs, with results named and written as the options say.
 
     Raises
     ------
@@ -153,7 +153,7 @@ def check_ending(output: Path, file: ResultFile) -> None:
 
 
 def _named(output: Path, file: ResultFile) -> tuple[NameTemplate | None, Path | None]:
-    """Return the template that -o is, or the path that it is if its braces are those of a name."""
+    """Return the template in -o, or the path in -o if its braces belong to a name."""
     from deshake.batch.name_template import NameTemplate
 
     try:

@@ -98,7 +98,7 @@ class ReportOptions:
     opens: bool = False
 
     def check(self, *, compare: bool) -> None:
-        """Refuse what contradicts itself."""
+        """Refuse options that contradict each other."""
         if self.path is None and self.beside:
             raise click.UsageError("--report-images needs --report.")
         if self.path is None and self.opens and not compare:

@@ -393,5 +393,5 @@ def _encoding(decoded: Decoded, transfer: TransferName | None) -> Encoding:
                 hint="leave --transfer out; --linear writes the result in linear light",
             )
         return encoding
-    known = NAMED[transfer] if transfer is not None else profile_transfer(decoded.metadata.icc)
-    return encoding if known is None else replace(encoding, transfer=known)
+    curve = NAMED[transfer] if transfer is not None else profile_transfer(decoded.metadata.icc)
+    return encoding if curve is None else replace(encoding, transfer=curve)

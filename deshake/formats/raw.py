@@ -108,9 +108,8 @@ def _decode(raw: RawPy, data: bytes) -> Decoded:
 
     count = raw.num_colors
     space = rawpy.ColorSpace.sRGB if count == 4 else rawpy.ColorSpace.raw
-    turn = _ORIENTATIONS[
-        raw.sizes.flip & 7
-    ]  # `user_flip` overrules it: the pixels are turned later
+    # with `user_flip` LibRaw does not turn the pixels: they are turned later
+    turn = _ORIENTATIONS[raw.sizes.flip & 7]
     saturated = _saturated(raw, count)
     codes = raw.postprocess(
         gamma=(1, 1),

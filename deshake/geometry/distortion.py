@@ -65,13 +65,13 @@ def distorted(points: Points, camera: Camera, straight_camera: Camera) -> Points
     """
     rays = _rays(points, straight_camera)
     nowhere = np.zeros(3)
-    there, _ = cv2.projectPoints(rays, nowhere, nowhere, camera.matrix, camera.distortion)
-    return np.asarray(there, np.float64).reshape(-1, 2)
+    mapped, _ = cv2.projectPoints(rays, nowhere, nowhere, camera.matrix, camera.distortion)
+    return np.asarray(mapped, np.float64).reshape(-1, 2)
 
 
 def undistorted(points: Points, camera: Camera, straight_camera: Camera) -> Points:
     """Map points of the photo into the pinhole's picture: the inverse of `distorted`."""
-    there = cv2.undistortPoints(
+    mapped = cv2.undistortPoints(
         np.ascontiguousarray(points, np.float64).reshape(-1, 1, 2),
         camera.matrix,
         camera.distortion,
@@ -79,7 +79,7 @@ def undistorted(points: Points, camera: Camera, straight_camera: Camera) -> Poin
         P=straight_camera.matrix,
         criteria=_ITERATIONS,
     )
-    return np.asarray(there, np.float64).reshape(-1, 2)
+    return np.asarray(mapped, np.float64).reshape(-1, 2)
 
 
 def pinhole(camera: Camera, *, whole: bool = False) -> Camera:
@@ -142,9 +142,11 @@ def bent_camera(straight_camera: Camera, distortion: Points) -> Camera:
     def shows(zoom: float) -> bool:
         camera = _zoomed(straight_camera, zoom).with_lens(distortion)
         border = _border(camera)
-        there = undistorted(border, camera, straight_camera)
-        back = distorted(there, camera, straight_camera)
-        return _inside(there, straight_camera) and float(np.abs(back - border).max()) < _SAME
+        straight_border = undistorted(border, camera, straight_camera)
+        back = distorted(straight_border, camera, straight_camera)
+        return (
+            _inside(straight_border, straight_camera) and float(np.abs(back - border).max()) < _SAME
+        )
 
     return _zoomed(straight_camera, _least_zoom(shows)).with_lens(distortion)
 
@@ -231,10 +233,10 @@ def _least_zoom(fits: Callable[[float], bool]) -> float:
 def _sees(camera: Camera, straight_camera: Camera) -> bool:
     """Return whether a pinhole shows nothing beyond the photo."""
     border = _border(straight_camera)
-    there = distorted(border, camera, straight_camera)
-    if not _inside(there, camera):
+    bent_border = distorted(border, camera, straight_camera)
+    if not _inside(bent_border, camera):
         return False
-    return float(np.abs(undistorted(there, camera, straight_camera) - border).max()) < _SAME
+    return float(np.abs(undistorted(bent_border, camera, straight_camera) - border).max()) < _SAME
 
 
 def _inside(points: Points, camera: Camera) -> bool:
@@ -255,8 +257,8 @@ def _border(camera: Camera) -> Points:
     zero, one = np.zeros(_BORDER), np.ones(_BORDER)
     sides = [(t, zero), (t, one), (zero, t), (one, t)]
     points = np.concatenate([np.stack(side, 1) for side in sides])
-    there: Points = points * (np.array(camera.shape[::-1]) - 1)
-    return there
+    pixels: Points = points * (np.array(camera.shape[::-1]) - 1)
+    return pixels
 
 
 def _rays(points: Points, camera: Camera) -> Points:

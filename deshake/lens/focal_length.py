@@ -188,7 +188,7 @@ def _weighed(
     if tags.digital_zoom > 1:
         confidence *= _ZOOMED
         considered.append(f"digital zoom {tags.digital_zoom:g}")
-    confidence = round(confidence * frame.sure, 3)
+    confidence = round(confidence * frame.confidence, 3)
     whole = (frame.long, frame.short)
     return FocalLength(pixels, source, confidence, tuple(notes), tuple(considered), whole)
 

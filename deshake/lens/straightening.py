@@ -151,7 +151,7 @@ def straight_pair(
 def straight_region(
     region: Region | None, camera: Camera, straight_camera: Camera
 ) -> Region | None:
-    """Return the region of the straight picture that holds a region of the photo.
+    """Return the region of the straight picture that contains a region of the photo.
 
     Parameters
     ----------
@@ -168,10 +168,10 @@ def straight_region(
         [(a, b) for a in (x, x + (width - 1) / 2, x + width - 1) for b in (y, y + height - 1)],
         np.float64,
     )
-    there = undistorted(corners, camera, straight_camera)
+    straight_corners = undistorted(corners, camera, straight_camera)
     last = np.array(straight_camera.shape[::-1]) - 1
-    low = np.clip(np.floor(there.min(0)), 0, last).astype(int)
-    high = np.clip(np.ceil(there.max(0)), 0, last).astype(int)
+    low = np.clip(np.floor(straight_corners.min(0)), 0, last).astype(int)
+    high = np.clip(np.ceil(straight_corners.max(0)), 0, last).astype(int)
     return int(low[0]), int(low[1]), int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1
 
 

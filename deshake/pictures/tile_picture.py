@@ -48,7 +48,7 @@ _INK: Colour = (40, 44, 52)
 _DARKENED = 0.7  # share of the photo's light that is hidden behind a filter
 _LEAST_REACH = 3.0  # px around the middle of a filter
 _MARGIN = 1.06  # between the farthest light and the border of its square
-_LETTER = 0.55  # of the size of text, a letter's width
+_LETTER = 0.55  # width of a letter, as a share of the text's size
 
 
 class _Frame(NamedTuple):
@@ -58,7 +58,7 @@ class _Frame(NamedTuple):
     zoom: NDArray[np.float64]
 
     def corners(self, tiles: Tiles) -> list[_Square]:
-        """Upper left and lower right corners (x, y) of tiles in the picture."""
+        """Return the upper left and lower right corners (x, y) of tiles in the picture."""
         lows = tiles.corners[:, ::-1].astype(np.float64)
         highs = lows + tiles.size
         return [
@@ -82,7 +82,7 @@ def tile_photo(
     camera : Camera
         The photo's camera.
     region : (x, y, width, height), optional
-        The part of the photo that was estimated from, by default all of it.
+        The part of the photo that the estimate used, by default all of it.
 
     """
     straight, pinhole = straightened(photo, camera)
@@ -123,7 +123,7 @@ def tile_picture(
     kernel : RotationKernel
         The kernel of the estimate; a still camera has no filters to draw.
     region : (x, y, width, height), optional
-        The part of the photo that was estimated from, by default all of it.
+        The part of the photo that the estimate used, by default all of it.
     clipped : (h, w) array of bool, optional
         Clipped pixels, which the estimate ignored.
 

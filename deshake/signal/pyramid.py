@@ -97,7 +97,7 @@ class Pyramid:
 
     @property
     def coarsest(self) -> int:
-        """Number of the coarsest scale, whose shorter side has about 48 pixels."""
+        """Index of the coarsest scale, whose shorter side has about 48 pixels."""
         shorter = min(self.camera.shape)
         return max(int(np.log(shorter / _COARSEST_SIDE) / np.log(RATIO) + _ROUNDING), 0)
 
@@ -124,7 +124,7 @@ class Pyramid:
         return value
 
     def level_of(self, pixels: float) -> int:
-        """Number of the finest scale with at most so many pixels."""
+        """Return the index of the finest scale with at most so many pixels."""
         return max(int(np.ceil(np.log2(max(np.prod(self.camera.shape) / pixels, 1)))), 0)
 
     def _linear(self, level: int) -> tuple[Image, Mask | None, Camera]:

@@ -95,11 +95,11 @@ def estimate_file(
     if noisy is not None:
         if pictures:
             raise ValueError("only a blind estimate has a latent picture and tiles")
-        known = None if registration is None else known_registration(registration)
+        given = None if registration is None else known_registration(registration)
         estimate = estimate_pair(
             *read_pair(source, noisy, transfer=options.transfer),
             options,
-            registration=known,
+            registration=given,
             run=run,
         )
         with joint_outputs(source, noisy) as add:
