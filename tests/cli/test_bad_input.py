@@ -197,7 +197,7 @@ def test_a_full_disk_leaves_nothing(shaken, tmp_path, pan, contents, command):
     assert contents(tmp_path) == before
 
 
-def test_bad_photos_in_a_folder_are_each_told(deshake, contents, tmp_path):
+def test_bad_photos_in_a_folder_are_each_reported(deshake, contents, tmp_path):
     for name, (data, _) in PHOTOS.items():
         (tmp_path / name).write_bytes(data)
     before = contents(tmp_path)

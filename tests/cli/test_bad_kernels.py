@@ -141,7 +141,7 @@ def test_a_huge_kernel_eats_no_memory(shaken, tmp_path):
     assert float(took) < 3
 
 
-def test_a_photo_that_is_stored_turned_is_said_to_be(deshake, shaken, pan, tmp_path):
+def test_a_photo_that_is_stored_turned_is_reported(deshake, shaken, pan, tmp_path):
     photo, mask = shaken("a.jpg"), tmp_path / "mask.png"
     with Image.open(photo) as picture:
         turned = picture.getexif()

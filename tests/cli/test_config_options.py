@@ -30,7 +30,7 @@ def test_the_users_own_file_is_read_and_v_says_so(deshake, own, seen):
     assert deshake("trial", "-v").err == f"options are read from {path}\n"
 
 
-def test_without_that_file_nothing_is_said(deshake, own, seen):  # noqa: ARG001
+def test_without_that_file_nothing_is_reported(deshake, own, seen):  # noqa: ARG001
     assert deshake("trial", "-v").err == ""
     assert seen["blur_size"] is None
 

@@ -69,7 +69,7 @@ def psnr_of_corners(light: np.ndarray, sharp: np.ndarray) -> float:
     return float(-10 * np.log10(np.square(error)[far].mean()))
 
 
-def test_undoing_the_lens_betters_the_corners_by_a_decibel(shaken):
+def test_removing_the_distortion_improves_the_corners_by_a_decibel(shaken):
     photo, simulated = shaken
     kernel = simulated.kernel
     camera = kernel.camera

@@ -52,7 +52,7 @@ def developed(light):
     return light_of(0.6 * tone + 0.4 * tone * tone * (3 - 2 * tone))
 
 
-def test_curves_are_called_for_only_where_a_factor_does_not_do(pair):
+def test_curves_are_needed_only_where_a_factor_does_not_fit(pair):
     blur, _, g, noisy = pair
     for f, curved in ((noisy, False), (3 * developed(noisy), True)):
         Af = blurred_planes(np.moveaxis(f, -1, 0), blur)

@@ -102,7 +102,7 @@ def test_a_focal_length_that_is_wrong_by_a_fifth_does_not_upset_it(factor):
 
 
 @pytest.mark.parametrize(("turns", "size"), [(1, 0.5), (3, 1.5)])
-def test_a_photo_turned_and_resized_is_registered_all_the_same(turns, size):
+def test_a_photo_turned_and_resized_is_registered(turns, size):
     scene, theta = light("astronaut"), np.radians([1, -2, 1])
     upright = short(scene, theta, 4, 0.02)
     resized = cv2.resize(upright, None, fx=size, fy=size, interpolation=cv2.INTER_AREA)
