@@ -14,7 +14,7 @@ PACKAGE = Path(deshake.__file__).parent
 MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))
 TESTS = Path(__file__).parent
 
-# What each room may import, itself and what may be imported anywhere aside.
+# The rooms that each room may import, beside itself and the modules that all may import.
 SIDE = {"formats", "metadata", "files", "geometry"}
 ESTIMATORS = {"signal", "operators", "geometry"}
 PAIR = {"lens", "blind", "restore", *ESTIMATORS, *SIDE}

@@ -122,7 +122,7 @@ def test_pictures_beside_the_page(tmp_path, jobs):
     text = (tmp_path / "a.html").read_text("utf-8")
     assert "data:image" not in text
     assert all(f"a-pictures/{name}" in text for name in first)
-    # The same once more replaces nothing; other pictures take the place of the first.
+    # The same pictures again replace nothing; other pictures replace the first.
     again = ReportPlace(tmp_path / "a.html", beside=True, overwrite=True)
     made(again, jobs, [Result(jobs[0], "done", 1, IMPROVED, pictures=drawn())])
     assert sorted(names(tmp_path / "a-pictures")) == first

@@ -38,7 +38,7 @@ def inner(tiles: Tiles) -> tuple[slice, ...]:
 
 
 def energy(tiles: Tiles, picture: np.ndarray, lam: float = LAM) -> float:
-    """``|A S - g|^2 + lam #{grad S != 0}``; what is next to nothing counts as nothing."""
+    """``|A S - g|^2 + lam #{grad S != 0}``; tiny gradients count as zero."""
     across, down = differences(picture)
     edges = across**2 + down**2 > lam / 16
     misfit = tiles.blurred(picture) - tiles.filled

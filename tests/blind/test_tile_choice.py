@@ -24,7 +24,7 @@ def texture(height: int, width: int, cell: int = 10, seed: int = 0) -> np.ndarra
 
 
 def middles(corners: list[tuple[int, int]], size: int = SIZE) -> np.ndarray:
-    """Middles (y, x)."""
+    """Centres (y, x)."""
     return np.array(corners) + size / 2
 
 

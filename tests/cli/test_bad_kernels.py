@@ -1,4 +1,4 @@
-"""Files that are no kernels are refused in one line, at once, and without eating memory."""
+"""Files that are no kernels are refused in one line, at once, and with little memory."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ KERNELS = {
     ),
     "photo": (lambda: b"\xff\xd8\xff\xe0 and so on", ""),
 }
-"""Files that are no kernels, and what is said of them."""
+"""Files that are no kernels, and their errors."""
 
 
 @pytest.mark.parametrize("name", KERNELS)

@@ -280,7 +280,7 @@ def test_what_is_typed_puts_aside_what_the_file_says_against_it(
     after = real("fix", "a.jpg", *typed, config=path)
     assert after[name]
     assert after[other] in {None, False, "default"}
-    # The environment comes before the file, too, and after what is typed.
+    # The environment has priority over the file, and the command line over both.
     monkeypatch.setenv(f"DESHAKE_FIX_{name.upper()}", "1" if len(typed) == 1 else typed[1])
     assert real("fix", "a.jpg", config=path)[other] in {None, False, "default"}
 

@@ -53,7 +53,7 @@ def test_no_file_is_read_where_none_is_wanted(deshake, own, seen, tmp_path, monk
     assert seen["blur_size"] is None
     other = tmp_path / "other.toml"
     other.write_text("[trial]\nblur-size = 20\n", "utf-8")
-    deshake("--config", other, "trial")  # what is typed comes first
+    deshake("--config", other, "trial")  # the command line has priority
     assert seen["blur_size"] == 20
     monkeypatch.delenv("DESHAKE_NO_CONFIG")
     monkeypatch.setenv("DESHAKE_CONFIG", str(other))

@@ -1,4 +1,4 @@
-"""Metadata that other programs trip over: they survive, or what is lost is said in one line."""
+"""Metadata that other programs trip over: they survive, or one line reports what is lost."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LONG = 80_000
 
 @pytest.fixture
 def deblurred(deshake, tmp_path):
-    """Deblur a photo by a kernel that does nothing; return what was said, and the result."""
+    """Deblur a photo by a kernel that does nothing; return the messages and the result."""
     still = RotationKernel.from_path([(0, 0, 0)], Camera.from_focal(40, HEIGHT, WIDTH))
     write_kernel(tmp_path / "still.npz", KernelFile(still))
 

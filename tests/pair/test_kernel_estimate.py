@@ -225,7 +225,7 @@ def test_sizes_must_agree(photo, camera):
 
 
 def test_the_frame_is_that_of_the_registered_photo(photo, camera):
-    """What the kernel says of f_reg is g, pixel by pixel."""
+    """The kernel applied to f_reg gives g, pixel by pixel."""
     g, f_reg, _, _ = shaken(photo, camera, offset=(1, 2, -1))
     result = estimate(g, f_reg, camera)
     used = result.kernel

@@ -134,7 +134,7 @@ def test_a_given_registration_is_used(pair, tmp_path):
     )
     np.testing.assert_array_equal(estimate.registration.theta, off)
     assert estimate.camera.source == "the registration"
-    # what it is wrong by has gone into the kernel
+    # the kernel has absorbed its error
     centroid = estimate.content.kernel.centroid / STEPS
     np.testing.assert_allclose(np.abs(centroid), [0, 2, 0], atol=0.5)
 

@@ -92,7 +92,7 @@ def watched(shots: dict[str, Shot]) -> dict[str, Watched]:
 
 @pytest.fixture
 def few_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let estimates take a few iterations at each scale: enough where others prove how good."""
+    """Let estimates take a few iterations at each scale; other tests prove the quality."""
     monkeypatch.setattr(scales, "_ITERATIONS", 4)
 
 
