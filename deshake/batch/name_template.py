@@ -50,7 +50,7 @@ class NameTemplate:
     """
 
     def __init__(self, text: str, form: Format | None = None) -> None:
-        parts = [_parsed(part) for part in _whole(text)]
+        parts = [_parsed(part) for part in _checked_parts(text)]
         self._parts = parts
         self._form = form
         self.has_fields = any(field for part in parts for _, field in part)
@@ -64,7 +64,7 @@ class NameTemplate:
 
     @property
     def name(self) -> Path:
-        """The name itself, of a template without fields."""
+        """The template's text as a name, if it has no fields."""
         return Path(*["".join(literal for literal, _ in part) for part in self._parts])
 
     def place(self, photo: InputPhoto) -> Path:
@@ -107,7 +107,7 @@ class NameTemplate:
             raise ValueError(f"it ends in {suffix}, which is another format than --format names")
 
 
-def _whole(text: str) -> tuple[str, ...]:
+def _checked_parts(text: str) -> tuple[str, ...]:
     """Check the fields of a template, and return its parts between the separators."""
     for _, field in _parsed(text):
         if field is not None and field not in FIELDS:

@@ -59,7 +59,7 @@ def _counts(ctx: click.Context, param: click.Parameter) -> bool:
     """Return whether a general option's value counts: after a command's name, only if typed there.
 
     The environment and the configuration file set it before the command's name, so a typed value
-    has priority in either place. Of others, only a preset after the command's name counts there.
+    has priority in either place. Of values not typed there, only those of a preset count.
     """
     name = param.name or ""
     source = ctx.get_parameter_source(name)
@@ -84,15 +84,15 @@ def general_options(command: F) -> F:
         click.get_current_context().ensure_object(Context).begin()
         return command(*args, **values)
 
-    return preset_option(_everywhere(cast("F", begun)))
+    return preset_option(_with_shared_options(cast("F", begun)))
 
 
 def program_options(command: F) -> F:
     """Add to the group of commands what `general_options` adds, and the configuration file."""
-    return config_options(_everywhere(command))
+    return config_options(_with_shared_options(command))
 
 
-def _everywhere(command: F) -> F:
+def _with_shared_options(command: F) -> F:
     """Add -v, -q, --log, --threads and --progress."""
     for option in (
         click.option(

@@ -16,7 +16,7 @@ _REPLACEMENT = "\N{REPLACEMENT CHARACTER}"
 
 
 def print_json(report: Mapping[str, object]) -> None:
-    """Print a report to standard output, its texts as `readable` ones."""
+    """Print a report to standard output, with its texts made `readable`."""
     click.echo(json.dumps(_readable(report)))
 
 

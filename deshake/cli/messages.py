@@ -130,7 +130,7 @@ def log_to_file(path: Path) -> None:
 
 
 def _set_levels() -> None:
-    """Let every record pass that one of the handlers wants."""
+    """Let every record pass that any handler wants."""
     in_file = any(isinstance(handler, LogFile) for handler in _ROOT.handlers)
     verbosity = 2 if in_file else _STDERR.verbosity
     _OURS.setLevel(_LEVELS.get(max(verbosity, -1), logging.DEBUG))
@@ -175,7 +175,7 @@ class _StderrHandler(logging.Handler):
     verbosity = 0
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Return whether the line is to be shown: not what `print_note` and the like have shown."""
+        """Return whether to show the line; `print_note` and the like have shown theirs already."""
         if hasattr(record, "printed") or self.verbosity > 1:
             return not hasattr(record, "printed")
         ours = record.name.startswith("deshake") and record.name != _WARNINGS.name

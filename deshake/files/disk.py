@@ -223,7 +223,7 @@ def check_input(path: str | os.PathLike[str], error: type[DeshakeError]) -> None
 
 @contextlib.contextmanager
 def _reading(name: str, error: type[DeshakeError]) -> Iterator[None]:
-    """Turn an error of the system on reading into one line."""
+    """Turn a system error while reading into one line."""
     try:
         yield
     except FileNotFoundError as cause:
@@ -282,7 +282,7 @@ def _take_name(part: str, target: str, *, overwrite: bool) -> None:
 
 
 def _output_error(error: OSError, file: str) -> OutputError:
-    """Turn an error of the system on writing into one line."""
+    """Turn a system error while writing into one line."""
     _, hint = _REASONS.get(error.errno or 0, ("", None))
     return OutputError(f"cannot be written: {_reason(error)}", hint=hint, file=file)
 

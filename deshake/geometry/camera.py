@@ -26,8 +26,8 @@ one part in a million of its length: uniform blur is this special case of the ro
 DISTORTION_LENGTHS: Final = (0, 4, 5, 8, 12)
 """Numbers of coefficients of OpenCV's models, without the models that tilt the sensor."""
 
-# Coefficients scale with a power of the focal length. k1, k2, p1, p2, k3 to k6 and s1 to s4 stand
-# at these powers of the distance from the axis, less one.
+# Coefficients scale with a power of the focal length. k1, k2, p1, p2, k3 to k6 and s1 to s4 belong
+# to these powers of the distance from the axis, less one.
 _POWERS: Final = np.array([2, 4, 1, 1, 6, 2, 4, 6, 1, 3, 1, 3])
 
 

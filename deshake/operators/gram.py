@@ -1,6 +1,6 @@
 """Gram matrices of bilinear taps: ``sum_p S_p C_p S_p'``, the inner loop of kernel estimates.
 
-S_p has four taps for each rotation, so two sparse products replace dense ones of the filters' area.
+S_p has four taps for each rotation, so two sparse products replace dense ones over the filters.
 The patches of a strip stand side by side in one product, which sums over them.
 """
 

@@ -42,7 +42,7 @@ class Row(NamedTuple):
 
 
 def shown(photo: Photo) -> Picture:
-    """Return a photo's pixels as they are shown: (H, W, 3) uint8; linear light by sRGB's curve."""
+    """Return a photo's pixels for display, (H, W, 3) uint8; linear light gets sRGB's curve."""
     encoding = photo.encoding
     curve = SRGB if encoding.transfer == LINEAR else encoding.transfer
     codes = encoded(photo.pixels, replace(encoding, depth=8, transfer=curve))

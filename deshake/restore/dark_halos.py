@@ -5,10 +5,10 @@ linear light they are faint, but on display they are black. A blurred pixel is a
 along the camera's path, so it is seldom much brighter than the scene there. The bound for a
 restored pixel is a share of the darkest blurred one within the blur's reach,
 
-    f >= 0.1 mean min g,
+    f >= 0.1 mean min g.
 
-where the mean over the same reach leaves the bound without edges; it is still nowhere above g. The
-share is low because of thin dark lines on a bright ground.
+The mean over the same reach smooths the bound, which is still nowhere above g. The share is low
+because of thin dark lines on a bright ground.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["without_dark_halos"]
 
-_SHARE = np.float32(0.1)  # bound over the darkest blurred light within reach
+_SHARE = np.float32(0.1)  # bound, as a share of the darkest blurred light within reach
 
 
 def without_dark_halos(

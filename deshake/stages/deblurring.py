@@ -55,7 +55,7 @@ __all__ = ["deblur", "deblur_file"]
 
 _log = logging.getLogger(__name__)
 
-_REGISTERED = 0.1  # share of the time
+_REGISTERED = 0.1  # share of the time for the registration
 
 
 def deblur(

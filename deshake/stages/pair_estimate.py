@@ -38,7 +38,7 @@ __all__ = ["estimate_pair"]
 
 _log = logging.getLogger(__name__)
 
-_REGISTERED: Final = 0.3  # share of the time
+_REGISTERED: Final = 0.3  # share of the time for the registration
 _UNEXPLAINED: Final = 0.01  # unexplained share of the edges; with more, tone curves are tried
 
 

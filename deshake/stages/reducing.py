@@ -47,7 +47,7 @@ def reduced(photo: Photo, side: float) -> Photo:
 def within_white(photo: Photo) -> Photo:
     """Return a photo whose light is cut off at black and white, as in its file.
 
-    The mean of a lamp and its dark surroundings then is that of the picture as it is seen. The
+    The mean over a lamp and its dark surroundings is then the mean of the displayed picture. The
     colours of a RAW photo become those of its file.
     """
     encoding, pixels = photo.encoding, photo.pixels
