@@ -135,8 +135,8 @@ def register(
 ) -> Registration:
     """Register a noisy, sharp photo to a blurred one of the same scene (Sec. 6 of [1]_).
 
-    ``deshake register`` gives the same registration. What is only assumed of the camera is logged
-    as a warning.
+    ``deshake register`` gives the same registration. Assumptions about the camera are logged as
+    warnings.
 
     Parameters
     ----------

@@ -159,7 +159,7 @@ def _distributed() -> Any:  # noqa: ANN401 - an untyped package
 
 
 def _check_versions(client: Any) -> None:  # noqa: ANN401 - of an untyped package
-    """Refuse workers without this deshake; warn of those whose sums depend on their threads."""
+    """Refuse workers of another version; warn of those whose sums depend on their threads."""
     names = _ONE_THREAD
 
     def versions() -> tuple[str | None, bool]:  # the workers get its code

@@ -209,7 +209,7 @@ class _Reader:
             faults = {name: self._fault(option, value) for name, option in having.items()}
             if all(faults.values()):
                 [fault, *_] = faults.values()
-                raise self.error(where, f"{key} = {_said(value)}: {fault}")
+                raise self.error(where, f"{key} = {_shortened(value)}: {fault}")
             for name, fault in faults.items():
                 if fault is None:
                     defaults.setdefault(name, {})[having[name].name] = value
@@ -233,7 +233,7 @@ class _Reader:
         for key, value in table.items():
             fault = self._fault(known[key], value)
             if fault is not None:
-                raise self.error(where, f"{key} = {_said(value)}: {fault}")
+                raise self.error(where, f"{key} = {_shortened(value)}: {fault}")
         return {known[key].name or key: value for key, value in table.items()}
 
     def _fault(self, option: click.Option, value: object) -> str | None:
@@ -299,7 +299,7 @@ def _is_of_kind(option: click.Option, value: object) -> bool:
             return isinstance(value, str)
 
 
-def _said(value: object) -> str:
+def _shortened(value: object) -> str:
     """Return a value of the file in one short line."""
     text = str(value).lower() if isinstance(value, bool) else str(value)
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."

@@ -129,7 +129,7 @@ def output_option(default: str, *, metavar: str = "FILE", note: str = "") -> Cal
 def one_to_stdout(*, as_json: bool, output: Path | None, **others: Path | None) -> bool:
     """Return whether one output goes to standard output; raise UsageError if several do.
 
-    The others are named as their options are.
+    Each other output has the name of its option.
     """
     asked = {"--json": as_json, "-o -": str(output) == "-"}
     asked |= {f"--{name} -": str(path) == "-" for name, path in others.items()}

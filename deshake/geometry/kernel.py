@@ -216,7 +216,7 @@ class RotationKernel:
             The new spacing in radians. Going finer, every weight spreads as a tent of the old
             spacing's width; going coarser, it is shared by the eight grid points around it.
         axes : three bools
-            The axes that rotations may take; along the others all stays at 0.
+            The axes that the camera may turn about; the angles about the others stay at 0.
 
         """
         new = np.asarray(steps, np.float64)

@@ -113,7 +113,7 @@ class MultiplicativeDescent:
             along += part[0]
             strength += part[1]
         if self.change is not None:
-            # [1], with the next point in the place of the estimate before
+            # [1] of `richardson_lucy`: the next point from the last two estimates
             length = np.clip(along / self.strength, 0, self.fastest) if self.strength else 0
             self.strength = strength
             self._each_band(
@@ -146,7 +146,7 @@ class MultiplicativeDescent:
             x[high] = x[high] * slope + (1 - slope)
         coarse = float(np.sum(np.square(pair_means(residual))))
         fine = float(np.sum(np.square(residual, out=residual)))
-        return fine, 16 * coarse  # four pixels to a mean, of a quarter the variance
+        return fine, 16 * coarse  # each mean has four pixels, and a quarter of their variance
 
     def _update(self, factor: Image, rows: slice) -> tuple[float, float]:
         """Find the change of the point; return its products with the last one and with itself."""

@@ -62,7 +62,7 @@ _LEVELS = {
     "high": _Level(8, 3, 5, 3),
 }
 _RHO = (0.02, 1.0)  # rho of `half_quadratic` in the first and in the last stage
-_EFFORT = 2  # duration of a stage with the denoiser, in stages without, for the progress
+_EFFORT = 2  # duration of a stage with the denoiser over one without, for the progress
 
 
 def sparse_gradients(
@@ -87,7 +87,7 @@ def sparse_gradients(
     clipped : (h, w) array of bool, optional
         Clipped pixels. There the light may be stronger than it looks.
     quality : {"fast", "default", "high"}
-        Fewer stages, or more with a denoiser.
+        Fast has fewer stages; high adds stages with a denoiser.
     iterations : int, optional
         Stages of the splitting after the start, >= 1; by default 5, or 3 if fast.
     run : Run, optional

@@ -133,7 +133,7 @@ def random_path(camera: Camera, blur_px: float, *, seed: int = 0, samples: int =
     """Draw a smooth path about all three axes, such as a hand's tremor makes in half a second.
 
     Each axis is noise whose power falls as 1/f^2 (its angular velocity is white) and ends near
-    12 Hz, where hands do. All have the same strength on average.
+    12 Hz: hands hardly move faster. All have the same strength on average.
 
     Parameters
     ----------
