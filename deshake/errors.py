@@ -1,8 +1,8 @@
 """The errors that deshake raises on purpose.
 
 Every one of them carries a one-line message and, where something can be done about it, a hint.
-The command line prints them as ``error: FILE: what`` and ``hint: what to try``; nothing else that
-reaches the command line is expected.
+The command line prints them as ``error: FILE: what`` and ``hint: what to try``. Any other exception
+that reaches the command line is a bug.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ def check_above_zero(*, most: float = math.inf, **numbers: float | None) -> None
     Raises
     ------
     ValueError
-        If a number is not.
+        If a number is infinite, not a number, not above 0, or larger than `most`.
 
     """
     for name, number in numbers.items():

@@ -34,7 +34,7 @@ __all__ = ["Report", "ReportPlace"]
 
 _NAME: Final = "report.html"
 _SUFFIXES: Final = {".html", ".htm"}
-# By this ending, a later run in the same folder recognizes that these pictures are no photos.
+# By this ending, a later run in the same folder recognises that these pictures are no photos.
 _PICTURE: Final = re.compile(r"\d+-[a-z-]+-[0-9a-f]{16}\.deshaken\.(jpg|png)")
 _HINT: Final = "choose another place with --report"
 

@@ -91,7 +91,7 @@ def file_options(command: F) -> F:
 def chosen_format(name: str | None, output: Path | None) -> Format | None:
     """Return the format that --format names.
 
-    If the configuration file or the environment has it, an output with an ending comes first.
+    If the configuration file or the environment has it, an output's ending has priority.
     """
     from deshake.formats.encoding import SUFFIXES
 

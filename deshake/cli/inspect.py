@@ -174,12 +174,12 @@ def _option_rows(name: str, options: object) -> list[tuple[str, str]]:
     if not isinstance(options, dict):
         return []
     given = [
-        f"{key}={_said(value)}" for key, value in options.items() if value not in (None, False)
+        f"{key}={_as_text(value)}" for key, value in options.items() if value not in (None, False)
     ]
     return [(name, ", ".join(given))] if given else []
 
 
-def _said(value: object) -> str:
+def _as_text(value: object) -> str:
     return value if isinstance(value, str) else json.dumps(value)
 
 

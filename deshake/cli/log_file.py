@@ -43,7 +43,7 @@ class LogFile(logging.FileHandler):
         self.setFormatter(logging.Formatter(_FORMAT))
 
     def format(self, record: logging.LogRecord) -> str:
-        """Return the line, those after a break indented; what cannot be printed is escaped."""
+        """Return the lines, all but the first indented; escape what cannot be printed."""
         text = super().format(record).replace("\n", "\n    ")
         return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
 

@@ -153,7 +153,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _run(args: Sequence[str] | None, context: Context) -> int:
-    """Run the group; a command's own exit code is what it returns or exits with, else 0."""
+    """Run the group; return the code that a command returns or exits with, else 0."""
     arguments = None if args is None else list(args)
     result: Any = cli.main(arguments, prog_name="deshake", standalone_mode=False, obj=context)
     return result if isinstance(result, int) else 0

@@ -231,7 +231,7 @@ def _commands(ctx: click.Context) -> Callable[[Job], str]:
         default = ctx.get_parameter_source(name) is ParameterSource.DEFAULT
         of_the_photo = isinstance(param, click.Option) and name not in _OF_THE_RUN
         if of_the_photo and not default and value is not None and value is not False:
-            options[name] = [param.opts[-1], *([] if value is True else [_said(value)])]
+            options[name] = [param.opts[-1], *([] if value is True else [_as_typed(value)])]
 
     def command(job: Job) -> str:
         words = ["deshake", ctx.info_name or "", _argument(job.source)]
@@ -268,7 +268,7 @@ def _doubled(name: str) -> str:
     return name.replace("{", "{{").replace("}", "}}")
 
 
-def _said(value: Any) -> str:  # noqa: ANN401 - what options convert to
+def _as_typed(value: Any) -> str:  # noqa: ANN401 - what options convert to
     """Return the value of an option as it is typed."""
     if isinstance(value, tuple):
         return ",".join(map(str, value))

@@ -74,7 +74,7 @@ def restoration(
     Raises
     ------
     click.UsageError
-        If the method is one for the other case.
+        If the method needs a noisy photo and there is none, or the other way round.
 
     """
     options = RestorationOptions(method or default_method(noisy=noisy is not None), **choices)

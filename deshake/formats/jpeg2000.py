@@ -1,7 +1,7 @@
 """JPEG 2000 in and out, 8 and 16 bits, lossless.
 
-OpenCV has the pixels. The boxes around them are read and written here: colour profile, EXIF, XMP,
-and others, which are carried as they are.
+OpenCV decodes and encodes the pixels. The boxes around them are read and written here: colour
+profile, EXIF, XMP, and others, which are carried as they are.
 
 References
 ----------

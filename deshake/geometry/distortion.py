@@ -191,7 +191,7 @@ def fit_distortion(straight: Points, bent: Points) -> tuple[Points, float]:
 
 
 def _fit(straight: Points, bent: Points, terms: int) -> tuple[Points, float]:
-    """Fit with so many terms in the denominator, which reweights the squares [Sanathanan 1963].
+    """Fit by reweighted least squares, with `terms` terms in the denominator [Sanathanan 1963].
 
     With x = (r / r_max)^2 and the ratio q: ``sum_i a_i x^i - q sum_j b_j x^j = q``.
     """

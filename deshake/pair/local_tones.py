@@ -52,7 +52,7 @@ def wrong_colours(g: Image, Af: Image, mask: Mask, reach: int) -> float:
     Parameters
     ----------
     g, Af, mask, reach
-        As of `local_tones`. Lightness and detail finer than the blur are ignored.
+        As in `local_tones`. Lightness and detail finer than the blur are ignored.
 
     """
     planes = channels_first(g)
@@ -110,7 +110,7 @@ def local_trust(g: Image, Af: Image, mask: Mask, reach: int, *, strict: bool = F
     Parameters
     ----------
     g, Af, mask, reach
-        As of `local_tones`, after the tones are matched.
+        As in `local_tones`, after the tones are matched.
     strict : bool
         Whether the noisy photo must explain as much as it does in most of the frame.
 

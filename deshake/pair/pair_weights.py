@@ -2,8 +2,8 @@
 
 The errors of the kernel limit how well the blurred photo can be explained. g - A f_N has three
 parts: the noise of g, the blurred noise of f_N, and the errors of the kernel. The first two are
-known; the third is the rest. In (g - A f_D)^2, without the noise of f_N, the kernel's errors stand
-at the edges. So their variance is a share kappa of it, and adds to the noise of g.
+known; the third is the rest. (g - A f_D)^2 is without the noise of f_N; there the kernel's errors
+stand at the edges. So their variance is a share kappa of it, and adds to the noise of g.
 
 The denoised photo f_D is better than f_N where the scene is flat, and worse where the denoiser
 removed detail. Where f_N - f_D has the power of noise, the error of f_D is small. Where it has

@@ -105,7 +105,7 @@ def distance_px(camera: Camera, one: NDArray[np.float64], other: NDArray[np.floa
 
 
 def _tilts(camera: Camera, max_angle: float) -> int:
-    """Return the number of steps about X, and about Y, that shifts can fill the gaps between."""
+    """Return the number of steps about X, and about Y; shifts can fill the gaps between them."""
     corner = np.abs(camera.corners - camera.matrix[:2, 2]).max(0)
     bent = 2 * max_angle * float(corner @ corner) / camera.focal_px
     count = int(np.ceil(bent / _BENT_PX)) // 2 * 2 + 1  # the middle one is no rotation

@@ -45,8 +45,8 @@ def before_and_after(
     Returns
     -------
     five (h, w, 3) arrays of uint8
-        Before, after, the kernel's rotations, and the part of most detail at 100 %, before and
-        after, which may be narrower. The part is chosen in the photo before, since ringing in the
+        Before, after, the kernel's rotations; then the part with the most detail at 100 %, before
+        and after: these may be narrower. The part is chosen in the photo, since ringing in the
         result looks like detail.
 
     """

@@ -106,7 +106,7 @@ def embedded(_name: str, picture: Encoded) -> str:
 
 
 def page_head(entries: Sequence[Entry], command: str) -> str:
-    """Return the page up to the first photo: the title, the style and, of several, the summary.
+    """Return the page up to the first photo: title, style, and the summary of several photos.
 
     Parameters
     ----------

@@ -32,7 +32,10 @@ def adjoint_differences(across: Image, down: Image) -> Image:
 
 
 def length_of(across: Image, down: Image) -> Image:
-    """Return the length of gradients. OpenCV's rounding depends on its output's memory address."""
+    """Return the length of gradients.
+
+    It does not use OpenCV, whose rounding depends on the memory address of its output.
+    """
     length: Image = np.sqrt(across * across + down * down)
     return length
 
