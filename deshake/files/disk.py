@@ -90,9 +90,9 @@ def atomic_write(
 ) -> Iterator[BinaryIO]:
     """Open a binary file that appears under its name whole, or not at all.
 
-    The bytes go to a hidden temporary file in the same folder, are flushed to the disk, and the
-    file then takes its name in one step. On any exception, an interrupt included, the temporary
-    file is removed and an existing `path` is unchanged. `part_files.remove_stale_parts` removes the
+    The bytes go to a hidden temporary file in the same folder, and are flushed to the disk. Then
+    the file takes its name in one step. On any exception, an interrupt included, the temporary file
+    is removed and an existing `path` is unchanged. `part_files.remove_stale_parts` removes the
     temporary files of killed processes.
 
     Parameters

@@ -19,8 +19,8 @@ __all__ = ["UNIFORM_FOCAL_FACTOR", "Camera"]
 UNIFORM_FOCAL_FACTOR = 1000.0
 """Focal length of the uniform model, in longer sides of the frame.
 
-Through so long a lens a rotation about X or Y is a translation of the whole frame, to within
-one part in a million of its length: uniform blur is this special case of the rotational model.
+Through so long a lens, a rotation about X or Y translates the whole frame, to within one part in a
+million of its length. So uniform blur is a special case of the rotational model.
 """
 
 DISTORTION_LENGTHS: Final = (0, 4, 5, 8, 12)

@@ -4,8 +4,8 @@ Rotations are homographies only in the picture of a pinhole. So the photo of a c
 distortion is straightened, in one resampling. All estimates and all deblurring work on the straight
 picture. It has the size of the photo, and is as wide as possible without pixels from beyond the
 photo: a barrel distortion loses its corners. The result is this picture, deblurred. If the geometry
-is to be kept, the straight picture is wide enough for the whole photo, its mirror image fills the
-rest, and one more resampling applies the distortion to the result.
+is to be kept, the straight picture is wide enough for the whole photo; its mirror image fills the
+rest. One more resampling then applies the distortion to the result.
 
 Kernels and registrations are stored with the photo's camera and its distortion. From these, each
 stage computes the same straight picture again.

@@ -3,9 +3,9 @@
 In linear light one factor relates two exposures. The JPEGs of cameras have contrast curves, white
 balances and denoising of their own. To detect this, the noisy photo is blurred and compared with
 the blurred one, once with a factor and once with a curve for each channel. If the curves fit much
-better, the noisy photo is denoised in display values, and its curves are estimated, then estimated
-again after a blur by the kernel. If its colours are still wrong, for example after compression in
-the dark, its tones are matched locally (`local_tones`).
+better, the noisy photo is denoised in display values. Its curves are estimated, and estimated again
+after a blur by the kernel. If its colours are still wrong, for example after compression in the
+dark, its tones are matched locally (`local_tones`).
 """
 
 from __future__ import annotations

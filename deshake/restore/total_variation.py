@@ -82,8 +82,8 @@ def variation_weight(g: Image, margin: int) -> Image:
 def less_varied(u: Image, spread: Image, weight: Image, steps: int) -> Image:
     """Return an f that nearly minimises ``sum (f - u)^2 / (2 spread) + sum weight |D f|``.
 
-    The dual problem has a vector p of length <= 1 at each pixel, f = u + spread div(weight p),
-    and is solved by accelerated projected gradient steps [1], each pixel's as long as its own
+    The dual problem has a vector p of length <= 1 at each pixel: f = u + spread div(weight p).
+    Accelerated projected gradient steps solve it [1]. The step of each pixel is as long as its own
     spread allows. The result of a row depends on the rows at most `steps` + 1 away.
 
     Parameters

@@ -151,7 +151,7 @@ def noise_variance(g: Image, margin: int, unexplained: Image | None = None) -> I
     """Estimate the variance of the noise at each place: it grows with the light.
 
     The light is averaged over the reach of the blur first. A weight that changes slowly nearly
-    commutes with the blur, and the errors of a model at bright edges do not become detail in the
+    commutes with the blur. So the errors of a model at bright edges do not become detail in the
     dark beside them.
 
     Parameters
