@@ -12,8 +12,8 @@ the source, and is not a measured frequency:
 | nothing: a 50 mm equivalent is assumed | 0.1 |
 
 If two sources agree to 5 %, the confidence is 0.95. If they differ by more than 15 %, it is
-multiplied by 0.6. Four more factors lower it: 0.9 if EXIF does not state the original size, 0.7 for a
-crop, 0.4 to 0.5 if the whole frame is a guess, and 0.8 for a digital zoom.
+multiplied by 0.6. Four more factors lower it: 0.9 if EXIF does not state the original size, 0.7
+for a crop, 0.4 to 0.5 if the whole frame is a guess, and 0.8 for a digital zoom.
 
 References
 ----------
