@@ -42,7 +42,7 @@ def test_every_job_sends_its_messages_back(process, jobs):
     assert worker.exitcode == 0
 
 
-def test_it_leaves_cleanly_on_sigterm_and_not_on_sigint(process, jobs, await_sleepers, tmp_path):
+def test_sigterm_ends_it_cleanly_and_sigint_does_not(process, jobs, await_sleepers, tmp_path):
     worker, pipe = process
     [job] = jobs("sleep 600")
     pipe.send(job)

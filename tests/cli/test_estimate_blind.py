@@ -204,7 +204,7 @@ def test_the_tiles_are_drawn_on_the_photo(deshake, tmp_path):
     assert colours.max() > 240  # a filter's light
 
 
-def test_a_raw_photo_has_tiles_at_rest(deshake, make_dng, sharp, tmp_path):
+def test_tiles_are_drawn_on_a_sharp_raw_photo(deshake, make_dng, sharp, tmp_path):
     (tmp_path / "raw.dng").write_bytes(make_dng(np.dstack([0.8 * sharp] * 3)))
     args = (*EDGES, "--uniform", "--tiles", tmp_path / "t.png", "--json")
     outcome = deshake("estimate-blind", tmp_path / "raw.dng", *args)

@@ -35,7 +35,7 @@ def test_only_what_changes_the_picture_is_in_the_provenance():
     }
 
 
-def test_the_format_is_that_which_is_named_or_that_of_the_name(make_codes, save):
+def test_the_option_or_else_the_name_decides_the_format(make_codes, save):
     photo = read_photo(save("a.png", make_codes(8, 8, 3)))
     assert AS_THE_PHOTO.format_of(Path("b.jpg"), photo) == "JPEG"
     assert ResultFile("TIFF").format_of(Path("b.jpg"), photo) == "TIFF"
