@@ -27,7 +27,7 @@ def test_one_photo_is_worked_on_here(trial, jobs):
     assert reports == [(0.5, "half")]
 
 
-def test_many_are_not_and_how_far_they_are_adds_up(trial, jobs):
+def test_several_photos_run_elsewhere_and_their_progress_adds_up(trial, jobs):
     made = jobs("x", "x", "skipped", "x", existing="skip")
     made[2].output.touch()
     reports = []

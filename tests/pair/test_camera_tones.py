@@ -72,7 +72,7 @@ def test_the_tones_and_the_noise_become_those_of_the_blurred_photo(pair):
     assert 0.02 < deviation < 0.06  # more than there is: a camera leaves most of it near edges
 
 
-def test_wrong_colours_give_way_to_those_of_the_blurred_photo(pair):
+def test_wrong_colours_become_those_of_the_blurred_photo(pair):
     blur, sharp, g, noisy = pair
     f_N = developed(noisy)
     f_N[..., 0] = cv2.GaussianBlur(f_N[::-1, ::-1, 0], (0, 0), 8)

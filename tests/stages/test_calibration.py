@@ -40,7 +40,7 @@ def test_a_calibration_has_its_source_and_what_was_cropped(photo):
     assert calibration.report()["focal_35mm"] == pytest.approx(33.7319, abs=1e-3)
 
 
-def test_an_option_is_sure(photo):
+def test_an_option_has_full_confidence(photo):
     calibration = calibrate(read_photo(photo), focal_35mm=35)
     assert (calibration.source, calibration.confidence, calibration.notes) == (
         "--focal-35mm 35",
