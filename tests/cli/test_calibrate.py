@@ -66,7 +66,7 @@ def test_options_come_first(deshake, photo, tmp_path, option, focal):
     assert calibrated.source == f"{option[0]} {option[1]}"
 
 
-def test_nothing_to_go_by_is_an_error_with_a_hint(deshake, tmp_path):
+def test_no_source_is_an_error_with_a_hint(deshake, tmp_path):
     path = tmp_path / "bare.png"
     Image.new("L", (40, 30)).save(path)
     outcome = deshake("calibrate", path)
@@ -149,7 +149,7 @@ def test_a_crop_is_noted(deshake, tmp_path):
     assert "taken to be a crop" in outcome.err
 
 
-def test_an_anamorphic_lens_asks(deshake, tmp_path):
+def test_an_anamorphic_lens_is_an_error(deshake, tmp_path):
     exif = Image.Exif()
     exif.get_ifd(0x8769).update({0xA405: 35, 0xA434: "Anamorphic 50mm 1.33x"})
     path = tmp_path / "wide.jpg"

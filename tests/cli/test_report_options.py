@@ -179,7 +179,7 @@ def test_photos_that_fail_or_are_left_are_distinguished(deblur, folder, tmp_path
     assert lines["other.png"]["error"].removeprefix(f"{folder / 'other.png'}: ") in page.words
 
 
-def test_an_existing_page_is_kept_before_any_work(deblur, tmp_path):
+def test_an_existing_page_is_refused_before_any_work(deblur, tmp_path):
     (tmp_path / "look.html").write_text("mine")
     outcome = deblur("--report", tmp_path / "look.html")
     assert (outcome.code, outcome.out) == (1, "")
