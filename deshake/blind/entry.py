@@ -59,7 +59,7 @@ class Entry(NamedTuple):
         return bool(turn > _LEAST_ROLL * self.kernel.steps[2])
 
     def margin(self, judge: Judge) -> float:
-        """Return the margin of the kernel, less what a kernel with roll must gain to justify it."""
+        """Return the margin of the kernel, less `_ROLL_WORTH` if it has roll."""
         return judge.margin(self.kernel) - _ROLL_WORTH * self.rolls
 
     def thin(self, width: float = 1.0) -> Entry:

@@ -34,7 +34,7 @@ Image = NDArray[np.float32]
 Vector = NDArray[np.float64]
 
 _RIDGE = 0.003  # share of the energy of the edges
-_TEXTURE = 0.3  # share of the edges' mean square: variance of the gradients about the edges
+_TEXTURE = 0.3  # share of the edges' mean square: prior variance of the gradients about the edges
 _MISFIT = 8.0  # variance of all that the model does not explain, in variances of the noise
 _LEAST_NOISE = 0.002  # contrast of the pyramid: standard deviation
 _ISLAND = 0.03  # share of the kernel's weight; a connected piece with less is noise
@@ -55,7 +55,7 @@ class NormalEquations(NamedTuple):
 
 
 class RotationGrid:
-    """Rotations on a grid, and the displacements of the tiles' middles by each rotation.
+    """Rotations on a grid, and the displacements of the tiles' centres by each rotation.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Polish kernels: refine a thin path of each again and again, as long as the judge's margin rises.
 
-A refinement alone stays where it is: a kernel that is too wide gives a latent picture that is too
+Refinement alone gets stuck: a kernel that is too wide gives a latent picture that is too
 sharp, and the two fit each other. Reduced to a thin path, a kernel that is nearly right leaves this
 state and comes nearer to the truth; a wrong one seldom gains.
 """

@@ -3,10 +3,11 @@
 An estimate needs a first scale where the shake is a few pixels wide. This scale is unknown. So
 candidates start at every second scale (in a small photo, at every scale), and each continues to the
 finest scale that it can reach.
+
 Two measures then rank the kernels. One is the score of their comparison, on tiles that no candidate
 used (`kernel_comparison`). The other is the agreement with the kernels of other starts, because
 kernels that agree from independent starts are seldom wrong. The best kernels are refined, with roll
-and without, and are ranked again. The best of two starts are polished (`polish`).
+and without, and are ranked again. The best kernels of two starts are polished (`polish`).
 
 Every second start carries its kernel as a thin path from scale to scale. Wide shakes often succeed
 in only one of the two ways.
@@ -42,9 +43,9 @@ Scores = NDArray[np.float64]
 
 _COARSEST_START = 11  # index of a scale
 _FEWEST_STARTS = 4  # number of starts; with fewer, every scale is a first scale
-_SETTINGS = (FINE, THIN)  # of every second start
+_SETTINGS = (FINE, THIN)  # the starts use them in turn
 _SNAPSHOTS = 2  # number of last scales of a candidate whose kernels are kept
-_REFINED = 3  # number of starts
+_REFINED = 3  # number of starts whose last kernels are refined
 _REFINEMENT = Refinement(2e-3, iterations=5)  # price in squared contrast of the pyramid
 _UNIFORM_REFINEMENT = Refinement(1e-3, iterations=5)  # the same price, for the uniform model
 _AGREEMENT_WORTH = 0.3  # margin per agreement of 1

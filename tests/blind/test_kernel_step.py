@@ -247,7 +247,7 @@ def test_a_kernel_all_in_pieces_stays_whole() -> None:
     np.testing.assert_allclose(solution, 0.02, rtol=1e-6)
 
 
-def test_the_farther_a_roll_the_less_it_is_believed() -> None:
+def test_the_farther_a_roll_the_less_weight_it_gets() -> None:
     indices = np.array([[0, 0, z] for z in range(-3, 4)])
     fit = NormalEquations(np.eye(7), np.ones(7), 1.0)
     solution = fitted_weights(fit, indices, np.full(7, 1 / 7), cut=0.03)
@@ -263,7 +263,7 @@ def test_the_farther_a_roll_the_less_it_is_believed() -> None:
     ],
     ids=["no edges", "edges that explain nothing"],
 )
-def test_weights_stay_where_there_is_nothing_to_go_by(fit) -> None:
+def test_weights_stay_without_edges(fit) -> None:
     weights = np.array([0.3, 0.7])
     indices = np.array([[0, 0, 0], [1, 0, 0]])
     assert fitted_weights(fit, indices, weights, cut=0.05) is weights

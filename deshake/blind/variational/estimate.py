@@ -22,17 +22,17 @@ Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 BLUR_SHARES = (0.015, 0.025, 0.04, 0.06)
-"""Bounds of the blur that are tried where none is given, in longer sides of the photo."""
+"""Bounds of the blur to try if none is given, as shares of the photo's longer side."""
 
 _LONGEST_SIDE = 640  # px: longer side of the finest scale; larger photos are reduced
-_CONTRAST = 30.0  # rms gradient on 0..256, reduced to 100 px, after the photo is scaled
+_CONTRAST = 30.0  # rms gradient of the scaled photo, on 0..256, reduced to 100 px
 _CONTRAST_SIDE = 100  # px: longer side of the picture that measures the contrast
-_LEAST_CONTRAST = 0.02  # the same gradient before: less is an error
+_LEAST_CONTRAST = 0.02  # the same gradient of the photo itself: less is an error
 _FINE_BLUR = 12.0  # px: bound of the blur; up to it only noise causes smoothing
 _SMOOTHING = 0.06  # px of sigma for each px of the bound above that
 _SMOOTHING_NOISE = 0.13  # px of sigma for noise of 1 on 0..256, in the contrast of the priors
 _MOST_SMOOTHING = 1.0  # px: largest sigma
-_CLOSE = 0.005  # as `_TOUCHING`, at a coarse scale, where a larger bound costs little
+_CLOSE = 0.005  # share of the weight on the box's faces, at a coarse scale: above it, try on
 
 
 def estimate_variational(
@@ -58,8 +58,8 @@ def estimate_variational(
     clipped : (h, w) array of bool, optional
         Pixels that are not used.
     blur_px : float, optional
-        Bound of the blur in pixels of the photo. By default the smallest of `BLUR_SHARES` whose
-        bounds the kernel does not touch at a coarse scale, or the one that it touches least.
+        Bound of the blur in pixels of the photo. By default the smallest of `BLUR_SHARES` that the
+        kernel does not touch at a coarse scale; if it touches all, the one that it touches least.
     region : (x, y, width, height), optional
         The part of the photo that the estimate uses; by default all of it.
     uniform : bool
@@ -68,8 +68,8 @@ def estimate_variational(
         Continue to the finest scale at any width of the blur. By default the estimate ends at the
         scale where the blur is 22 px wide.
     roll_rate : float
-        Rate of the prior on turns about the optical axis, `priors.ROLL_RATE`; 0 for none, where
-        the camera was not in a hand.
+        Rate of the prior on turns about the optical axis, as `priors.ROLL_RATE`; 0, no prior, for
+        a camera that was not in a hand.
     run : Run, optional
         Threads to use, and who receives the progress.
 

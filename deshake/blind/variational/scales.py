@@ -41,11 +41,9 @@ _TRIAL_SIDE = 200  # px: longer side of the last scale that may reject a bound a
 _ENOUGH_BLUR = 22.0  # px: width of the blur; if it is reached, no finer scale is solved
 _LEAST_OBSERVED = 0.05  # share of the pixels that must be usable: less is an error
 _ITERATIONS = 12  # iterations at each scale
-_CUT = (
-    0.05  # share of the largest weight: smaller weights are removed between scales and at the end
-)
+_CUT = 0.05  # share of the largest weight: smaller ones are removed between scales and at the end
 _PRUNE = 0.004  # share of the largest weight: smaller weights are removed within a scale
-_PRUNE_GAIN = 0.85  # share of the rotations: if more would stay, none is removed within a scale
+_PRUNE_GAIN = 0.85  # share of the rotations: if at least as many would stay, none is removed
 _HOPS = (32, 16)  # px: patch distance at the finest scale, and at the coarser ones
 _TOUCHING = 0.02  # share of the weight on the faces of the box: above it, the box is too small
 _STILL_PX = 1.5  # px at the finest scale: a smaller extent is no shake
@@ -53,7 +51,7 @@ _STILL_PX = 1.5  # px at the finest scale: a smaller extent is no shake
 
 @dataclass(frozen=True)
 class ScaleReport:
-    """The result of one scale: its size, rotations, noise (of 0..256) and C_KL per gradient."""
+    """The result of one scale: size, rotations, noise (scaled photo, 0..256), C_KL per gradient."""
 
     height: int
     width: int
@@ -212,11 +210,11 @@ class ScaleByScale:
         )
 
     def _mask(self, level: Level, active: RotationKernel) -> Image:
-        """Observed pixels: they saw only the frame, and no clipped pixel is near."""
+        """Return the observed pixels: their light is from the frame, and none near is clipped."""
         mask = observation_mask(level.camera, active.theta)
         if not self.usable.all():
             usable = resize(self.usable.astype(np.float32)[None], level.camera.shape)[0] > 1 - 1e-3
-            # a difference needs both its pixels; further away the linear model holds
+            # a difference needs both its pixels; a clipped pixel further away does no harm
             mask *= cv2.erode(usable.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1)
         if mask.mean() < _LEAST_OBSERVED:
             msg = "too few pixels are left that are neither clipped nor near the border"
