@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 __all__ = ["latent_gradients"]
 
+_NO_LIMIT = 1e12  # pixels, more than the blocks of any photo have
+
 _LARGEST = 0.35e6  # pixels: largest frame of the scale that is used
 _WIDEST = 41.0  # px of that scale: largest extent of the kernel
 _PRICE = 2e-3  # squared contrast of the pyramid: price of an edge pixel
@@ -46,7 +48,7 @@ def latent_gradients(pyramid: Pyramid, kernel: RotationKernel) -> NDArray[np.flo
         level += 1
     scale = pyramid.at(level)
     scaled = kernel.for_camera(scale.camera)
-    everything = Budget(0.0, float(scale.picture.size))
+    everything = Budget(0.0, float(scale.picture.size), _NO_LIMIT)
     tiles = planned_tiles(pyramid, level, scaled, part="all", budget=everything)
     tiles.bind(scaled)
     for _ in range(2):

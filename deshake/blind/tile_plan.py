@@ -36,10 +36,23 @@ _CUT = 0.05  # share of the largest weight; smaller weights do not count for the
 
 
 class Budget(NamedTuple):
-    """Number of pixels: of all chosen tiles, and of the largest frame that tiles cover wholly."""
+    """Number of pixels of the tiles.
+
+    Parameters
+    ----------
+    tiles : float
+        Pixels of all chosen tiles.
+    frame : float
+        Pixels of the largest frame that tiles cover wholly.
+    blocks : float
+        Largest number of pixels of all blocks: the tiles and the room around them. Where a kernel
+        rolls much, small tiles with wide rooms would cost several times as much as others.
+
+    """
 
     tiles: float = 0.15e6
     frame: float = 0.15e6
+    blocks: float = 0.5e6
 
 
 def planned_tiles(
@@ -72,10 +85,11 @@ def planned_tiles(
     scale = pyramid.at(level)
     far = int(np.ceil(room * reach(scale.camera, kernel.theta)))
     size = _size(kernel.theta, far, min(scale.camera.shape))
-    if is_covered(pyramid, level, budget):
-        corners = covering(scale.camera.shape, size)
-    else:
-        count = max(int(budget.tiles / size**2), _FEWEST)
+    most = max(int(budget.blocks / (size + 2 * far) ** 2), _FEWEST)
+    covers = is_covered(pyramid, level, budget)
+    corners = covering(scale.camera.shape, size)
+    if not covers or len(corners) > most:
+        count = most if covers else min(max(int(budget.tiles / size**2), _FEWEST), most)
         width = max(kernel.above(_CUT).extent_px(), _NARROW)
         corners = chosen(
             pyramid,

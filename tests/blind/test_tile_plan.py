@@ -126,3 +126,14 @@ def test_tiles_fit_the_smallest_frame() -> None:
     assert (tiles.corners + tiles.size <= (49, 61)).all()
     wide = replace(kernel, theta=4 * kernel.theta)
     assert planned_tiles(small, 0, wide).size <= 49
+
+
+def test_blocks_cost_no_more_than_their_budget(photo) -> None:
+    camera = photo.at(1).camera
+    rolling = shake(camera, [[0, -6, -20], [0, 6, 20]])
+    covering = planned_tiles(photo, 1, rolling, part="all", budget=Budget(blocks=1e9))
+    some = planned_tiles(photo, 1, rolling, part="all", budget=Budget(blocks=0.15e6))
+    assert covering.count * (covering.size + 2 * covering.far) ** 2 > 0.2e6
+    assert some.count * (some.size + 2 * some.far) ** 2 <= 0.15e6
+    assert 6 <= some.count < covering.count
+    assert places(some) != places(covering)
