@@ -289,7 +289,7 @@ def test_a_pair_has_a_preview(deshake, pair, tmp_path):
     registration, out = tmp_path / "pair.npz", tmp_path / "out.png"
     focal = ("--focal-px", 750, *NARROW)
     args = ("--preview", "--iterations", 1, *focal, "--keep-kernels", tmp_path / "k")
-    args = (*args, "--blur-size", 35)
+    args = (*args, "--blur-size", 35, "--uniform")
     assert deshake("fix", blurred, "--noisy", noisy, "-o", out, *args).code == 0
     assert codes(out).shape[:2] == (256, 640)
     assert read_provenance(out)["options"]["preview"] is True

@@ -96,7 +96,7 @@ def test_where_the_photos_agree_badly_the_photo_is_left_as_it_is(pair):
     other = np.ascontiguousarray(noisy.pixels[::-1, ::-1])
     known = Registration(np.zeros(3), RATIO, 1.0, CAMERA)
     estimate = estimate_pair(
-        blurred, noisy.with_pixels(other), options(), registration=known, run=Run(1)
+        blurred, noisy.with_pixels(other), options(uniform=True), registration=known, run=Run(1)
     )
     assert not estimate.trusted
     assert not estimate.report()["trusted"]
