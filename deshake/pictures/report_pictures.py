@@ -42,12 +42,12 @@ _FRAME_SHARE: Final = 0.45  # of the room; the rest is for the part at 100 %
 _LEAST_BYTES: Final = 0.1  # of a pixel: no part is begun with that has more of them than fit so
 _QUALITIES: Final = (88, 80, 72)  # of JPEG, tried before the picture is made smaller
 _LAST_QUALITIES: Final = (50, 30, 15)  # of pictures that get no smaller
-_SMALLER: Final = 0.85
+_SMALLER: Final = 0.85  # factor of the sides from one attempt to the next
 _LEAST_SIDE: Final = 48  # px: no picture is made smaller than this
 _FILTERS: Final = 3  # kernels down and across the frame
 _KERNEL_SIDE: Final = 600  # px
 _SEEN: Final = 0.01  # of the largest weight: what is less does not count for the extent either
-_KERNEL_COLOURS: Final = 16
+_KERNEL_COLOURS: Final = 16  # greys of the picture of a kernel
 
 
 class Encoded(NamedTuple):

@@ -35,7 +35,7 @@ __all__ = [
 
 Image = NDArray[np.float32]
 
-RATIO = np.sqrt(2)
+RATIO = np.sqrt(2)  # of the sides of two neighbouring scales
 
 
 @dataclass(frozen=True, eq=False)
