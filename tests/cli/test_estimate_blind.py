@@ -23,7 +23,7 @@ from deshake.operators.shake_blur import ShakeBlur
 if TYPE_CHECKING:
     from pathlib import Path
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.long, pytest.mark.usefixtures("one_thread")]
 
 FAST = ("--blur-size", 3)
 EDGES = (*FAST, "--estimator", "edges")

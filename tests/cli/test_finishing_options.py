@@ -12,6 +12,8 @@ from skimage import data
 from deshake.files.kernel_file import read_kernel
 from deshake.metadata.provenance import read_provenance
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 FAST = ("--blur-size", 10, "--estimator", "edges", "--uniform", "--iterations", 2)
 NARROW = ("--search-angle", 4)  # quick: a narrow search tries few rotations
 PAIR = ("--focal-px", 150, "--blur-size", 8, "--iterations", 2, *NARROW)

@@ -18,6 +18,8 @@ from deshake.files.registration_file import read_registration
 from deshake.geometry.camera import Camera
 from deshake.geometry.rotations import homographies
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 LENS = ("--focal-px", 240)
 NARROW = ("--search-angle", 4)  # quick: a narrow search tries few rotations
 NEAR = (*LENS, *NARROW)
