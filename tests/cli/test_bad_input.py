@@ -97,7 +97,7 @@ def test_what_has_no_blur_to_estimate(refused, tmp_path, command, name):
     assert what in error
 
 
-@pytest.mark.parametrize("size", [(1, 1), (3, 9000), (9000, 3)])
+@pytest.mark.parametrize("size", [(1, 1), (3, 2000), (2000, 3)])
 def test_odd_sizes_are_deblurred_like_any_other(deshake, tmp_path, size):
     path, kernel, out = tmp_path / "a.png", tmp_path / "k.npz", tmp_path / "out.png"
     path.write_bytes(encoded(noise(size=size), "PNG"))
