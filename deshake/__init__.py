@@ -1,8 +1,8 @@
 """deshake removes camera-rotation shake from photographs (Whyte et al., CVPR 2010).
 
-The names below are the public interface; each is imported when it is first asked for, so that
-``import deshake`` costs nothing. Pictures are arrays of floats in linear light, of shape (H, W) or
-(H, W, 3), or photos that were read from files.
+The names below are the public interface. Each is imported at its first use, so ``import deshake``
+costs nothing. Pictures are arrays of floats in linear light, of shape (H, W) or (H, W, 3), or
+photos that were read from files.
 """
 
 from __future__ import annotations

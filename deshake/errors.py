@@ -1,8 +1,8 @@
 """The errors that deshake raises on purpose.
 
 Every one of them carries a one-line message and, where something can be done about it, a hint.
-The command line prints them as ``error: FILE: what`` and ``hint: what to try``; nothing else that
-reaches the command line is expected.
+The command line prints them as ``error: FILE: what`` and ``hint: what to try``. Any other exception
+that reaches the command line is a bug.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ __all__ = [
 
 
 _LOADER_WORDS = ("failed to map segment", "cannot allocate memory")
-"""What the loader says where there is no room for a library."""
+"""Texts of the system's loader if there is too little memory for a library."""
 
 
 class DeshakeError(Exception):
@@ -71,7 +71,7 @@ class OutputError(DeshakeError):
 
 
 class KernelFileError(DeshakeError):
-    """A camera, kernel or registration file is not what it should be."""
+    """A camera, kernel or registration file is damaged, or of another kind."""
 
 
 class CalibrationError(DeshakeError):
@@ -104,7 +104,7 @@ def describe(error: Exception) -> tuple[str, str | None]:
 
 
 def _lacks_memory(error: BaseException) -> bool:
-    """Tell whether a library was not loaded for want of memory, as the system's loader says it."""
+    """Return whether the system's loader had too little memory for a library."""
     text = str(error).lower()
     if any(words in text for words in _LOADER_WORDS):
         return True

@@ -1,4 +1,4 @@
-"""What every long computation is given: how many threads it may use, and who hears its progress."""
+"""The means of every long computation: its threads, and the receiver of its progress."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Progress(Protocol):
 
 @dataclass(frozen=True)
 class Run:
-    """The means of a long computation. No result depends on them.
+    """The threads of a long computation, and the receiver of its progress. No result depends on it.
 
     Parameters
     ----------
@@ -56,10 +56,10 @@ class Run:
         def report_part(share: float, text: str) -> None:
             self.report(end if share >= 1 else min(end, start + (end - start) * share), text)
 
-        return self._heard_by(report_part)
+        return self._reporting_to(report_part)
 
     def parts(self, efforts: Sequence[float]) -> list[Run]:
-        """Return the runs of successive steps, whose durations are as their efforts, >= 0."""
+        """Return the runs of successive steps, with durations in proportion to efforts >= 0."""
         ends = list(accumulate(efforts, initial=0.0))
         return [self.part(start / ends[-1], end / ends[-1]) for start, end in pairwise(ends)]
 
@@ -72,14 +72,14 @@ class Run:
             highest = max(highest, share)
             self.report(highest, text)
 
-        return self._heard_by(report_highest)
+        return self._reporting_to(report_highest)
 
     def silent(self) -> Run:
         """Return a run with the same threads that reports nothing."""
         return replace(self, progress=None)
 
-    def _heard_by(self, progress: Progress) -> Run:
-        """Return a run that reports to another callable, if anybody receives its reports."""
+    def _reporting_to(self, progress: Progress) -> Run:
+        """Return a run that reports to another callable, if this one has a receiver."""
         return self if self.progress is None else replace(self, progress=progress)
 
 

@@ -3,8 +3,8 @@
     python scripts/bench.py TABLE [options]
     python scripts/bench.py TABLE --help
 
-"Recordings" are logs of a phone in a hand. Photos come from scikit-image and scikit-learn, where
-nothing else is said; docs/benchmarks.md says where all data are from.
+"Recordings" are logs of a phone in a hand. Photos come from scikit-image and scikit-learn, unless
+a table says something else; docs/benchmarks.md says where all data are from.
 """
 
 from __future__ import annotations

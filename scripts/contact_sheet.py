@@ -28,7 +28,7 @@ from deshake.files.disk import check_output
 from deshake.files.kernel_file import write_kernel
 from deshake.formats.photo import read_photo, write_photo
 from deshake.pictures.comparison import before_and_after
-from deshake.pictures.sheets import CHARACTER, GAP, Line, sheet
+from deshake.pictures.sheets import CHARACTER, GAP, Row, sheet
 from deshake.run import Run
 from deshake.stages.blind_estimate import estimate_blind
 from deshake.stages.deblurring import deblur
@@ -65,7 +65,7 @@ def keep(folder: Path, blind_estimate: Estimate, result: Photo) -> None:
     write_kernel(folder / kernel_name(source), blind_estimate.content, overwrite=True)
 
 
-def fixed(source: Path, width: int, folder: Path | None) -> Line:
+def fixed(source: Path, width: int, folder: Path | None) -> Row:
     """Fix one photo as `deshake fix` does, and lay out its line."""
     columns = int((5 * width + 4 * GAP) / CHARACTER)
     start = time.perf_counter()
@@ -78,9 +78,9 @@ def fixed(source: Path, width: int, folder: Path | None) -> Line:
             keep(folder, blind_estimate, result)
     except DeshakeError as error:
         text = f"{source.name}   failed: {error.message}"
-        return Line(textwrap.wrap(text, columns), [], failed=True)
+        return Row(textwrap.wrap(text, columns), [], failed=True)
     cells = before_and_after(photo, result, blind_estimate.content.kernel, width)
-    return Line(caption(photo, blind_estimate, seconds, columns), cells)
+    return Row(caption(photo, blind_estimate, seconds, columns), cells)
 
 
 def checked(photos: Sequence[Path], output: Path, folder: Path | None) -> list[Path]:

@@ -1,4 +1,4 @@
-"""Reproduce the setting of Fig. 6 of the paper: real uniform blurs with the truth in hand.
+"""Reproduce the setting of Fig. 6 of the paper: real uniform blurs with known truth.
 
     python scripts/figure6.py --data DIR
     python scripts/figure6.py --data DIR --cases im06_flit02 --estimators edges,variational --free

@@ -38,7 +38,7 @@ from deshake.formats.transfer import decode
 from deshake.geometry.rotations import compose
 from deshake.pair.registration import registered
 from deshake.pictures.render import render_filters, render_kernel
-from deshake.pictures.sheets import CHARACTER, GAP, Line, detailed_part, resized, sheet, shown
+from deshake.pictures.sheets import CHARACTER, GAP, Row, detailed_part, resized, sheet, shown
 from deshake.run import Run
 from deshake.signal.luminance import luminance
 from deshake.stages.camera_choice import CameraChoice
@@ -77,7 +77,7 @@ class PairToShow(NamedTuple):
     truth: Callable[[Frame], Photo] | None = None
 
 
-class Shown(NamedTuple):
+class PairResults(NamedTuple):
     """The registration, both kernels, both results, and the seconds of a pair."""
 
     registering: RegistrationResult
@@ -98,7 +98,7 @@ def simulated(name: str, data: Path, *, camera_files: bool) -> PairToShow:
     return PairToShow(name, blurred, noisy, options, truth)
 
 
-def deblurred(pair: PairToShow, threads: int) -> Shown:
+def deblurred(pair: PairToShow, threads: int) -> PairResults:
     """Run the stages of `fix --noisy` on a pair, with both models."""
     start = time.perf_counter()
     g, f_N = pair.blurred, pair.noisy
@@ -111,7 +111,7 @@ def deblurred(pair: PairToShow, threads: int) -> Shown:
         kernels[model] = estimate_pair(g, f_N, options, **known)
         kernel = kernels[model].content.kernel
         results[model] = deblur(g, kernel, RestorationOptions("fusion"), noisy=f_N, **known)
-    return Shown(registering, kernels, results, time.perf_counter() - start)
+    return PairResults(registering, kernels, results, time.perf_counter() - start)
 
 
 def noisy_in_frame(pair: PairToShow, registering: RegistrationResult) -> Photo:
@@ -125,7 +125,7 @@ def noisy_in_frame(pair: PairToShow, registering: RegistrationResult) -> Photo:
     return pair.blurred.with_pixels(pixels * np.float32(registering.registration.scale))
 
 
-def caption(pair: PairToShow, done: Shown, columns: int) -> list[str]:
+def caption(pair: PairToShow, done: PairResults, columns: int) -> list[str]:
     """Describe the results, in lines of so many characters."""
     facts = done.registering.report()
     turned = ", ".join(f"{angle:.2f}" for angle in facts["theta_degrees"])
@@ -152,7 +152,7 @@ def score(photo: Photo, truth: Photo) -> str:
     return f"  {likeness.psnr:.2f} dB, {likeness.ssim:.3f}"
 
 
-def lay_out(pair: PairToShow, done: Shown, beside: Sequence[Path], width: int) -> list[Line]:
+def lay_out(pair: PairToShow, done: PairResults, beside: Sequence[Path], width: int) -> list[Row]:
     """Lay out the lines of the sheet."""
     photos = {
         "blurred": pair.blurred,
@@ -168,7 +168,7 @@ def lay_out(pair: PairToShow, done: Shown, beside: Sequence[Path], width: int) -
     names += [path.name for path in beside]
     pictures += [others(path, pictures[0].shape) for path in beside]
     small = [resized(picture, width) for picture in pictures]
-    # chosen in the noisy photo: neither a blur nor ringing must draw the eye to itself
+    # chosen in the noisy photo: neither blur nor ringing may count as detail
     part = detailed_part(pictures[1], width // 2, width * 3 // 8)
     close = [resized(picture[part], width) for picture in pictures]
     kernels: dict[str, RotationKernel] = {
@@ -180,9 +180,9 @@ def lay_out(pair: PairToShow, done: Shown, beside: Sequence[Path], width: int) -
     columns = int((len(small) * (width + GAP)) / CHARACTER)
     lines = caption(pair, done, columns)
     return [
-        Line(lines, small, titles=names),
-        Line([], close),
-        Line([], [*cuboids, *filters], titles=[*MODELS, *MODELS]),
+        Row(lines, small, titles=names),
+        Row([], close),
+        Row([], [*cuboids, *filters], titles=[*MODELS, *MODELS]),
     ]
 
 

@@ -241,7 +241,7 @@ def _photo_of_board(
 
 @pytest.fixture(scope="session")
 def boards() -> tuple[list[np.ndarray], tuple[int, int], Camera]:
-    """Make photos of a chessboard; with its inner corners and the camera, whose lens bends."""
+    """Make photos of a chessboard; with its inner corners and the camera, whose lens distorts."""
     return [_photo_of_board(*pose) for pose in BOARD_POSES], BOARD_CORNERS, BOARD_CAMERA
 
 

@@ -21,7 +21,7 @@ def test_file_and_hint_may_be_left_out() -> None:
     assert error.hint is None
 
 
-def test_whatever_is_wrong_is_said_in_a_line():
+def test_whatever_is_wrong_is_reported_in_a_line():
     message, hint = errors.describe(errors.PhotoError("is torn", hint="glue it", file="a.jpg"))
     assert (message, hint) == ("a.jpg: is torn", "glue it")
     assert errors.describe(FileNotFoundError(2, "No such file", "x"))[0] == "x: No such file"

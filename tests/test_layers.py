@@ -15,7 +15,7 @@ PACKAGE = Path(deshake.__file__).parent
 MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))
 TESTS = Path(__file__).parent
 
-# What each room may import, itself and what may be imported anywhere aside.
+# The rooms that each room may import, beside itself and the modules that all may import.
 SIDE = {"formats", "metadata", "files", "geometry"}
 ESTIMATORS = {"signal", "operators", "geometry"}
 PAIR = {"lens", "blind", "restore", *ESTIMATORS, *SIDE}
@@ -154,13 +154,13 @@ def test_every_room_has_its_rule() -> None:
     assert rooms == set(ALLOWED)
 
 
-def test_no_module_imports_itself_by_way_of_others(graph: dict[str, set[str]]) -> None:
+def test_imports_form_no_circle(graph: dict[str, set[str]]) -> None:
     graph = {name: targets for name, targets in graph.items() if name != "deshake"}
     assert circle(graph) == []
     assert sum(map(len, graph.values())) > len(graph)
 
 
-def test_nothing_in_the_rooms_imports_the_front_door(graph: dict[str, set[str]]) -> None:
+def test_rooms_do_not_import_the_package_itself(graph: dict[str, set[str]]) -> None:
     # The cluster asks its workers which deshake they have.
     above = [name for name, targets in graph.items() if "deshake" in targets]
     assert above == ["deshake.batch.cluster"]

@@ -1,4 +1,4 @@
-"""Checks of numbers and objects that a caller hands over: one clear line for what is wrong."""
+"""Checks of the numbers and objects that a caller gives; an error is one clear line."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ def check_above_zero(*, most: float = math.inf, **numbers: float | None) -> None
     Parameters
     ----------
     most : float
-        The largest that is allowed.
+        The largest number that is allowed.
     **numbers : float or None
         The numbers by their names.
 
     Raises
     ------
     ValueError
-        If one is not.
+        If a number is infinite, not a number, not above 0, or larger than `most`.
 
     """
     for name, number in numbers.items():

@@ -1,4 +1,4 @@
-"""The camera of a picture, and the one that its caller names."""
+"""The camera of a picture: from the picture itself, or from the caller."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def calibrate(
     """Return the camera of a photo: its focal length, and its lens's distortion on request.
 
     The principal point is the middle of the frame (Sec. 2.2 of [1]_). ``deshake calibrate`` gives
-    the same camera. What is doubtful about it is logged as a warning.
+    the same camera. Doubts about it are logged as warnings.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Which picture: a photo without its blur."""
+"""Deblurring: a photo without its blur."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def deblur(
     """Deblur a photo whose kernel is known, alone or with a noisy photo of the same scene.
 
     ``deshake deblur`` gives the same picture. The kernel of a camera that stood still leaves the
-    photo as it is.
+    photo unchanged.
 
     Parameters
     ----------
@@ -94,22 +94,22 @@ def deblur(
     quality : {"fast", "default", "high"}
         How much time sparse gradients and the fusion take.
     iterations : int, optional
-        How many, >= 1; by default what suits the method and the photo.
+        Number of iterations, >= 1; by default one that suits the method and the photo.
     search_angle : float, optional
         As for `register`; used if there is no registration.
     keep_geometry : bool
-        Whether a photo through a lens that bends keeps its geometry. By default the result is
-        straight.
+        Whether the result keeps the distortion of the photo's lens, if there is any. By default the
+        result is straight.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
-        Receives the fraction done, 0..1, and what is being done.
+        Receives the share of the work that is done, 0..1, and a text.
 
     Returns
     -------
     Photo, or array of float32
         As `photo`: a `Photo` with the same format and metadata, or an array in linear light of the
-        same shape, not clipped to 0..1. Through a lens that bends, the shape may differ.
+        same shape, not clipped to 0..1. If the camera has a distortion, the shape may differ.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def deblur(
     EstimationError
         If the two photos do not show the same scene.
     DeshakeError
-        If the method is for uniform blur only and this is none.
+        If the method is for uniform blur only, and the blur varies over the frame.
     ValueError
         If an option is unknown, out of range or does not go with the others.
 

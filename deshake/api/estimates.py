@@ -1,4 +1,4 @@
-"""Which blur: the kernel of one photo, or of a blurred and a noisy one."""
+"""Estimates: the kernel of one photo, or of a blurred and a noisy one."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ def estimate_blind(
 ) -> Estimate:
     """Estimate the blur kernel of a photo from the photo alone.
 
-    ``deshake estimate-blind`` gives the same kernel. A sharp photo, and one that no kernel betters,
-    get the kernel of a camera that stood still, and a note says so.
+    ``deshake estimate-blind`` gives the same kernel. A sharp photo, or one that no kernel improves,
+    gets the kernel of a camera that stood still, and a note says so.
 
     Parameters
     ----------
@@ -65,13 +65,13 @@ def estimate_blind(
     region : (int, int, int, int), optional
         The part of the photo to use: x, y, width and height in pixels.
     uniform : bool
-        Whether the blur is taken to be the same all over the frame.
+        Whether to assume the same blur all over the frame.
     estimator : {"edges", "variational"}
         Sharp edges of tiles, or the inference of [1]_.
     threads : int, optional
         Threads to use; by default all processors. The result does not depend on it.
     progress : callable, optional
-        Receives the fraction done, 0..1, and what is being done.
+        Receives the share of the work that is done, 0..1, and a text.
 
     Returns
     -------
@@ -135,8 +135,8 @@ def register(
 ) -> Registration:
     """Register a noisy, sharp photo to a blurred one of the same scene (Sec. 6 of [1]_).
 
-    ``deshake register`` gives the same registration. What is only assumed of the camera is logged
-    as a warning.
+    ``deshake register`` gives the same registration. Assumptions about the camera are logged as
+    warnings.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def register(
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
-        Receives the fraction done, 0..1, and what is being done.
+        Receives the share of the work that is done, 0..1, and a text.
 
     Returns
     -------
@@ -233,13 +233,13 @@ def estimate_pair(
     blur_size, max_angle : float, optional
         Largest blur to look for, in pixels or in degrees, as for `estimate_blind`.
     uniform : bool
-        Whether the blur is taken to be the same all over the frame.
+        Whether to assume the same blur all over the frame.
     search_angle : float, optional
         As for `register`.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
-        Receives the fraction done, 0..1, and what is being done.
+        Receives the share of the work that is done, 0..1, and a text.
 
     Returns
     -------

@@ -32,10 +32,10 @@ def as_photo(picture: Picture, name: str = ARRAY) -> Photo:
     Parameters
     ----------
     picture : Photo or (H, W) or (H, W, 3) array of float
-        A photo is returned as it is. An array is linear light, and is clipped where a channel is 1
+        A photo is returned unchanged. An array is linear light, and is clipped where a channel is 1
         or more; as a file it is sRGB of up to 16 bits a sample.
     name : str
-        What messages call an array.
+        The name of an array in messages.
 
     Raises
     ------

@@ -35,7 +35,7 @@ P_co = TypeVar("P_co", bound="Photo | NDArray[np.float32]", covariant=True)
 
 @dataclass(frozen=True, eq=False)
 class Simulation(Generic[P_co]):
-    """A shaken picture with the truth about it.
+    """A shaken picture, with its true kernel and its sharp picture.
 
     Parameters
     ----------
@@ -104,15 +104,15 @@ def simulate(
     photo : Photo, or (H, W) or (H, W, 3) array of float
         The sharp photo in linear light.
     camera : Camera, optional
-        Its camera; by default as for `estimate_blind`. With a lens that bends, the photo is taken
-        to be straight, and is bent after the shake.
+        Its camera; by default as for `estimate_blind`. If the camera has a distortion, the photo is
+        taken as straight, and is distorted after the shake.
     path : (T, 3) array, optional
         Successive orientations of the camera as angle-axis vectors in radians, about X (right), Y
         (down) and Z (into the scene), at equal times; by default a random path.
     blur_px : float
         Extent of the random blur over the frame, in pixels, > 0.
     crop : bool
-        Whether the borders are cut off whose blur reaches beyond the photo. Otherwise the photo is
+        Whether to cut off the borders whose blur reaches beyond the photo. Otherwise the photo is
         continued by its edge pixels.
     gain : float
         Factor on the light after the blur, > 0.
@@ -123,7 +123,7 @@ def simulate(
     seed : int
         Seed of the random path and of the noise, >= 0.
     progress : callable, optional
-        Receives the fraction done, 0..1, and what is being done.
+        Receives the share of the work that is done, 0..1, and a text.
 
     Returns
     -------
@@ -169,12 +169,12 @@ def simulate(
     content, notes = camera_for(given, chosen_camera(camera))
     for note in notes:
         _log.warning("%s: %s", given.source, note)
-    known = content.camera
+    photo_camera = content.camera
     try:
         shaken = shake_photo(
             given,
-            known,
-            random_path(known, blur_px, seed=seed)
+            photo_camera,
+            random_path(photo_camera, blur_px, seed=seed)
             if path is None
             else CameraPath(np.asarray(path, np.float64)),
             crop=crop,

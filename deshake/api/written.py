@@ -1,4 +1,4 @@
-"""Photos, arrays and kernels to files."""
+"""Write photos, arrays and kernels to files."""
 
 from __future__ import annotations
 
@@ -80,8 +80,8 @@ def write_kernel(
     path : path
         The file; ``-`` for standard output.
     kernel : RotationKernel, Estimate or KernelFile
-        The kernel. An estimate and the content of a kernel file take confidence and provenance
-        along; a kernel alone has a confidence of 1 and no provenance.
+        The kernel. An estimate and the content of a kernel file have a confidence and a
+        provenance; a kernel alone gets a confidence of 1 and no provenance.
     overwrite : bool
         Whether an existing file may be replaced.
 

@@ -42,27 +42,27 @@ class ClusterError(DeshakeError):
 def run_on_cluster(
     jobs: Sequence[Job], work: Work, address: str, *, threads: int = 1
 ) -> Generator[tuple[int, Result], None, None]:
-    """Do the work on many photos on a cluster, and yield what came of each as it is done.
+    """Do the work on many photos on a cluster; yield the result of each photo when it ends.
 
-    A photo whose worker dies is given to another. Closing the iterator takes back the photos that
-    have not been begun; workers finish those that have.
+    If a worker dies, another one gets its photo. Closing the iterator takes back the photos that no
+    worker has begun; workers finish the others.
 
     Parameters
     ----------
     jobs : sequence of Job
         The photos.
     work : Work
-        What to do with them.
+        The work to do with them.
     address : str
-        The scheduler's, as in ``tcp://host:8786``.
+        Address of the scheduler, as in ``tcp://host:8786``.
     threads : int
         Threads for each photo.
 
     Raises
     ------
     ClusterError
-        If there is no scheduler or no worker, a worker has no deshake or another one, or does not
-        see the photos and the folders of the results.
+        If there is no scheduler or no worker, a worker has no deshake or another version, or does
+        not see the photos and the folders of the results.
 
     """
     with _connected(address) as client:
@@ -73,7 +73,7 @@ def run_on_cluster(
         )
         numbers = {future.key: number for number, future in enumerate(futures)}
         waiting = _distributed().as_completed(futures)
-        del futures  # each is let go of as it is done
+        del futures  # each is released when it is done
         try:
             for future in waiting:
                 number = numbers.pop(future.key)
@@ -89,9 +89,9 @@ def _task(job: Job, work: Work, threads: int) -> Result:
 
 
 def _anywhere(job: Job) -> Job:
-    """Return a job as any machine can do it, also once more where a worker has died.
+    """Return a job that any machine can do, even again after a worker has died.
 
-    That its result may be written was checked here: what a dead worker left of it is replaced.
+    This machine has checked that the result may be written, so what a dead worker left is replaced.
     """
 
     def absolute(files: Mapping[str, Path]) -> dict[str, Path]:
@@ -108,7 +108,7 @@ def _anywhere(job: Job) -> Job:
 
 
 def _result(job: Job, future: Any) -> Result:  # noqa: ANN401 - of an untyped package
-    """Return what came of a job, and repeat what it warned of."""
+    """Return the result of a job, and log its warnings here."""
     if future.status == "finished":
         result = replace(cast("Result", future.result()), job=job)
         for warning in result.warnings:
@@ -159,10 +159,10 @@ def _distributed() -> Any:  # noqa: ANN401 - an untyped package
 
 
 def _check_versions(client: Any) -> None:  # noqa: ANN401 - of an untyped package
-    """Refuse workers without this deshake; warn of those whose sums depend on their threads."""
+    """Refuse workers of another version; warn of those whose sums depend on their threads."""
     names = _ONE_THREAD
 
-    def versions() -> tuple[str | None, bool]:  # goes to the workers by its code
+    def versions() -> tuple[str | None, bool]:  # the workers get its code
         import os  # noqa: PLC0415
 
         single = any(os.environ.get(name) == "1" for name in names)
@@ -189,7 +189,7 @@ def _check_versions(client: Any) -> None:  # noqa: ANN401 - of an untyped packag
 def _check_folders(client: Any, jobs: Sequence[Job]) -> None:  # noqa: ANN401 - of an untyped package
     """Refuse workers that do not see the first photo, or cannot write beside its result.
 
-    They are to read a file that is made there for the purpose.
+    The check writes a file there that they must read.
     """
     job = next((_anywhere(job) for job in jobs if job.problem is None), None)
     if job is None:
@@ -211,7 +211,7 @@ def _check_folders(client: Any, jobs: Sequence[Job]) -> None:  # noqa: ANN401 - 
 
 
 def _not_shared(source: Path, size: int | None, token: Path) -> str | None:
-    """Return what this machine does not share with the one that asks; None: it shares all."""
+    """Return what this machine does not share with the caller's machine; None: it shares all."""
     if (source.stat().st_size if source.exists() else None) != size:
         return str(source)
     try:

@@ -1,4 +1,4 @@
-"""What is done with each photo: the stages before the deblurring, as `Work`."""
+"""The work of the stages before the deblurring on one photo, as `Work`."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class EstimateKernel:
     Parameters
     ----------
     options : EstimateOptions
-        What the estimate uses.
+        Options of the estimate.
 
     """
 
@@ -67,25 +67,25 @@ class EstimateKernel:
         """Check the photos, the registration, and the names of the pictures."""
         check_inputs(job)
         registration = job.needs.get("registration")
-        if registration is not None and str(registration) != STREAM:  # which can be read but once
+        if registration is not None and str(registration) != STREAM:  # readable only once
             known_registration(registration)
         _check_pictures(job)
 
     def origin(self, job: Job) -> dict[str, Any]:
         """Return the inputs and the options."""
         noisy, registration = job.needs.get("noisy"), job.needs.get("registration")
-        known = kernel_origin(self.options, pair=noisy is not None)
-        known["input_sha256"] = sha256(job.source)
+        origin = kernel_origin(self.options, pair=noisy is not None)
+        origin["input_sha256"] = sha256(job.source)
         if noisy is not None:
-            known["noisy_sha256"] = sha256(noisy)
+            origin["noisy_sha256"] = sha256(noisy)
         if registration is not None and str(registration) != STREAM:
-            known["registration"] = known_registration(registration).report()
-        return known
+            origin["registration"] = known_registration(registration).report()
+        return origin
 
 
 @dataclass(frozen=True)
 class Register:
-    """``register``: find how the ``noisy`` photo of a job lies to its blurred one.
+    """``register``: register the ``noisy`` photo of a job to its blurred one.
 
     A checkerboard of both, the ``preview``, is kept if it is named.
 
@@ -123,13 +123,13 @@ class Register:
 
     def origin(self, job: Job) -> dict[str, Any]:
         """Return the inputs and the options."""
-        known = {
+        origin = {
             "options": register_options(self.options),
             "input_sha256": sha256(job.source),
             "noisy_sha256": sha256(job.needs["noisy"]),
         }
         source = self.options.camera.source
-        return known if source is None else known | {"camera": source}
+        return origin if source is None else origin | {"camera": source}
 
 
 @dataclass(frozen=True)
@@ -195,9 +195,9 @@ def check_inputs(job: Job) -> None:
 
 def kernel_origin(options: EstimateOptions, *, pair: bool = False) -> dict[str, Any]:
     """Return the options in a kernel's provenance, and its camera if the user names one."""
-    known: dict[str, Any] = {"options": options.provenance(pair=pair)}
+    origin: dict[str, Any] = {"options": options.provenance(pair=pair)}
     source = options.camera.source
-    return known if source is None else known | {"camera": source}
+    return origin if source is None else origin | {"camera": source}
 
 
 def _check_pictures(job: Job) -> None:

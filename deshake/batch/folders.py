@@ -1,4 +1,4 @@
-"""Which photos there are: files as they were named, and those in folders, in natural order."""
+"""Find the photos: the files that the user names, and those in folders, in natural order."""
 
 from __future__ import annotations
 
@@ -43,18 +43,18 @@ def find_photos(
 ) -> list[InputPhoto]:
     """List the photos among `inputs` and those in the folders among them.
 
-    In a folder, a photo is a file whose name ends as photos' do; what is hidden, or is a result
-    of deshake itself (``<stem>.deshaken.<ext>``, ``<stem>.compare.png``), is passed over. Photos
-    of a folder come in natural order (``IMG_2`` before ``IMG_10``), and before those of the
-    folders in it.
+    In a folder, a photo is a file with the ending of a photo format. Hidden files and results of
+    deshake itself (``<stem>.deshaken.<ext>``, ``<stem>.compare.png``) are left out. Photos of a
+    folder come in natural order (``IMG_2`` before ``IMG_10``), and before those of the folders in
+    it.
 
     Parameters
     ----------
     inputs : sequence of Path
         Photos and folders of photos.
     recursive : bool, keyword-only
-        Whether folders in folders are searched, too. Each is searched once, also where symbolic
-        links go round in circles.
+        Whether folders in folders are searched, too. Each is searched once, even if symbolic links
+        form a circle.
     without : sequence of Path, keyword-only
         Folders in these folders that are not searched: those where results go.
 
@@ -65,12 +65,12 @@ def find_photos(
 
     """
     photos: list[InputPhoto] = []
-    passed_over = {known for path in without if (known := identity(path))}
+    left_out = {known for path in without if (known := identity(path))}
     for path in inputs:
         if not path.is_dir():
             photos.append(InputPhoto(path))
             continue
-        visited = set(passed_over)
+        visited = set(left_out)
         inside = list(_in_folder(path, Path(), visited, recursive=recursive))
         if not inside:
             elsewhere = "" if recursive else "; folders in it are searched with -r only"
@@ -84,9 +84,9 @@ def find_photos(
 
 
 def natural_order(name: str) -> tuple[list[tuple[int, int, str]], str]:
-    """Return what sorts names as people do: numbers by their value, letters of either case alike.
+    """Return the sort key of a name: numbers by their value, and letters without their case.
 
-    Names that are alike in both keep an order of their own.
+    Names that are alike in both are sorted by their characters.
     """
     parts = re.split(r"([0-9]+)", name)
     key = [(0, int(part), "") if part.isdecimal() else (1, 0, part.casefold()) for part in parts]

@@ -1,7 +1,7 @@
-"""How much memory the stages take, by the size of a photo: predicted before any is taken.
+"""Predict the memory of the stages by the size of a photo, before the work.
 
-The numbers were fitted to the most that processes ever held, on photos of 0.05 to 24 megapixels
-with blurs of 10 to 150 pixels. A blur far wider than is likely takes more than is predicted.
+The numbers were fitted to the peak memory of processes, on photos of 0.05 to 24 megapixels with
+blurs of 10 to 150 pixels. A blur far wider than is likely takes more than is predicted.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ __all__ = [
 ]
 
 _PROCESS: Final = 200e6
-"""Libraries, and what is too small to count."""
+"""Bytes of the libraries, and of small arrays."""
 _PHOTO: Final = {1: 16, 3: 28}
 """Bytes a pixel for reading a photo, by its colours; a mosaic of a sensor takes no more."""
 _LUMINANCE: Final = {1: 9, 3: 17}
 """The same for an estimate, beside the photo."""
 _ESTIMATE: Final = 200e6
-"""For what an estimate does at its own working size."""
+"""Bytes of an estimate at its own working size."""
 _RESTORATION: Final = {1: 70, 3: 115}
 """Bytes a pixel for deblurring, by its colours."""
 _PAIR: Final = {1: 180, 3: 290}
@@ -42,19 +42,19 @@ _PAIR: Final = {1: 180, 3: 290}
 _MASK: Final = 4
 """Bytes a pixel for a mask."""
 _LENS: Final = 14
-"""Bytes a pixel for straightening a photo, each of a pair."""
+"""Bytes a pixel for straightening each photo."""
 _KEPT: Final = 27
-"""The same where the geometry is kept: the straight picture is larger than the photo."""
+"""The same if the geometry is kept: the straight picture is larger than the photo."""
 _BLUR: Final = 28e3
 """Bytes for each square of the blur's extent in pixels: blocks are as wide as the blur needs."""
 _THREAD: Final = 45e6
-"""For each thread beside the first."""
+"""Bytes of each thread beside the first."""
 _LIKELY_BLUR: Final = 0.025
-"""Extent of a blur that nothing is known of, in shares of the photo's longer side."""
+"""Extent of an unknown blur, as a share of the photo's longer side."""
 
 
 def memory_needed(job: Job, work: Work, threads: int) -> int:
-    """Predict the bytes of memory that a process takes for a photo, itself included."""
+    """Predict the bytes of memory that a process takes for a photo, with those of the process."""
     if job.problem is not None or job.skipped:
         return photo_memory(PictureSize(0, 1))
     return work.memory(job, picture_size(job.source) or PictureSize(0, 1), threads)
@@ -89,17 +89,17 @@ def restoration_memory(
     size : PictureSize
         The photo as it is read.
     options : RestorationOptions
-        How it is deblurred.
+        Method of the deblurring and its options.
     threads : int
-        By so many threads.
+        Number of threads.
     blur : float, optional
         Extent of the blur in pixels of the size that is worked at; by default a likely one.
     finish : FinishingOptions
-        What is wanted of the result.
+        Options beside the deblurring.
     masked : bool
         Whether a mask is read with each photo.
     bends : bool
-        Whether a lens is undone.
+        Whether lens distortion is removed.
 
     """
     worked = worked_size(size, finish)
@@ -124,7 +124,7 @@ def worked_size(size: PictureSize, finish: FinishingOptions) -> PictureSize:
 
 
 def default_blur(size: PictureSize) -> float:
-    """Return the extent in pixels of a blur that is not out of the ordinary; photos are 3:2."""
+    """Return the extent of a likely blur in pixels; photos count as 3:2."""
     return _LIKELY_BLUR * _longer_side(size)
 
 

@@ -1,4 +1,4 @@
-"""What is done with each file by ``inspect``, as `Work`."""
+"""The work of ``inspect`` on one file, as `Work`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["Inspect"]
 
 @dataclass(frozen=True)
 class Inspect:
-    """``inspect``: say what a file is."""
+    """``inspect``: report what a file is."""
 
     def __call__(self, job: Job, run: Run) -> dict[str, Any]:  # noqa: ARG002
         """Inspect the file of a job."""

@@ -1,4 +1,4 @@
-"""A whole batch: here, in processes, or on a cluster, whichever was asked for."""
+"""A whole batch: in this process, in several processes, or on a cluster."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class Resources:
 
     Parameters
     ----------
-    jobs : int, optional
-        Photos at once; by default as many as there are processors for their threads.
+    photos_at_once : int, optional
+        By default as many as there are processors for their threads.
     memory : int, optional
         Bytes of memory for all of them; by default a share of what is available.
     scheduler : str, optional
@@ -37,16 +37,16 @@ class Resources:
 
     """
 
-    jobs: int | None = None
+    photos_at_once: int | None = None
     memory: int | None = None
     scheduler: str | None = None
 
     def shared(self, photos: int, threads: int | None) -> tuple[int, int]:
         """Return how many photos at once, and the threads for each, unless they are given."""
         processors = available_threads()
-        jobs = self.jobs or max(1, processors // (threads or 1))
-        jobs = max(1, min(jobs, photos))
-        return jobs, threads or max(1, processors // jobs)
+        at_once = self.photos_at_once or max(1, processors // (threads or 1))
+        at_once = max(1, min(at_once, photos))
+        return at_once, threads or max(1, processors // at_once)
 
 
 def run_jobs(
@@ -69,7 +69,7 @@ def run_jobs(
     resources : Resources
         The resources that the run may use.
     run : Run
-        Threads for each photo; by default the processors are shared out. And who receives the
+        Threads for each photo, by default an equal share of the processors; and who receives the
         progress of all photos together.
 
     """

@@ -1,4 +1,4 @@
-"""How much memory there is for many photos at once."""
+"""The memory for many photos at once: a limit, and what is available."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["Budget", "available_memory", "gigabytes"]
 
 SHARE: Final = 0.7
-"""Of the memory that is available, what is taken unless something else is said."""
+"""Share of the available memory that is the limit by default."""
 
 _CGROUPS = Path("/sys/fs/cgroup")
 _OWN_CGROUP = Path("/proc/self/cgroup")
@@ -29,9 +29,9 @@ class Budget:
     Parameters
     ----------
     limit : int
-        In bytes.
+        The limit in bytes.
     given : bool
-        Whether the user named it: then no photo that needs more is begun. Else one that does is
+        Whether the user gave the limit. Then a photo that needs more is refused; otherwise it is
         worked on alone.
 
     """
@@ -57,7 +57,7 @@ class Budget:
         Raises
         ------
         PhotoError
-            If it needs more.
+            If the photo needs more.
 
         """
         if self.given and need > self.limit:

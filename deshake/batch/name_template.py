@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["FIELDS", "NameTemplate"]
 
 FIELDS: Final = ("folder", "parent", "stem", "ext")
-"""What a template can name of a photo."""
+"""The fields of a template; a photo gives their values."""
 
 _NAMES: Final = ", ".join(f"{{{field}}}" for field in FIELDS)
 _ENDING: Final = ".{ext}"
@@ -44,13 +44,13 @@ class NameTemplate:
     Raises
     ------
     ValueError
-        If a brace is not closed, a field is unknown, the ending is none of a format that is
-        written, or another format's, or if ``..`` follows a field.
+        If a brace is not closed, a field is unknown, or ``..`` follows a field. If the ending
+        stands for no format that deshake writes, or for another format than `form`.
 
     """
 
     def __init__(self, text: str, form: Format | None = None) -> None:
-        parts = [_parsed(part) for part in _whole(text)]
+        parts = [_parsed(part) for part in _checked_parts(text)]
         self._parts = parts
         self._form = form
         self.has_fields = any(field for part in parts for _, field in part)
@@ -64,7 +64,7 @@ class NameTemplate:
 
     @property
     def name(self) -> Path:
-        """The name itself, of a template without fields."""
+        """The template's text as a name, if it has no fields."""
         return Path(*["".join(literal for literal, _ in part) for part in self._parts])
 
     def place(self, photo: InputPhoto) -> Path:
@@ -107,7 +107,7 @@ class NameTemplate:
             raise ValueError(f"it ends in {suffix}, which is another format than --format names")
 
 
-def _whole(text: str) -> tuple[str, ...]:
+def _checked_parts(text: str) -> tuple[str, ...]:
     """Check the fields of a template, and return its parts between the separators."""
     for _, field in _parsed(text):
         if field is not None and field not in FIELDS:
@@ -127,8 +127,8 @@ def _parsed(text: str) -> list[tuple[str, str | None]]:
         ) from None
     pieces: list[tuple[str, str | None]] = []
     for literal, field, spec, conversion in parsed:
-        known = field
+        written = field
         if field is not None and (spec or conversion):  # a field has no format of its own
-            known = f"{field}{f'!{conversion}' if conversion else ''}{f':{spec}' if spec else ''}"
-        pieces.append((literal, known))
+            written = f"{field}{f'!{conversion}' if conversion else ''}{f':{spec}' if spec else ''}"
+        pieces.append((literal, written))
     return pieces

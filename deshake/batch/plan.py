@@ -41,7 +41,7 @@ class Extra:
         A folder, made if it is missing; without `name`, a file for one photo. None: beside the
         result.
     name : callable, optional
-        Gives the name for a photo; for the name of the result if it lies beside that.
+        Returns the name for a photo, or for its result if the output lies beside the result.
 
     """
 
@@ -67,14 +67,14 @@ class Job:
     output : Path or None
         Where its result goes.
     others : mapping of str to Path
-        Where other outputs go, by what they are: ``kernel``, ``latent``, ``sheet``, ``tiles``.
+        Where other outputs go, by their kinds: ``kernel``, ``latent``, ``sheet``, ``tiles``.
     needs : mapping of str to Path
-        Other inputs, by what they are: ``noisy``, ``kernel``, ``mask``.
+        Other inputs, by their kinds: ``noisy``, ``kernel``, ``mask``.
     problem : DeshakeError or None
         Why the outputs cannot go there.
     existing : {"refuse", "skip", "replace"}
-        What is done about a result that exists already. Skipped are photos all of whose outputs
-        exist; other outputs are replaced where the result is missing.
+        What is done about a result that exists already. "skip" skips a photo if all its outputs
+        exist, and replaces its other outputs if the result is missing.
 
     """
 
@@ -97,19 +97,19 @@ class Job:
 
     @property
     def keeps_result(self) -> bool:
-        """Whether the result is there already, and is to be left as it is."""
-        there = self.output is not None and os.path.lexists(self.output)
-        return there and self.existing == "skip" and self.problem is None
+        """Whether the result exists already and is kept."""
+        exists = self.output is not None and os.path.lexists(self.output)
+        return exists and self.existing == "skip" and self.problem is None
 
     @property
     def missing(self) -> list[str]:
-        """Which of the other outputs are not there, by what they are."""
+        """The kinds of the other outputs that are missing."""
         files = {kind: path for kind, path in self.others.items() if str(path) != STREAM}
         return [kind for kind, path in files.items() if not os.path.lexists(path)]
 
     @property
     def skipped(self) -> bool:
-        """Whether all outputs are there already, and are to be left as they are."""
+        """Whether all outputs exist already and are kept."""
         return self.keeps_result and not self.missing
 
     @property
@@ -146,7 +146,7 @@ def plan(
 ) -> list[Job]:
     """Decide where the results for photos go, and check that they can go there.
 
-    Folders for results are made, and what killed runs left unfinished in them is removed.
+    Folders for results are made. Unfinished outputs of killed runs in them are removed.
 
     Parameters
     ----------
@@ -158,8 +158,8 @@ def plan(
         ones that have photos.
     template : NameTemplate, optional
         Gives the place of each result instead of `output`. The folder that it begins with is made
-        if it is missing and its parent is there. Earlier results of the template, which say so in
-        their provenance, are no photos.
+        if it is missing and its parent is there. Earlier results of the template do not count as
+        photos; their provenance identifies them.
     name : callable
         Gives the name of a photo's result.
     beside : bool
@@ -180,7 +180,7 @@ def plan(
     Returns
     -------
     list of Job
-        In the order of the inputs. What is wrong with a single job stands in it.
+        In the order of the inputs. A job has its own problem, if there is one.
 
     Raises
     ------
@@ -226,13 +226,13 @@ def plan(
             _check_folder(top)
     else:
         _prepare_folders(tops, jobs)
-    known = {
+    inputs_by_identity = {
         mark: path
         for job in jobs
         for path in (job.source, *job.needs.values())
         if (mark := identity(path))
     }
-    return [_checked(job, known, tops if dry else []) for job in jobs]
+    return [_checked(job, inputs_by_identity, tops if dry else []) for job in jobs]
 
 
 def _job(
@@ -242,7 +242,7 @@ def _job(
     needs: Mapping[str, Callable[[InputPhoto], Path | None]],
     existing: Existing,
 ) -> Job:
-    """Return the job of a photo; what is wrong with its names stands in it."""
+    """Return the job of a photo, with a problem if its names are wrong."""
     try:
         result = place(photo)
     except DeshakeError as error:
@@ -276,7 +276,7 @@ def _check_places(output: Path | None, extras: Mapping[str, Extra], *, several: 
 
 
 def _without_results(jobs: Sequence[Job], named: Sequence[Path]) -> list[Job]:
-    """Return the jobs whose photos are no earlier results of other jobs, but all that are named."""
+    """Leave out jobs whose photos are results of other jobs, unless the user named the photos."""
     made = {mark: job for job in jobs if job.output and (mark := identity(job.output))}
 
     def is_result(job: Job) -> bool:
@@ -305,9 +305,9 @@ def _check_collisions(jobs: Sequence[Job], hint: str | None = None) -> None:
 
 
 def _staying(job: Job, tops: Sequence[Path]) -> Job:
-    """Return a job whose problem is a link that leads an output out of its folder, if one does.
+    """Return a job, with a problem if a link leads an output out of its folder.
 
-    The folder itself may be a link: it was named.
+    The folder itself may be a link: the user named it.
     """
     for path in job.outputs:
         above = [top for top in tops if path.parent.is_relative_to(top)]
@@ -326,7 +326,7 @@ def _staying(job: Job, tops: Sequence[Path]) -> Job:
 
 
 def _prepare_folders(tops: Sequence[Path], jobs: Sequence[Job]) -> None:
-    """Make the folders that are missing; clear the others of what killed runs left."""
+    """Make the folders that are missing; remove from the others what killed runs left."""
     for top in tops:
         _make_folder(top)
     good = [job for job in jobs if job.problem is None]
@@ -363,7 +363,7 @@ def _check_folder(path: Path) -> None:
 
 
 def _no_folder(path: Path, number: int) -> OutputError:
-    """Say why a folder cannot be made, by the number of the system's error."""
+    """Return why a folder cannot be made, by the number of the system's error."""
     if number == errno.EEXIST:
         return OutputError("is not a folder", hint="name a folder", file=path)
     return OutputError(
@@ -373,8 +373,8 @@ def _no_folder(path: Path, number: int) -> OutputError:
     )
 
 
-def _checked(job: Job, known: Mapping[tuple[int, int], Path], to_be_made: Sequence[Path]) -> Job:
-    """Return a job with what is wrong with its outputs; some folders are made only later."""
+def _checked(job: Job, inputs: Mapping[tuple[int, int], Path], to_be_made: Sequence[Path]) -> Job:
+    """Return a job, with a problem if its outputs are wrong; some folders are made only later."""
     if job.problem is not None:
         return job
     for path in job.outputs:
@@ -382,7 +382,7 @@ def _checked(job: Job, known: Mapping[tuple[int, int], Path], to_be_made: Sequen
         if not folder.exists() and any(folder.is_relative_to(top) for top in to_be_made):
             continue
         try:
-            other = known.get(identity(path) or (0, 0), job.source)
+            other = inputs.get(identity(path) or (0, 0), job.source)
             check_output(path, job.source, other, overwrite=job.overwrite_others)
         except DeshakeError as error:
             return replace(job, problem=error)

@@ -1,7 +1,6 @@
-"""Many photos at once, each in a process of its own, as far as processors and memory go.
+"""Many photos at once, each in a process of its own, within the limits of processors and memory.
 
-A process that is killed, or crashes, takes its own photo down and no other: a new one takes its
-place.
+If a process crashes or is killed, only its own photo fails. A new process takes its place.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from typing import TYPE_CHECKING, Self
 from deshake.batch.footprint import memory_needed
 from deshake.batch.memory import gigabytes
 from deshake.batch.task import Result, failure
-from deshake.batch.worker import LogLevels, Said, Shown, serve
+from deshake.batch.worker import LogLevels, LogMessage, ProgressMessage, serve
 from deshake.errors import DeshakeError, PhotoError
 from deshake.files.part_files import remove_stale_parts
 
@@ -96,8 +95,8 @@ def run_in_processes(
                 taken[number] = need
             if not taken:
                 continue  # every waiting photo was refused
-            for number, message in pool.heard():
-                if isinstance(message, Shown):
+            for number, message in pool.messages():
+                if isinstance(message, ProgressMessage):
                     progress(number, message.share, message.text)
                     continue
                 del taken[number]
@@ -105,11 +104,11 @@ def run_in_processes(
 
 
 class _Worker:
-    """A process, and this end of the line to it."""
+    """A process, and this end of the pipe to it."""
 
     def __init__(self, context: BaseContext, work: Work, threads: int) -> None:
-        self.line: Connection
-        self.line, other = context.Pipe()
+        self.pipe: Connection
+        self.pipe, other = context.Pipe()
         self.process: BaseProcess = context.Process(  # type: ignore[attr-defined]
             target=serve, args=(other, work, threads, LogLevels.here()), daemon=True
         )
@@ -119,22 +118,22 @@ class _Worker:
         self.job: Job | None = None
 
     def begin(self, number: int, job: Job) -> None:
-        """Start a job. If the process has ended, `heard` reports it later."""
+        """Start a job. If the process has ended, `messages` reports it later."""
         self.number, self.job = number, job
         with contextlib.suppress(OSError):
-            self.line.send(job)
+            self.pipe.send(job)
 
 
 class _Pool:
-    """The processes, as a context manager that leaves none behind."""
+    """The processes, as a context manager that ends all of them."""
 
     def __init__(self, work: Work, threads: int) -> None:
         self._work = work
         self._threads = threads
         self._idle: list[_Worker] = []
         self._busy: dict[Connection, _Worker] = {}
-        # A server that has loaded everything once makes a process in no time; elsewhere than on
-        # Linux forking is not safe with the systems' own libraries.
+        # A server that has loaded all modules forks a process at once. On other systems than Linux,
+        # forking is not safe with the system's libraries.
         self._context: BaseContext
         if sys.platform == "linux":
             self._context = get_context("forkserver")
@@ -157,13 +156,13 @@ class _Pool:
             if worker.process.is_alive():
                 worker.process.kill()
                 worker.process.join()
-            worker.line.close()
+            worker.pipe.close()
             _clear(worker.job)
 
     def dismiss(self) -> None:
-        """End the processes that are idle, which may hold memory of photos they have done."""
+        """End the idle processes: they may still hold memory of finished photos."""
         for worker in self._idle:
-            worker.line.close()
+            worker.pipe.close()
             worker.process.join()
         self._idle.clear()
 
@@ -172,41 +171,41 @@ class _Pool:
         worker = (
             self._idle.pop() if self._idle else _Worker(self._context, self._work, self._threads)
         )
-        self._busy[worker.line] = worker
+        self._busy[worker.pipe] = worker
         worker.begin(number, job)
 
-    def heard(self) -> Iterator[tuple[int, Shown | Result]]:
-        """Wait for messages of the processes; log the log messages, and yield the others."""
-        for line in connection.wait(list(self._busy)):
-            worker = self._busy[line]  # type: ignore[index]
+    def messages(self) -> Iterator[tuple[int, ProgressMessage | Result]]:
+        """Wait for messages of the processes; log each `LogMessage`, and yield the others."""
+        for pipe in connection.wait(list(self._busy)):
+            worker = self._busy[pipe]  # type: ignore[index]
             try:
-                message: Shown | Said | Result = worker.line.recv()
+                message: ProgressMessage | LogMessage | Result = worker.pipe.recv()
             except (EOFError, OSError):
                 yield worker.number, self._lost(worker)
                 continue
-            if isinstance(message, Said):
+            if isinstance(message, LogMessage):
                 logging.getLogger(message.name).log(message.level, "%s", message.text)
                 continue
             if isinstance(message, Result):
                 worker.job = None
-                self._idle.append(self._busy.pop(worker.line))
+                self._idle.append(self._busy.pop(worker.pipe))
             yield worker.number, message
 
     def _lost(self, worker: _Worker) -> Result:
         """Return the result of the job whose process has ended."""
         job = worker.job
         assert job is not None  # noqa: S101 - it is among the busy ones
-        del self._busy[worker.line]
-        worker.line.close()
+        del self._busy[worker.pipe]
+        worker.pipe.close()
         worker.process.join()
         _clear(job)
         code = worker.process.exitcode or 0
-        return failure(job, _ended(code, job))
+        return failure(job, _crash(code, job))
 
 
 def _start_server() -> None:
-    """Start the server that processes are forked from, deaf to interrupts from the keyboard."""
-    resource_tracker.ensure_running()  # which the server needs, and which lets interrupts through
+    """Start the server that forks processes; it ignores interrupts from the keyboard."""
+    resource_tracker.ensure_running()  # the server needs it, and it unblocks interrupts
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
         forkserver.ensure_running()
@@ -214,8 +213,8 @@ def _start_server() -> None:
         signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
 
 
-def _ended(code: int, job: Job) -> PhotoError:
-    """Say how a process ended in the middle of a photo."""
+def _crash(code: int, job: Job) -> PhotoError:
+    """Return the error for a process that ended in the middle of a photo."""
     if code == -signal.SIGKILL:
         return PhotoError(
             "its process was killed, probably because memory ran out",
@@ -234,7 +233,7 @@ def _ended(code: int, job: Job) -> PhotoError:
 
 
 def _clear(job: Job | None) -> None:
-    """Remove what a job left unfinished."""
+    """Remove the unfinished outputs of a job."""
     if job is not None:
         for folder in {path.parent for path in job.outputs}:
             remove_stale_parts(folder)

@@ -33,7 +33,7 @@ __all__ = ["Report", "ReportPlace"]
 
 _NAME: Final = "report.html"
 _SUFFIXES: Final = {".html", ".htm"}
-# By this ending, a later run in the same folder recognizes that these pictures are no photos.
+# By this ending, a later run in the same folder recognises that these pictures are no photos.
 _PICTURE: Final = re.compile(r"\d+-[a-z-]+-[0-9a-f]{16}\.deshaken\.(jpg|png)")
 _HINT: Final = "choose another place with --report"
 
@@ -69,7 +69,7 @@ class ReportPlace:
         return self.page.with_name(f"{self.page.stem}-pictures")
 
     def room(self, photos: int) -> int:
-        """Return the most bytes for the pictures of one photo, in a report of so many photos."""
+        """Return how many bytes the pictures of one photo may take, for so many photos."""
         return room_for(photos, beside=self.beside)
 
     def check(self, jobs: Sequence[Job], *, dry: bool = False) -> None:
@@ -218,7 +218,7 @@ class Report:
         return page
 
     def _entry(self, number: int, result: Result) -> Entry:
-        """Return what the page says of a photo."""
+        """Return the entry of the page for a photo."""
         figures, job = result.figures, result.job
         name, command = self._labels[job.source], self._command_of(job)
         if result.status == "failed":

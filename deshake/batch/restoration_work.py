@@ -1,4 +1,4 @@
-"""What is done with each photo: the deblurring and the whole of it, as `Work`."""
+"""The work of ``deblur`` and ``fix`` on one photo, as `Work`."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ class Fix:
     options : EstimateOptions
         Options of the estimate.
     restoration : RestorationOptions
-        How the photo is deblurred.
+        Method of the deblurring and its options.
     finish : FinishingOptions
-        What is wanted of the result beside it; the ``mask`` is the job's.
+        Options beside the deblurring; the ``mask`` comes from the job.
     room : int, optional
         Bytes that a report has for the photo's pictures; by default there is no report.
     only_shaken : bool
@@ -69,7 +69,7 @@ class Fix:
         passed_over = self.passed_over(job)
         if passed_over is not None:
             return passed_over
-        observed = _Observed(self.room)
+        observer = _Observer(self.room)
         result = fix_file(
             job.source,
             job.place,
@@ -77,8 +77,8 @@ class Fix:
             self.options,
             noisy=job.needs.get("noisy"),
             restoration=self.restoration,
-            finish=_wishes(self.finish, job),
-            observer=observed,
+            finish=_finishing(self.finish, job),
+            observer=observer,
             overwrite=job.overwrite,
             overwrite_others=job.overwrite_others,
             keep_result=job.keeps_result,
@@ -86,7 +86,7 @@ class Fix:
         )
         content = result.content
         verdict = verdict_figures(content.kernel, content.confidence, result.notes)
-        return result.report() | verdict | self.finish.report() | observed.figures()
+        return result.report() | verdict | self.finish.report() | observer.figures()
 
     def passed_over(self, job: Job) -> dict[str, Any] | None:
         """Return the verdict on a photo that is passed over, as JSON data; else None.
@@ -105,7 +105,7 @@ class Fix:
         return {"verdict": UNSHAKEN, "reason": blur_words(blur.report())}
 
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:
-        """Predict the memory that it takes."""
+        """Predict the memory of the work, in bytes."""
         worked = worked_size(size, self.finish)
         blur = self.options.blur_size
         if blur is not None and size.pixels:
@@ -128,20 +128,20 @@ class Fix:
 
     def origin(self, job: Job) -> dict[str, Any]:
         """Return the inputs and the options of both stages."""
-        known = photo_origin(
+        origin = photo_origin(
             self.restoration,
             transfer=self.options.transfer,
-            finish=_wishes(self.finish, job),
+            finish=_finishing(self.finish, job),
             **_digests(job),
         )
-        if self.finish.preview:  # the estimate's options are not quite these
-            return known
-        if "noisy" in job.needs:  # the registration stands in the kernel's provenance, whole
+        if self.finish.preview:  # a preview changes the options of the estimate
+            return origin
+        if "noisy" in job.needs:  # the kernel's provenance has the whole registration
             options = replace(self.options, search_angle=None)
-            known["kernel"] = {"options": options.provenance(pair=True)}
+            origin["kernel"] = {"options": options.provenance(pair=True)}
         else:
-            known["kernel"] = kernel_origin(self.options)
-        return known
+            origin["kernel"] = kernel_origin(self.options)
+        return origin
 
 
 @dataclass(frozen=True)
@@ -151,11 +151,11 @@ class Deblur:
     Parameters
     ----------
     restoration : RestorationOptions
-        How.
+        Method of the deblurring and its options.
     transfer : {"srgb", "linear", "gamma22"}, optional
         The file's transfer curve.
     finish : FinishingOptions
-        What is wanted of the result beside it; the ``mask`` is the job's.
+        Options beside the deblurring; the ``mask`` comes from the job.
     search_angle : float, optional
         Range of the search for a registration that is not given, in degrees.
     room : int, optional
@@ -171,7 +171,7 @@ class Deblur:
 
     def __call__(self, job: Job, run: Run) -> dict[str, Any]:
         """Deblur the photo of a job."""
-        observed = _Observed(self.room)
+        observer = _Observer(self.room)
         content = deblur_file(
             job.source,
             job.needs["kernel"],
@@ -181,8 +181,8 @@ class Deblur:
             search_angle=self.search_angle,
             transfer=self.transfer,
             restoration=self.restoration,
-            finish=_wishes(self.finish, job),
-            observer=observed,
+            finish=_finishing(self.finish, job),
+            observer=observer,
             overwrite=job.overwrite,
             overwrite_others=job.overwrite_others,
             keep_result=job.keeps_result,
@@ -195,10 +195,10 @@ class Deblur:
         verdict = verdict_figures(
             content.kernel, content.confidence, content.provenance.get("notes")
         )
-        return figures | verdict | self.finish.report() | observed.figures()
+        return figures | verdict | self.finish.report() | observer.figures()
 
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:
-        """Predict the memory that it takes."""
+        """Predict the memory of the work, in bytes."""
         blur, bends = None, False
         with contextlib.suppress(DeshakeError, OSError):
             file = job.needs["kernel"]
@@ -219,7 +219,7 @@ class Deblur:
     def check(self, job: Job) -> None:
         """Check the inputs, the kernel, the registration, and the name of the result."""
         check_inputs(job)
-        if str(job.needs["kernel"]) != STREAM:  # which can be read but once
+        if str(job.needs["kernel"]) != STREAM:  # standard input can be read only once
             read_kernel(job.needs["kernel"])
         registration = job.needs.get("registration")
         if registration is not None and str(registration) != STREAM:
@@ -227,11 +227,11 @@ class Deblur:
         check_ending(job.place, job.source)
 
     def origin(self, job: Job) -> dict[str, Any]:
-        """Return the inputs and the options, and those of the kernel."""
-        known = photo_origin(
+        """Return the inputs and the options of the deblurring, and of the kernel."""
+        origin = photo_origin(
             self.restoration,
             transfer=self.transfer,
-            finish=_wishes(self.finish, job),
+            finish=_finishing(self.finish, job),
             **_digests(job),
         )
         kernel = job.needs["kernel"]
@@ -239,13 +239,13 @@ class Deblur:
         registration = job.needs.get("registration")
         if self.restoration.needs_noisy and str(registration) != STREAM:
             given = None if registration is None else known_registration(registration)
-            known["registration"] = registration_origin(given, provenance)
+            origin["registration"] = registration_origin(given, provenance)
         names = ("options", "input_sha256", "noisy_sha256", "camera")
-        return known | {"kernel": {name: provenance[name] for name in names if name in provenance}}
+        return origin | {"kernel": {name: provenance[name] for name in names if name in provenance}}
 
 
-class _Observed:
-    """Pictures a photo and its result for a report, if there is one."""
+class _Observer:
+    """Makes the pictures of a photo and its result for a report, if there is one."""
 
     def __init__(self, room: int | None) -> None:
         self._room = room
@@ -260,14 +260,14 @@ class _Observed:
         return {} if self._pictures is None else {"pictures": self._pictures}
 
 
-def _wishes(finish: FinishingOptions, job: Job) -> FinishingOptions:
-    """Return what is wanted of a job's result: with its own mask, for a file of its name."""
+def _finishing(finish: FinishingOptions, job: Job) -> FinishingOptions:
+    """Return the finishing options of a job: with its mask, and the name of its result."""
     return replace(finish, mask=job.needs.get("mask"), file=finish.file.called(job.place))
 
 
 @lru_cache
 def _blur_of(kernel_file: Path, _stamp: tuple[int, int]) -> tuple[float, int, bool]:
-    """Return a kernel's extent and frame, in pixels, and whether its lens bends.
+    """Return a kernel's extent and frame, in pixels, and whether its camera has a distortion.
 
     One kernel file for a folder of photos is read once, unless it changes.
     """

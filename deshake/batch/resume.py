@@ -84,10 +84,10 @@ def _compare(
             missing = dict.fromkeys(before) if name == "options" else {}
             _compare(before, missing | now, differing, changed)
         elif before != now:
-            changed.append(f"{name} {_said(before)}, now {_said(now)}")
+            changed.append(f"{name} {_as_text(before)}, now {_as_text(now)}")
 
 
-def _said(value: Any) -> str:  # noqa: ANN401 - JSON data
+def _as_text(value: Any) -> str:  # noqa: ANN401 - JSON data
     return "by default" if value is None else str(value)
 
 

@@ -30,7 +30,7 @@ _OURS = logging.getLogger("deshake")
 
 @dataclass(frozen=True)
 class Result:
-    """What came of one photo.
+    """The result of the work on one photo.
 
     Parameters
     ----------
@@ -43,13 +43,13 @@ class Result:
     figures : dict
         The figures of the work, as JSON data.
     warnings : tuple of str
-        What was warned of on the way.
+        Warnings during the work.
     error, hint : str or None
         What is wrong, and what to try, if it failed.
     trace : str or None
-        Where in the program, if it failed.
+        The traceback, if it failed.
     pictures : ReportPictures or None
-        Of the photo and its result, if a report wants them.
+        Pictures of the photo and its result, if a report wants them.
 
     """
 
@@ -64,7 +64,7 @@ class Result:
     pictures: ReportPictures | None = None
 
     def report(self) -> dict[str, Any]:
-        """Return all of it as JSON data."""
+        """Return the result as JSON data."""
         report: dict[str, Any] = {"status": self.status, "seconds": round(self.seconds, 2)}
         report |= self.job.files() | self.figures | {"warnings": list(self.warnings)}
         if self.status == "failed":
@@ -89,14 +89,14 @@ def run_job(job: Job, work: Work, run: Run = Run()) -> Result:
     with _warnings(job) as warnings:
         if job.problem is not None:
             return failure(job, job.problem)
-        there = job.keeps_result
+        exists = job.keeps_result
         try:
-            if there and (job.skipped or not made_by(job, work)):
+            if exists and (job.skipped or not made_by(job, work)):
                 _log_skipped(job, work)
                 return Result(job, "skipped", time.perf_counter() - start, {}, tuple(warnings))
             figures = work(job, run)
         except Exception as error:  # noqa: BLE001  one bad photo never stops the rest
-            if isinstance(error, OutputError) and job.keeps_result and not there:
+            if isinstance(error, OutputError) and job.keeps_result and not exists:
                 # Another run made the result in the meantime.
                 return Result(job, "skipped", time.perf_counter() - start, {}, tuple(warnings))
             return failure(job, error, time.perf_counter() - start, warnings)

@@ -1,4 +1,4 @@
-"""What came of a photo in a word, and how sure that is."""
+"""The verdict on a photo in one word, and its confidence in words."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = [
 ]
 
 Verdict = Literal["improved", "left", "doubtful"]
-"""Improved: by a kernel that is not doubtful; left: as it is; doubtful: by a doubtful kernel."""
+"""Deblurred by a kernel that is not doubtful; left as it is; deblurred by a doubtful kernel."""
 
 UNSHAKEN: Final = "unshaken"
 """Verdict on a photo that is passed over, because it is not shaken."""
@@ -37,11 +37,11 @@ def verdict_figures(kernel: RotationKernel, confidence: float, notes: object) ->
     Parameters
     ----------
     kernel : RotationKernel
-        What was undone.
+        The kernel of the deblurring.
     confidence : float
-        Of the kernel, from 0 to 1.
+        Confidence of the kernel, 0..1.
     notes : list of str
-        What the estimate noted; anything else, as a kernel file may have, counts for nothing.
+        Notes of the estimate. Anything else, as a kernel file may have, is ignored.
 
     """
     if kernel.theta[kernel.weights > 0].any():
@@ -54,12 +54,12 @@ def verdict_figures(kernel: RotationKernel, confidence: float, notes: object) ->
 
 
 def confidence_words(confidence: float) -> str:
-    """Say in words how far a kernel is to be trusted, by its confidence from 0 to 1."""
+    """Return the words for the confidence of a kernel, 0..1."""
     return next((words for least, words in _WORDS if confidence >= least), "doubtful")
 
 
 def summary_words(figures: Mapping[str, Any]) -> str:
-    """Say in a few words what was done to a photo, by the figures of its result."""
+    """Describe in a few words what was done to a photo, by the figures of its result."""
     if figures["verdict"] == UNSHAKEN:
         return f"passed over: {figures['reason']}"
     if figures["verdict"] == "left":
@@ -69,7 +69,7 @@ def summary_words(figures: Mapping[str, Any]) -> str:
 
 
 def blur_words(figures: Mapping[str, Any]) -> str:
-    """Say in a few words what blurs a photo, by the figures of `BlurKind.report`."""
+    """Describe in a few words what blurs a photo, by the figures of `BlurKind.report`."""
     if figures["verdict"] == "unclear":
         return "unclear: too little detail"
     words = str(figures["verdict"]) if figures["certain"] else f"perhaps {figures['verdict']}"

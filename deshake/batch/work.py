@@ -1,4 +1,4 @@
-"""What is done with each photo: a stage as an object that can be sent to another process."""
+"""The work on one photo of many: a stage as an object that can be sent to another process."""
 
 from __future__ import annotations
 
@@ -14,41 +14,41 @@ __all__ = ["Work"]
 
 
 class Work(Protocol):
-    """What is done with one photo."""
+    """The work on one photo."""
 
     def __call__(self, job: Job, run: Run) -> dict[str, Any]:
-        """Do it, write the outputs, and return its figures as JSON data.
+        """Do the work on a job, write its outputs, and return its figures as JSON data.
 
         Raises
         ------
         DeshakeError
-            If it cannot be done.
+            If the work cannot be done.
 
         """
         ...
 
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:
-        """Predict the bytes that a process takes for it, itself included."""
+        """Predict how many bytes the process takes, with the memory that it has before the work."""
         ...
 
     def check(self, job: Job) -> None:
-        """Check what is checked before any work, without reading a photo: for a dry run.
+        """Check the job before the work without reading the photo, for a dry run.
 
         Raises
         ------
         DeshakeError
-            If it cannot be done.
+            If the work cannot be done.
 
         """
         ...
 
     def origin(self, job: Job) -> dict[str, Any]:
-        """Return the origin in its result's provenance, as far as it is known before the work.
+        """Return the origin that the result's provenance will have, as far as it is known now.
 
         Raises
         ------
         DeshakeError, OSError
-            If it cannot be done anyway.
+            If the work cannot be done anyway.
 
         """
         ...

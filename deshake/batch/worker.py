@@ -1,4 +1,4 @@
-"""The process that works on one photo after another, and its end of the line to the one above."""
+"""A worker: the process that works on one photo after another, and its end of the pipe."""
 
 from __future__ import annotations
 
@@ -22,77 +22,77 @@ if TYPE_CHECKING:
     from deshake.batch.plan import Job
     from deshake.batch.work import Work
 
-__all__ = ["LogLevels", "Said", "Shown", "bind_opencv", "serve"]
+__all__ = ["LogLevels", "LogMessage", "ProgressMessage", "bind_opencv", "serve"]
 
 _INTERVAL = 0.1
-"""Seconds between two words on how far the work is."""
+"""Least number of seconds between two reports of the progress."""
 
 
 class LogLevels(NamedTuple):
-    """What is logged: by everybody, and by deshake."""
+    """The levels of the log: of all libraries, and of deshake."""
 
     root: int
     deshake: int
 
     @classmethod
     def here(cls) -> LogLevels:
-        """Return those of this process."""
+        """Return the levels of this process."""
         return cls(logging.getLogger().level, logging.getLogger("deshake").level)
 
 
-class Shown(NamedTuple):
-    """How far the work is, from 0 to 1, and what comes next."""
+class ProgressMessage(NamedTuple):
+    """The progress: the share of the work that is done, 0..1, and a text."""
 
     share: float
     text: str
 
 
-class Said(NamedTuple):
-    """A line of the log."""
+class LogMessage(NamedTuple):
+    """An entry of the log."""
 
     name: str
     level: int
     text: str
 
 
-def serve(line: Connection, work: Work, threads: int, levels: LogLevels) -> None:
-    """Do the work on every job that comes along the line, until it is closed.
+def serve(pipe: Connection, work: Work, threads: int, levels: LogLevels) -> None:
+    """Do the work on every job that comes through the pipe, until the pipe is closed.
 
-    Back go `Shown`, `Said` and, for each job, a `Result`. An interrupt from the keyboard is for
-    the process above alone, which ends this one by SIGTERM: then outputs under way are removed.
-    When that process ends, this one ends, too.
+    The worker sends `ProgressMessage`, `LogMessage` and, for each job, a `Result`. It ignores an
+    interrupt from the keyboard. The parent process ends it by SIGTERM: then unfinished outputs are
+    removed. The worker also ends when the parent process ends.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _leave)
     threading.Thread(target=_follow_parent, daemon=True).start()
-    warnings.simplefilter("ignore")  # what libraries warn of is meant for programmers
-    send = _Sender(line)
+    warnings.simplefilter("ignore")  # warnings of libraries are for programmers
+    send = _Sender(pipe)
     _log_to(send, levels)
     bind_opencv(threads)
     while True:
         try:
-            job: Job = line.recv()
+            job: Job = pipe.recv()
         except (EOFError, OSError):
             return
-        result = run_job(job, work, Run(threads, _Shower(send)))
+        result = run_job(job, work, Run(threads, _ProgressSender(send)))
         with contextlib.suppress(OSError):  # nobody listens any more
             send(result)
 
 
 class _Sender:
-    """Sends one message at a time along the line: threads share it."""
+    """Sends one message at a time through the pipe, which threads share."""
 
-    def __init__(self, line: Connection) -> None:
-        self._line = line
+    def __init__(self, pipe: Connection) -> None:
+        self._pipe = pipe
         self._lock = threading.RLock()
 
-    def __call__(self, message: Result | Shown | Said) -> None:
+    def __call__(self, message: Result | ProgressMessage | LogMessage) -> None:
         with self._lock:
-            self._line.send(message)
+            self._pipe.send(message)
 
 
-class _Shower:
-    """Says how far the work is, now and then."""
+class _ProgressSender:
+    """Sends the progress, at most once in `_INTERVAL`."""
 
     def __init__(self, send: _Sender) -> None:
         self._send = send
@@ -102,30 +102,30 @@ class _Shower:
         now = time.monotonic()
         if now >= self._next:
             self._next = now + _INTERVAL
-            self._send(Shown(share, text))
+            self._send(ProgressMessage(share, text))
 
 
-class _Sayer(logging.Handler):
-    """Sends the log along the line."""
+class _LogSender(logging.Handler):
+    """Sends the log through the pipe."""
 
     def __init__(self, send: _Sender) -> None:
         super().__init__()
         self._send = send
 
     def emit(self, record: logging.LogRecord) -> None:
-        self._send(Said(record.name, record.levelno, record.getMessage()))
+        self._send(LogMessage(record.name, record.levelno, record.getMessage()))
 
 
 def _log_to(send: _Sender, levels: LogLevels) -> None:
     root = logging.getLogger()
-    root.handlers = [_Sayer(send)]
+    root.handlers = [_LogSender(send)]
     root.setLevel(levels.root)
     logging.getLogger("deshake").setLevel(levels.deshake)
 
 
 def bind_opencv(threads: int) -> None:
-    """Limit OpenCV in this process to a number of threads, whatever the setting at its import."""
-    import cv2  # noqa: PLC0415 - that it is loaded here is this process's business
+    """Set the number of OpenCV's threads in this process, whatever it was at the import."""
+    import cv2  # noqa: PLC0415 - only a worker loads it
 
     cv2.setNumThreads(threads)
 
@@ -136,7 +136,7 @@ def _leave(number: int, frame: Any) -> None:  # noqa: ANN401, ARG001
 
 
 def _follow_parent() -> None:
-    """End this process as by SIGTERM when the one above has ended, however it did."""
+    """End this process as by SIGTERM when the parent process ends, for any reason."""
     parent = parent_process()
     if parent is not None:
         connection.wait([parent.sentinel])

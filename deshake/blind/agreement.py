@@ -2,7 +2,7 @@
 
 Each filter is smoothed by a share of its width, so that neighbouring rotations count as alike. The
 measure is the largest normalised correlation over all shifts of one filter against the other. The
-shift does not count, because no kernel knows the mean direction of the camera.
+shift does not count, because no photo shows the mean direction of the camera.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _SIGMA = 1.5  # px of the drawn filter: standard deviation of the smoothing ther
 def spread_px(kernel: RotationKernel) -> float:
     """Return the root mean square of the displacements about their mean, in pixels.
 
-    The mean is taken over the places of the frame.
+    Each place of the frame has a mean of its own. The squares are averaged over all places.
     """
     moved = kernel.displacements(kernel.camera.corners[list(_PLACES)])
     moved = moved - np.einsum("k,pki->pi", kernel.weights, moved)[:, None]

@@ -1,7 +1,7 @@
-"""Say in a second what blurs a photo: nothing, a shake, a soft lens, or the focus. No kernel.
+"""Detect in a second, without a kernel, what blurs a photo: a shake, a soft lens, focus, nothing.
 
 A shaken photo is blurred more along the shake than across it. A photo out of focus is blurred
-alike in all directions, and a soft one is, too, but little. So the verdict weighs three measures:
+alike in all directions. A soft one is, too, but less. So the verdict weighs three measures:
 the blur that depends on the direction (`spectrum_fit`), the spread of the sharper edges
 (`edge_spread`), and the sharpness of the steepest edges (`sharpness`).
 
@@ -37,14 +37,14 @@ class _Settings:
     Parameters
     ----------
     shaken, perhaps : float
-        Evidence of a shake, no unit: from the first on a photo is shaken, from the second on it is
-        perhaps shaken.
+        Evidence of a shake, no unit. With at least `shaken` a photo is shaken, with at least
+        `perhaps` it is perhaps shaken.
     edges_worth : float
-        Evidence per unit of `round_edges` less the ratio of the edges' two spreads.
+        Evidence per unit by which the ratio of the edges' two spreads is below `round_edges`.
     round_edges : float
         Ratio of the shorter spread to the longer one; rounder edges give no evidence.
     spread : float
-        Px of the photo: edges with a smaller longer spread give no evidence.
+        Px of the photo. Edges whose longer spread is smaller give no evidence.
     out_of_focus, soft : float
         Px of the photo: least longer spread of the edges of a photo out of focus, and of a soft
         one.
@@ -58,7 +58,7 @@ class _Settings:
     quarters : int
         Least number of clearly shaken quarters in a photo that is perhaps shaken.
     quarters_pixels : float
-        Largest size of the photo whose quarters are judged; a larger one is reduced first.
+        Largest number of pixels of a photo whose quarters are judged; a larger one is reduced.
 
     """
 
@@ -135,7 +135,7 @@ class BlurKind:
 
 
 def blur_kind(pyramid: Pyramid) -> BlurKind:
-    """Say what blurs a photo, without an estimate of its kernel."""
+    """Detect what blurs a photo, without an estimate of its kernel."""
     measures = measured(pyramid)
     whole = judged(measures)
     if measures.sharp or whole.kind == "shaken":

@@ -1,9 +1,9 @@
 """A kernel as the path of a camera: a thin line, without breaks.
 
-A camera moves along a curve. Two errors change that curve in an estimate. Noise widens it, and so
-do edges that the estimate takes for sharper than they are: `thinned` moves the rotations to the
-ridge of their density. An estimate at a coarse scale is a row of spikes with gaps between them, and
-the gaps leave dotted rims in the restored photo: `filled_path` fills the gaps.
+A camera moves along a curve. An estimate differs from that curve in two ways. It is too wide,
+because of noise, and of edges that it takes for sharper than they are: `thinned` moves the
+rotations to the ridge of their density. At a coarse scale it is a row of spikes, and the gaps
+between them leave dotted rims in the restored photo: `filled_path` fills the gaps.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ __all__ = ["FINE", "THIN", "Candidate", "Refinement", "Setting", "edge_floor", "
 Axes = tuple[bool, bool, bool]
 
 _START_HALF = (2, 2, 1)  # grid steps about X, Y and Z: half size of the first cube
-_GROWTH_LIMIT = 6  # shorter side of the frame over the largest index of a grown kernel
+_GROWTH_LIMIT = 6  # ratio of the frame's shorter side to the largest index of a grown kernel
 _LIGHT = 1e-4  # share of the kernel's weight; rotations that hold less are discarded
 _FAINT = 0.05  # share of the kernel's weight that its width does not count
 _MAIN = 0.8  # share of a wide kernel's weight; a main piece with less does not replace it
@@ -62,8 +62,8 @@ class Setting:
         Shares of the kernel's weight. The smallest weights that together hold less than this share
         are noise: `cut` after a fit, `carried` at the beginning of a finer scale.
     most, most_grown : int
-        Largest number of rotations: at the beginning of a finer scale, before the kernel gets
-        room, and after growth.
+        Largest number of rotations: `most` at the beginning of a finer scale, before the kernel
+        gets room; `most_grown` after growth.
     small : float
         Width in pixels of the scale. A narrower kernel may grow at every scale.
     wide : float

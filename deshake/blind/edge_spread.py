@@ -1,7 +1,7 @@
 """Measure the spread of a photo's edges at its finest scale, along and across the blur.
 
-An edge that a blur of standard deviation ``s`` spreads has, smoothed by Gaussians of ``s1`` and
-``s2``, slopes in the ratio ``sqrt((s2^2 + s^2) / (s1^2 + s^2))`` (Zhuo & Sim, "Defocus map
+A blur of standard deviation ``s`` spreads an edge. Smoothed by Gaussians of ``s1`` and ``s2``, the
+edge has slopes in the ratio ``sqrt((s2^2 + s^2) / (s1^2 + s^2))`` (Zhuo & Sim, "Defocus map
 estimation from a single image", Pattern Recognition 2011). A blur of covariance ``Sigma`` spreads
 an edge of normal ``n`` by ``s^2 = n^T Sigma n``. So the sharper edges of each direction give
 ``Sigma`` by a linear fit.
@@ -38,8 +38,8 @@ _ABOVE_NOISE = 6.0  # standard deviations of the slopes' noise
 _LEAST_SLOPE = 0.004  # display values a pixel
 _DIRECTIONS = 12  # directions in half a turn
 _SHARPER = 0.3  # quantile of the edges of a direction
-_FEWEST = 12  # edges of a direction that count
-_MOST = 200  # edges of a direction, from which more do not raise its weight
+_FEWEST = 12  # edges of a direction; with fewer it does not count
+_MOST = 200  # edges of a direction; more do not raise its weight
 _RATIO = (0.05, 0.93)  # squared ratios that are resolved; the Gaussians alone have 0.25
 
 

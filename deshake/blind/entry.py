@@ -23,6 +23,7 @@ __all__ = ["Entry", "nearest"]
 
 _FAINT = 0.05  # share of the kernel's weight that its width does not count
 _ROLL_WORTH = 0.003  # margin: least gain that justifies a kernel with roll
+_LEAST_ROLL = 0.5  # grid steps; a kernel that is centred rolls a little, without any meaning
 _LEAST_WIDTH = 2.5  # px of the kernel's scale; a narrower kernel is a point and is not refined
 _AGREEING = 3  # number of nearest kernels in the mean agreement
 
@@ -54,10 +55,11 @@ class Entry(NamedTuple):
     @property
     def rolls(self) -> bool:
         """Whether the camera turns about its optical axis."""
-        return bool(self.kernel.theta[:, 2].any())
+        turn = np.ptp(self.kernel.theta[:, 2])
+        return bool(turn > _LEAST_ROLL * self.kernel.steps[2])
 
     def margin(self, judge: Judge) -> float:
-        """Return the margin of the kernel, less what a kernel with roll must gain to justify it."""
+        """Return the margin of the kernel, less `_ROLL_WORTH` if it has roll."""
         return judge.margin(self.kernel) - _ROLL_WORTH * self.rolls
 
     def thin(self, width: float = 1.0) -> Entry:

@@ -48,7 +48,7 @@ SOFT = "the photo is a little soft rather than shaken: it is left as it is"
 
 _FAIRLY_SHARP = 0.69  # value of `sharpness`; a real shaken photo has 0.68
 _LEAST_USABLE = 0.05  # share of the pixels
-_EVEN = 0.5  # confidence; below it the kernel would rather harm the photo, which stays unchanged
+_EVEN = 0.5  # confidence; with less, harm is likelier than gain, and the photo stays unchanged
 _UNCHANGED = 0.1  # largest confidence of a kernel that leaves the photo unchanged
 _RACE_SHARE = 0.95  # share of the computing time
 
@@ -169,7 +169,7 @@ def _concluded(
 
 
 def _on_its_grid(kernel: RotationKernel) -> RotationKernel:
-    """Move the rotations of a kernel about the origin, as `faults` expects."""
+    """Move the centroid of a kernel to the origin, as `faults` expects."""
     return replace(kernel, theta=kernel.theta - kernel.centroid)
 
 

@@ -42,15 +42,15 @@ __all__ = ["Judge"]
 Image = NDArray[np.float32]
 
 _LAM = 2e-3  # squared contrast of the pyramid: price of an edge pixel
-_BETA_MAX = 64.0  # weight of the split gradients, no unit: the last one
-_BETA_FIRST = 2.0  # the last one for pictures that only fill the room around the tiles
+_BETA_MAX = 64.0  # last weight of the split gradients, no unit
+_BETA_FIRST = 2.0  # the same, for pictures that only fill the room around the tiles
 _LIVE = 1 / 64  # share of lam; a gradient is an edge if its square exceeds it
 _ROOM = 1.2  # room around a tile, in reaches of the widest kernel
 _BUDGET = Budget(0.12e6, 0.3e6)  # pixels
 _LEAST_NOISE = 0.002  # contrast of the pyramid: standard deviation
 _POWER = 0.8  # exponent of the gradients in the prior of the restored picture
 _PRIOR = 0.5  # weight of that prior, in variances of the noise
-_PENALTIES = tuple(float(beta) for beta in np.geomspace(0.01, 0.5, 7))  # no unit
+_PENALTIES = tuple(float(beta) for beta in np.geomspace(0.01, 0.5, 7))  # weights beta, no unit
 _FILL_AT = 4  # index into the penalties, at which unknown pixels are filled
 
 
@@ -76,6 +76,10 @@ class Judge:
         widest = max((kernel.for_camera(camera) for kernel in kernels), key=_reach)
         tiles = planned_tiles(pyramid, level, widest, part="apart", budget=_BUDGET, room=_ROOM)
         return cls(tiles)
+
+    def has_room(self, kernel: RotationKernel) -> bool:
+        """Return whether the room around the tiles holds the kernel's displacements."""
+        return _reach(kernel.for_camera(self.tiles.camera)) <= self.tiles.far
 
     def margin(self, kernel: RotationKernel) -> float:
         """Return the gain of a kernel in ``-ln E`` over a still camera.

@@ -1,10 +1,10 @@
 """The comparison of the kernels in a race, on tiles that no kernel was fitted to.
 
-Each kernel alone is judged at the scale where it is a few pixels wide (`margins`). The best kernels
-are compared at one scale that resolves most of them well (`side_by_side`). There the judge's energy
-separates right kernels from wrong ones. In photos of fine texture, or with a bent tone curve, it
-shows no difference; then the sharpness of the restored picture decides (`by_sharpness`). Between
-the last few kernels both count (`by_both`).
+Each kernel is judged at the scale that resolves it well, whatever the width of the others. At a
+coarser scale right and wrong kernels differ little; at a finer one a wide kernel is a thin line
+that only few tiles can hold. Two measures count: the judge's margin, and how much sparser the
+restored picture is. In most photos the margin separates right kernels from wrong ones. In photos of
+fine texture, or with a bent tone curve, it shows little difference; there the sparsity decides.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from deshake.blind.judge import Judge
 from deshake.blind.spot import is_spot
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from deshake.blind.entry import Entry
     from deshake.signal.pyramid import Pyramid
@@ -30,18 +30,14 @@ Scores = NDArray[np.float64]
 COLLAPSED = 10.0
 """Margin: penalty of a small round spot, larger than any gain."""
 
-_OWN_WIDTH = 8.0  # px of a kernel at the scale of its own judgement
-_COMMON_WIDTH = 28.0  # px of the kernels at the scale of a common comparison
-_WIDE = 0.6  # quantile of the kernels' widths; it sets the scale of a common comparison
-_WIDEST_OF_MOST = 0.9  # the same quantile, if the energy shows no difference between kernels
-_MOST_LOSS = 0.05  # margin: largest loss that a comparison by sharpness counts
-_SHARPENING_WORTH = 0.6  # margin per gain of 1 in -ln nsp, where the energy shows no difference
-_LAST_SHARPENING_WORTH = 0.3  # the same, between the last kernels
-_WIDEST = 48.0  # px at the scale of a common comparison; wider kernels are not compared
+_WIDTH = 28.0  # px of a kernel at the scale where it is judged
+_SHARPENING_WORTH = 0.3  # margin per gain of 1 in -ln nsp
 
 
 class Comparison:
     """Scores of kernels for one photo; a higher one is better.
+
+    A scale has one judge for all kernels that it has room for, so that their scores compare.
 
     Parameters
     ----------
@@ -52,85 +48,45 @@ class Comparison:
 
     def __init__(self, pyramid: Pyramid) -> None:
         self.pyramid = pyramid
+        self._judges: dict[int, Judge] = {}
+        self._scores: dict[tuple[Judge, str], float] = {}
 
-    def margins(self, entries: Sequence[Entry]) -> Scores:
-        """Return the margins of kernels, each at the scale where it is a few pixels wide.
+    def scores(self, entries: Sequence[Entry]) -> Scores:
+        """Return the margins of kernels, and the worth of the sparsity of the restored picture.
 
-        At that scale a kernel that is too narrow gains nothing, and one that is too wide loses.
-        The width of other kernels has no influence on the scale.
+        The kernels have different names.
         """
-        levels = np.array([self._level(entry.width, _OWN_WIDTH) for entry in entries])
-        margins = np.empty(len(entries))
-        for level in np.unique(levels):
-            at = np.flatnonzero(levels == level)
-            margins[at] = self._judged([entries[int(i)] for i in at], int(level))
-        return margins
+        levels = [self._level(entry) for entry in entries]
+        by_level: dict[int, list[Entry]] = {}
+        for entry, level in zip(entries, levels, strict=True):
+            by_level.setdefault(level, []).append(entry)
+        for level, group in by_level.items():
+            self._make_room(level, group)
+        scores = [self._score(entry, at) for entry, at in zip(entries, levels, strict=True)]
+        return np.array(scores) - COLLAPSED * np.array([is_spot(entry.kernel) for entry in entries])
 
-    def side_by_side(self, entries: Sequence[Entry]) -> Scores:
-        """Return the margins of kernels at one scale that resolves most of them well."""
-        return self._compared(entries, _WIDE, self._judged)
+    def judge(self, entry: Entry) -> Judge:
+        """Return the judge at the scale of a kernel."""
+        level = self._level(entry)
+        self._make_room(level, [entry])
+        return self._judges[level]
 
-    def by_sharpness(self, entries: Sequence[Entry]) -> Scores:
-        """Return scores of kernels at one scale by the sharpness of the restored picture.
+    def _score(self, entry: Entry, level: int) -> float:
+        judge = self._judges[level]
+        key = judge, entry.name
+        if key not in self._scores:
+            sharper = judge.sharpening(entry.kernel)
+            self._scores[key] = entry.margin(judge) + _SHARPENING_WORTH * sharper
+        return self._scores[key]
 
-        This is for photos whose energy shows no difference between kernels. In fine texture the
-        true kernel may lose some margin, so a loss against the best margin counts only up to a
-        bound.
-        """
+    def _make_room(self, level: int, entries: Sequence[Entry]) -> None:
+        """Replace the judge of a scale, unless it has room for the kernels."""
+        kernels = [entry.kernel for entry in entries]
+        judge = self._judges.get(level)
+        if judge is None or not all(judge.has_room(kernel) for kernel in kernels):
+            self._judges[level] = Judge.of(self.pyramid, level, kernels)
 
-        def scores(fitting: Sequence[Entry], level: int) -> Scores:
-            margins, sharper = self._both(fitting, level)
-            counted: Scores = np.maximum(margins, margins.max() - _MOST_LOSS)
-            return counted + _SHARPENING_WORTH * sharper
-
-        return self._compared(entries, _WIDEST_OF_MOST, scores)
-
-    def by_both(self, entries: Sequence[Entry]) -> Scores:
-        """Return scores of a few kernels at one scale by their margins and by the sharpness."""
-
-        def scores(fitting: Sequence[Entry], level: int) -> Scores:
-            margins, sharper = self._both(fitting, level)
-            return margins + _LAST_SHARPENING_WORTH * sharper
-
-        return self._compared(entries, _WIDEST_OF_MOST, scores)
-
-    def _both(self, entries: Sequence[Entry], level: int) -> tuple[Scores, Scores]:
-        """Return the margins of kernels, and how much sparser the restored picture becomes."""
-        judge = Judge.of(self.pyramid, level, [entry.kernel for entry in entries])
-        margins = np.array([entry.margin(judge) for entry in entries])
-        return margins, np.array([judge.sharpening(entry.kernel) for entry in entries])
-
-    def judge(self, entries: Sequence[Entry]) -> Judge:
-        """Return the judge at the common scale, with room for kernels that grow a little."""
-        widths = np.array([entry.width for entry in entries])
-        level = self._common_level(widths, _WIDE)
-        return Judge.of(self.pyramid, level, [entry.kernel for entry in entries])
-
-    def _compared(
-        self,
-        entries: Sequence[Entry],
-        quantile: float,
-        scores: Callable[[Sequence[Entry], int], Scores],
-    ) -> Scores:
-        """Return scores of kernels at the scale that a quantile of their widths sets."""
-        widths = np.array([entry.width for entry in entries])
-        level = self._common_level(widths, quantile)
-        shrink = self.pyramid.at(level).camera.width / self.pyramid.camera.width
-        compared = np.full(len(entries), -1.0)
-        fits = np.flatnonzero(widths * shrink <= _WIDEST)
-        if len(fits):
-            compared[fits] = scores([entries[int(i)] for i in fits], level)
-        return compared - COLLAPSED * np.array([is_spot(entry.kernel) for entry in entries])
-
-    def _common_level(self, widths: Scores, quantile: float) -> int:
-        """Return the scale for a common comparison of kernels with these widths."""
-        return self._level(float(np.quantile(widths, quantile)), _COMMON_WIDTH)
-
-    def _level(self, width: float, wanted: float) -> int:
-        """Return the scale that reduces a width in pixels of the photo to the wanted width."""
-        level = np.ceil(2 * np.log2(max(width / wanted, 1e-9)))
+    def _level(self, entry: Entry) -> int:
+        """Return the scale that resolves a kernel well."""
+        level = np.ceil(2 * np.log2(max(entry.width / _WIDTH, 1e-9)))
         return int(np.clip(level, 0, self.pyramid.coarsest))
-
-    def _judged(self, entries: Sequence[Entry], level: int) -> Scores:
-        judge = Judge.of(self.pyramid, level, [entry.kernel for entry in entries])
-        return np.array([entry.margin(judge) for entry in entries])

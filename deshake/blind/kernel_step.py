@@ -15,6 +15,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import scipy.linalg
 import scipy.ndimage
 from numpy.typing import NDArray
 
@@ -33,18 +34,16 @@ Image = NDArray[np.float32]
 Vector = NDArray[np.float64]
 
 _RIDGE = 0.003  # share of the energy of the edges
-_TEXTURE = 0.3  # share of the edges' mean square: variance of the gradients about the edges
+_TEXTURE = 0.3  # share of the edges' mean square: prior variance of the gradients about the edges
 _MISFIT = 8.0  # variance of all that the model does not explain, in variances of the noise
 _LEAST_NOISE = 0.002  # contrast of the pyramid: standard deviation
 _ISLAND = 0.03  # share of the kernel's weight; a connected piece with less is noise
 _LEAST_ENERGY = 1e-9  # squared contrast, summed over pixels; every edge has more
 _LEAST_SUM = 1e-6  # sum of the weights; below it the edges explain nothing
-_ROUNDS = 6  # choices of the free weights
-_STEPS = 50  # gradient steps in a round
-_SLACK = 1e-5  # share of the bound times the largest weight; smaller gradients count as zero
-_TINY = 1e-12  # weight; a stand-in for the largest weight if all are zero
-_POWER_STEPS = 15  # iterations of the power method
-_SMALL_CHANGE = 1e-6  # share of the largest weight; the weights are settled below it
+_PIVOTS = 100  # steps of the solver; it needs 2 to 7
+_TRIES = 3  # steps without fewer wrong weights, before they are exchanged one by one
+_SLACK = 1e-9  # share of the largest correlation; smaller gradients count as zero
+_JITTER = 1e-10  # share of the largest diagonal element, so that G is never singular
 
 
 class NormalEquations(NamedTuple):
@@ -56,7 +55,7 @@ class NormalEquations(NamedTuple):
 
 
 class RotationGrid:
-    """Rotations on a grid, and the displacements of the tiles' middles by each rotation.
+    """Rotations on a grid, and the displacements of the tiles' centres by each rotation.
 
     Parameters
     ----------
@@ -168,60 +167,69 @@ def fitted_weights(
 
 
 def nonnegative(gram: Vector, right: Vector, start: Vector) -> Vector:
-    """Minimise ``w' G w / 2 - b' w`` over w >= 0 by accelerated projected gradients.
+    """Minimise ``w' G w / 2 - b' w`` over w >= 0 by block principal pivoting.
 
-    Most weights end at zero. After each round the solver sets the zero weights aside. It uses such
-    a weight again as soon as its gradient is negative.
+    Each step solves for the free weights as if they had no bound. Then it sets negative weights to
+    zero, and frees those zero weights that would lower the value (Kim & Park, SIAM J. Sci. Comput.
+    2011). The least free set that is right ends the search.
 
     Parameters
     ----------
     gram : (K, K) array
-        G, symmetric with non-negative eigenvalues.
+        G, symmetric. Its eigenvalues are not negative, but for the errors of an approximation; if
+        one is, the diagonal grows until none is.
     right : (K,) array
         b.
     start : (K,) array
-        The first weights.
+        Weights near the solution. Only which of them are positive matters.
 
     """
-    v = np.random.default_rng(0).random(len(right))
-    bound = 1.0
-    for _ in range(_POWER_STEPS):
-        v = gram @ v
-        bound = float(np.linalg.norm(v))
-        if bound == 0:
-            return np.zeros_like(right)
-        v /= bound
-    bound *= 1.02
-    w = start.copy()
-    active = np.ones(len(w), bool)
-    for _ in range(_ROUNDS):
-        w[~active] = 0
-        free = np.flatnonzero(active)
-        w[free], settled = _descended(gram[np.ix_(free, free)], right[free], w[free], bound)
-        used = np.flatnonzero(w)
-        gradient = gram[:, used] @ w[used] - right
-        wanted = (w > 0) | (gradient < -_SLACK * bound * max(w.max(), _TINY))
-        if settled and not (wanted & ~active).any():
+    largest = gram.diagonal().max()
+    if not largest > 0:
+        return np.zeros_like(right)
+    shift = _JITTER * largest
+    try:
+        return _pivoted(_shifted(gram, shift), right, start > 0)
+    except scipy.linalg.LinAlgError:
+        least = scipy.linalg.eigvalsh(gram, subset_by_index=(0, 0))[0]
+        return _pivoted(_shifted(gram, shift - min(2 * least, 0)), right, start > 0)
+
+
+def _shifted(gram: Vector, shift: float) -> Vector:
+    """Return G with a number added to its diagonal, and so to all of its eigenvalues."""
+    shifted = gram.copy()
+    shifted.flat[:: len(gram) + 1] += shift
+    return shifted
+
+
+def _pivoted(gram: Vector, right: Vector, free: NDArray[np.bool_]) -> Vector:
+    """Return the minimum for a positive definite G; `free` are the first free weights."""
+    slack = _SLACK * np.abs(right).max()
+    fewest, tries = len(right) + 1, 0
+    for _ in range(_PIVOTS):
+        w, gradient = _unbounded(gram, right, free)
+        wrong = np.where(free, w < 0, gradient < -slack)
+        count = int(wrong.sum())
+        if count < fewest:
+            fewest, tries = count, _TRIES
+        else:
+            tries -= 1
+        if count == 0:
             break
-        active = wanted
-    return w
+        if tries < 0:  # the steps go in a circle: exchange one weight alone
+            wrong[: np.flatnonzero(wrong)[-1]] = False
+        free = free ^ wrong
+    return np.maximum(w, 0)
 
 
-def _descended(gram: Vector, right: Vector, start: Vector, bound: float) -> tuple[Vector, bool]:
-    """Take some steps; return the weights, and whether they are settled."""
-    w, ahead, momentum = start.copy(), start.copy(), 1.0
-    for _ in range(_STEPS):
-        new = np.maximum(ahead - (gram @ ahead - right) / bound, 0)
-        if np.dot(ahead - new, new - w) > 0:  # the step is too long: restart the momentum here
-            momentum, ahead = 1.0, w.copy()
-            continue
-        change = np.abs(new - w).max(initial=0)
-        grown = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
-        ahead = new + (momentum - 1) / grown * (new - w)
-        w, momentum = new, grown
-        if change < _SMALL_CHANGE * max(w.max(initial=0), _TINY):
-            return w, True
-    return w, False
+def _unbounded(gram: Vector, right: Vector, free: NDArray[np.bool_]) -> tuple[Vector, Vector]:
+    """Return the best free weights without a bound, the others zero, and the gradient there."""
+    used = np.flatnonzero(free)
+    w = np.zeros_like(right)
+    if len(used):
+        part = gram[np.ix_(used, used)]
+        w[used] = scipy.linalg.solve(part, right[used], assume_a="pos", overwrite_a=True)
+    return w, gram[:, used] @ w[used] - right
 
 
 def _index_differences(

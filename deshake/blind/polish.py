@@ -1,22 +1,19 @@
 """Polish kernels: refine a thin path of each again and again, as long as the judge's margin rises.
 
-A refinement alone stays where it is: a kernel that is too wide gives a latent picture that is too
+Refinement alone gets stuck: a kernel that is too wide gives a latent picture that is too
 sharp, and the two fit each other. Reduced to a thin path, a kernel that is nearly right leaves this
-state and comes nearer to the truth; a wrong one seldom gains. So the margins after the polish
-separate right from wrong kernels better than those before it.
+state and comes nearer to the truth; a wrong one seldom gains.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from deshake.blind.candidate import Refinement
-from deshake.blind.kernel_comparison import COLLAPSED, Comparison
+from deshake.blind.kernel_comparison import COLLAPSED
 from deshake.blind.spot import is_spot
-from deshake.geometry.rotations import reach
 from deshake.operators.strips import in_order
 
 if TYPE_CHECKING:
@@ -24,9 +21,8 @@ if TYPE_CHECKING:
 
     from deshake.blind.candidate import Axes
     from deshake.blind.entry import Entry
-    from deshake.blind.judge import Judge
+    from deshake.blind.kernel_comparison import Comparison
     from deshake.run import Run
-    from deshake.signal.pyramid import Pyramid
 
 __all__ = ["polished"]
 
@@ -36,36 +32,23 @@ _PATHS = (  # grid steps: width of the neighbourhood on a thin path; refinement 
     (1.4, Refinement(1e-3, iterations=4, cut=0.01, room=False)),
     (1.0, Refinement(2e-3, iterations=4)),
 )
-_STARTS = 2  # number of starts whose best kernel is polished
-_ROUNDS_EACH = 2  # number of rounds for each
-_ROUNDS = 4  # number of rounds for the better one; a line whose margin does not rise ends earlier
-
-
-@dataclass
-class _Line:
-    """The best kernel of a start so far, its margin, and whether the last round raised it."""
-
-    best: Entry
-    margin: float
-    rises: bool = True
-
-    def __post_init__(self) -> None:
-        self.name = f"{self.best.name}, polished"
+_LINES = 2  # number of starts whose best kernel is polished in the first round
+_ROUNDS = 4  # largest number of rounds; a round that does not raise the margin is the last
 
 
 def polished(
-    pyramid: Pyramid,
+    comparison: Comparison,
     ranked: Sequence[Entry],
     sources: Sequence[Entry],
     axes: Axes,
     run: Run,
-) -> list[Entry]:
-    """Polish the best kernels of two starts; only the better one gets all rounds.
+) -> Entry:
+    """Polish the best kernels of two starts for one round, and the better one for all rounds.
 
     Parameters
     ----------
-    pyramid : Pyramid
-        The photo.
+    comparison : Comparison
+        The photo, and the judge of its kernels.
     ranked : sequence of Entry
         Kernels, the best first.
     sources : sequence of Entry
@@ -75,55 +58,60 @@ def polished(
     run : Run
         Threads to use, and who receives the progress.
 
+    Returns
+    -------
+    Entry
+        The best kernel. It is one of the given ones if none is better.
+
     """
     best: dict[int, Entry] = {}
     for entry in ranked:
         best.setdefault(entry.start, entry)
-    entries = list(best.values())[:_STARTS]
-    polish = _Polish(pyramid, axes, Comparison(pyramid).judge(entries))
-    lines = [_Line(entry, polish.margin(entry)) for entry in entries]
-    others = {entry.start: [(entry, _OTHER_EDGES)] for entry in sources}
-    parts = iter(run.parts([1.0] * (_ROUNDS_EACH * (len(lines) - 1) + _ROUNDS)))
+    others = {source.start: source for source in sources}
+    lines = [_Line(comparison, entry, axes) for entry in list(best.values())[:_LINES]]
+    parts = iter(run.parts([1.0] * (len(lines) + _ROUNDS - 1)))
     for line in lines:
-        polish.advance(line, others[line.best.start], next(parts))
-        for _ in range(_ROUNDS_EACH - 1):
-            polish.advance(line, [], next(parts))
-    leader = max(lines, key=lambda line: line.margin)
+        line.advance(next(parts), others[line.best.start])
+    leader = lines[int(np.argmax(comparison.scores([line.best for line in lines])))]
     for part in parts:
-        polish.advance(leader, [], part)
-    return [line.best for line in lines]
+        leader.advance(part)
+    return leader.best
 
 
-class _Polish:
-    """The photo, the axes that the camera may turn about, and the judge of all kernels."""
+class _Line:
+    """A kernel, its margin, and whether the last round raised it."""
 
-    def __init__(self, pyramid: Pyramid, axes: Axes, judge: Judge) -> None:
-        self.pyramid = pyramid
-        self.axes = axes
-        self.judge = judge
+    def __init__(self, comparison: Comparison, entry: Entry, axes: Axes) -> None:
+        self.pyramid = comparison.pyramid
+        self.judge = comparison.judge(entry)
+        self.axes = (axes[0], axes[1], axes[2] and entry.rolls)
+        self.name = f"{entry.name}, polished"
+        self.best = entry
+        self.margin = self._margin(entry)
+        self.rises = True
 
-    def advance(self, line: _Line, others: Sequence[tuple[Entry, Refinement]], run: Run) -> None:
-        """Replace the best kernel of a line by the best refinement, if the margin rises."""
-        if not line.rises:
+    def advance(self, run: Run, source: Entry | None = None) -> None:
+        """Replace the kernel by the best refinement of it or its source, if the margin rises."""
+        if not self.rises:
             return
-        axes = (self.axes[0], self.axes[1], self.axes[2] and line.best.rolls)
-        jobs = [*others, *((line.best.thin(width), how) for width, how in _PATHS)]
+        jobs = [(self.best.thin(width), how) for width, how in _PATHS]
+        if source is not None:
+            jobs.append((source, _OTHER_EDGES))
         new = []
-        work = in_order(lambda job: job[0].refined(self.pyramid, job[1], axes), jobs, run)
+        work = in_order(lambda job: job[0].refined(self.pyramid, job[1], self.axes), jobs, run)
         for done, (_, entry) in enumerate(work, 1):
             new.append(entry)
             run.report(done / len(jobs), "refinement")
-        if others:
-            new += [line.best.thin(), new[0].thin()]
-        margins = [self.margin(entry) for entry in new]
+        if source is not None:
+            new += [self.best.thin(), new[-1].thin()]
+        margins = [self._margin(entry) for entry in new]
         top = int(np.argmax(margins))
-        line.rises = margins[top] > line.margin
-        if line.rises:
-            line.best, line.margin = new[top]._replace(name=line.name), margins[top]
+        self.rises = margins[top] > self.margin
+        if self.rises:
+            self.best, self.margin = new[top]._replace(name=self.name), margins[top]
 
-    def margin(self, entry: Entry) -> float:
+    def _margin(self, entry: Entry) -> float:
         """Return the margin of a kernel; one that the judge has no room for has none."""
-        kernel = entry.kernel.for_camera(self.judge.tiles.camera)
-        if is_spot(entry.kernel) or reach(kernel.camera, kernel.theta) > self.judge.tiles.far:
+        if is_spot(entry.kernel) or not self.judge.has_room(entry.kernel):
             return -COLLAPSED
         return entry.margin(self.judge)

@@ -1,11 +1,13 @@
 """The race: candidates from several first scales; the best are refined, and one is kept.
 
 An estimate needs a first scale where the shake is a few pixels wide. This scale is unknown. So
-candidates start at every second scale, and each continues to the finest scale that it can reach.
-Two measures then compare the kernels. One is the margin of the judge, on tiles that no candidate
-used. The other is the agreement with the kernels of other starts, because kernels that agree from
-independent starts are seldom wrong. The best kernels are refined, with roll and without, and are
-compared again (`kernel_comparison`). The best of two starts are polished (`polish`).
+candidates start at every second scale (in a small photo, at every scale), and each continues to the
+finest scale that it can reach.
+
+Two measures then rank the kernels. One is the score of their comparison, on tiles that no candidate
+used (`kernel_comparison`). The other is the agreement with the kernels of other starts, because
+kernels that agree from independent starts are seldom wrong. The best kernels are refined, with roll
+and without, and are ranked again. The best kernels of two starts are polished (`polish`).
 
 Every second start carries its kernel as a thin path from scale to scale. Wide shakes often succeed
 in only one of the two ways.
@@ -23,7 +25,7 @@ from numpy.typing import NDArray
 
 from deshake.blind.candidate import FINE, THIN, Axes, Candidate, Refinement
 from deshake.blind.entry import Entry, nearest
-from deshake.blind.kernel_comparison import COLLAPSED, Comparison
+from deshake.blind.kernel_comparison import Comparison
 from deshake.blind.polish import polished
 from deshake.blind.spot import is_spot
 from deshake.geometry.kernel import ALL_AXES
@@ -40,14 +42,13 @@ __all__ = ["Finish", "race"]
 Scores = NDArray[np.float64]
 
 _COARSEST_START = 11  # index of a scale
-_SETTINGS = (FINE, THIN)  # of every second start
+_FEWEST_STARTS = 4  # number of starts; with fewer, every scale is a first scale
+_SETTINGS = (FINE, THIN)  # the starts use them in turn
 _SNAPSHOTS = 2  # number of last scales of a candidate whose kernels are kept
-_REFINED = 3  # number of starts
+_REFINED = 3  # number of starts whose last kernels are refined
 _REFINEMENT = Refinement(2e-3, iterations=5)  # price in squared contrast of the pyramid
 _UNIFORM_REFINEMENT = Refinement(1e-3, iterations=5)  # the same price, for the uniform model
-_COMPARED = 6  # number of kernels in a common comparison
-_SILENT = 0.015  # margin; if no kernel reaches it, the energy shows no difference
-_AGREEMENT_WORTH = 0.2  # margin per agreement of 1
+_AGREEMENT_WORTH = 0.3  # margin per agreement of 1
 
 
 class Finish(NamedTuple):
@@ -101,14 +102,14 @@ def race(
 
     """
     course = _Course(pyramid, axes, bound)
-    starts = list(range(min(pyramid.coarsest, _COARSEST_START), 0, -2))[::-1] or [0]
+    starts = _first_scales(pyramid.coarsest)
     entries = course.started(starts[:2], run.part(0.0, 0.15))
     if may_rest and all(is_spot(e.kernel) and e.level == 0 for e in _last(entries)):
         run.report(1.0, "the photo is not shaken")
         return Finish(_last(entries)[0], 0.0, 1.0, at_rest=True)
     entries += course.started(starts[2:], run.part(0.15, 0.5))
     winner = course.best(entries) if quick else course.finished(entries, run.part(0.5, 1.0))
-    margin = float(course.comparison.margins([winner])[0])
+    margin = winner.margin(course.comparison.judge(winner))
     run.report(1.0, "kernel estimated")
     return Finish(winner, margin, nearest(winner, entries), at_rest=False)
 
@@ -137,33 +138,23 @@ class _Course:
 
     def best(self, entries: Sequence[Entry]) -> Entry:
         """Return the best kernel of the starts."""
-        return entries[int(np.argmax(self._chances(entries, entries)))]
+        return self._ranked(entries)[0]
 
     def finished(self, entries: list[Entry], run: Run) -> Entry:
         """Refine the kernels of the best starts, add them to the entries, and return the best."""
-        order = np.argsort(-self._chances(entries, entries), kind="stable")
-        best = list(dict.fromkeys(entries[i].start for i in order))[:_REFINED]
+        best = list(dict.fromkeys(e.start for e in self._ranked(entries)))[:_REFINED]
         ends = _last(entries)
         taken = [e for e in ends if e.start in best]
         taken = [e for e in taken if not is_spot(e.kernel)] or taken
         entries += self._refined(taken, run.part(0.0, 0.5))
-        finals = [e for e in entries if e.start in {one.start for one in taken}]
-        chances = self._chances(finals, entries)
-        compared = np.argsort(-chances, kind="stable")[:_COMPARED]
-        finals, chances = [finals[i] for i in compared], chances[compared]
-        margins = self.comparison.side_by_side(finals)
-        if margins.max() < _SILENT:
-            finals, chances = entries, _alike(entries, entries)
-            margins = self.comparison.by_sharpness(entries)
-        ranked = [finals[i] for i in np.argsort(-(chances + margins), kind="stable")]
-        last = polished(self.pyramid, ranked, ends, self.axes, run.part(0.5, 1.0))
-        return last[int(np.argmax(self.comparison.by_both(last)))]
+        ranked = self._ranked(entries)
+        return polished(self.comparison, ranked, ends, self.axes, run.part(0.5, 1.0))
 
-    def _chances(self, entries: Sequence[Entry], known: Sequence[Entry]) -> Scores:
-        """Return the score of each kernel: its margin, and its agreement with the known kernels."""
-        collapsed = np.array([is_spot(entry.kernel) for entry in entries])
-        margins = self.comparison.margins(entries)
-        return margins + _alike(entries, known) - COLLAPSED * collapsed
+    def _ranked(self, entries: Sequence[Entry]) -> list[Entry]:
+        """Sort kernels, the best first, by their scores and their agreement."""
+        agreement = np.array([nearest(entry, entries) for entry in entries])
+        chances = self.comparison.scores(entries) + _AGREEMENT_WORTH * agreement
+        return [entries[i] for i in np.argsort(-chances, kind="stable")]
 
     def _refined(self, entries: Sequence[Entry], run: Run) -> list[Entry]:
         """Refine kernels, with roll and without."""
@@ -190,9 +181,11 @@ class _Course:
         return entries[-_SNAPSHOTS:]
 
 
-def _alike(entries: Sequence[Entry], known: Sequence[Entry]) -> Scores:
-    """Return the worth of each kernel's agreement with the known kernels."""
-    return _AGREEMENT_WORTH * np.array([nearest(entry, known) for entry in entries])
+def _first_scales(coarsest: int) -> list[int]:
+    """Return the first scales of all starts, the finest first."""
+    coarsest = min(coarsest, _COARSEST_START)
+    sparse = list(range(coarsest, 0, -2))[::-1] or [0]
+    return sparse if len(sparse) >= _FEWEST_STARTS else list(range(1, coarsest + 1)) or [0]
 
 
 def _last(entries: Sequence[Entry]) -> list[Entry]:

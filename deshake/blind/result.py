@@ -28,7 +28,8 @@ class BlindEstimate:
     confidence : float
         The confidence, 0..1. From edges it is the estimated chance that the kernel improves the
         photo. From the variational inference it is the agreement of the last two scales: the cosine
-        between their kernels, less the weight on the bounds. That value is not calibrated.
+        between their kernels, times the share of the weight that lies off the bounds. That value is
+        not calibrated.
     notes : list of str
         Notes for the user, in plain words.
     scales : list of ScaleReport

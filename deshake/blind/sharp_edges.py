@@ -24,7 +24,7 @@ __all__ = ["Edges", "l0_picture", "latent_edges", "shocked"]
 Image = NDArray[np.float32]
 Edges = Literal["shock", "l0", "strong"]
 
-BETA_MAX = 16.0  # weight of the split gradients, no unit: the last one
+BETA_MAX = 16.0  # last weight of the split gradients, no unit
 _GROWTH = 2.83  # factor of beta between two steps
 _SHOCK_STEPS = 2  # iterations of the shock filter
 _SHOCK_TIME = 0.5  # px: length dt of a step of the shock filter

@@ -5,7 +5,7 @@ steep at both sizes. A wider edge is steeper at half the size, at most twice as 
 steepness of a photo along a direction is the 99 % quantile of its differences, without the part
 of the noise. The sharpness is the ratio of the two steepnesses: near one for sharp photos, near one
 half for blurred ones. It is the least ratio over four directions, because a pan keeps the edges
-along its direction sharp. Only tiles in focus count, at the finest scales.
+along its direction sharp. Only tiles in focus count, unless the scale is small.
 """
 
 from __future__ import annotations

@@ -2,11 +2,11 @@
 
 Natural scenes are alike at every scale: the power of a scene falls with the frequency by a power
 law, and depends on the direction in the same way at every frequency. A blur of covariance
-``Sigma`` takes ``omega^T Sigma omega`` from the logarithm of the power. So a linear fit of the
-logarithm separates the two at a scale where the blur is about a pixel wide. The part of ``Sigma``
-that depends on the direction has the direction of the shake and its width (after Goldstein &
-Fattal, "Blur-Kernel Estimation from Spectral Irregularities", ECCV 2012, who measure the kernel by
-the same property).
+``Sigma`` subtracts ``omega^T Sigma omega`` from the logarithm of the power. So a linear fit of the
+logarithm separates scene and blur at a scale where the blur is about a pixel wide. The part of
+``Sigma`` that depends on the direction gives the direction of the shake and its width. Goldstein &
+Fattal ("Blur-Kernel Estimation from Spectral Irregularities", ECCV 2012) measure the kernel by the
+same property.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ Spectrum = NDArray[np.float64]
 
 _TILE = 64  # px of the scale: side of a tile
 _TILES = 48  # largest number of tiles at a scale
-_OVERLAP = 1.5  # tiles a tile's side, where they cover the frame
+_OVERLAP = 1.5  # tiles per length of a tile's side, where tiles cover the frame
 _LONGEST_EDGES = 8.0  # px of the scale: width of the blur for the choice of tiles
 _BAND = (0.04, 0.3)  # cycles per pixel of the scale: frequencies of the fit
 _MOST_CLIPPED = 0.02  # share of a tile's pixels; clipped lights have spectra of their own
-_LEAST_POWER = 0.1  # share of the power that noise leaves at the least
+_LEAST_POWER = 0.1  # least share of the power that remains when the noise is subtracted
 _ENOUGH_TILES = 8  # fewer tiles make a fit less certain
 _NARROWEST = 1.0  # px of the photo: a narrower blur is no shake
 _RESOLVED = 0.15  # squared px of the scale: least variance along the blur
@@ -50,7 +50,7 @@ class DirectedBlur(NamedTuple):
     Parameters
     ----------
     strength : float
-        Difference of the variances along and across the blur over two, in squared pixels of the
+        Half the difference of the variances along and across the blur, in squared pixels of the
         scale that shows it best; 0 if no scale shows any.
     sigma_px : float
         Standard deviation along the direction, in pixels of the photo.
@@ -116,7 +116,7 @@ def _overlapping(shape: tuple[int, int]) -> list[tuple[int, int]]:
 
 
 def _fitted(spectra: Spectrum, noise: Spectrum) -> tuple[float, float, float]:
-    """Return the blur's variance: its mean, and its cosine and sine of twice the angle."""
+    """Return the blur's variance: its mean, and its parts of cos(2 angle) and sin(2 angle)."""
     across, down = np.fft.rfftfreq(_TILE)[None], np.fft.fftfreq(_TILE)[:, None]
     frequency = np.hypot(across, down)
     inside = (frequency >= _BAND[0]) & (frequency <= _BAND[1]) & ((across > 0) | (down > 0))

@@ -32,7 +32,7 @@ def is_spot(kernel: RotationKernel) -> bool:
     """Return whether a kernel is a small round spot, in pixels of its camera's photo.
 
     Sharp and soft photos give spots of 0 to 1.3 px. Of 43 simulated hand shakes of 3 px and more,
-    none gives a spot from both of the two finest starts.
+    none gives a spot from both finest starts.
     """
     longer, shorter = axes_px(heaviest(kernel, _FAINT))
     return longer <= _POINT or (longer <= _SMALL and shorter >= _ROUND * longer)

@@ -2,7 +2,7 @@
 
 The information of a tile is the Fisher information of its edges about (theta_X, theta_Y, theta_Z).
 It starts from the structure tensor of those edges that are longer than the width of the blur
-(Xu & Jia, ECCV 2010); each edge counts up to a bound. The displacement of the tile's middle by each
+(Xu & Jia, ECCV 2010); each edge counts up to a bound. The displacement of the tile's centre by each
 rotation maps this tensor to the rotations. The choice is greedy: each step takes the tile that adds
 most to the log determinant of the sum. So every axis counts, and the choice includes tiles in the
 corners, which move with the roll, and edges of every direction.
@@ -79,9 +79,9 @@ def chosen(
     count : int
         Largest number of tiles.
     width : float
-        Width of the blur, in pixels of the scale. Shorter edges say little.
+        Width of the blur, in pixels of the scale. Shorter edges give little information.
     allowed : callable, optional
-        Whether tiles are allowed, from their middles (x, y) in widths of the frame; by default all
+        Whether tiles are allowed, from their centres (x, y) in widths of the frame; by default all
         are allowed.
     focus : float
         Exponent of the preference for tiles in focus; 0: no preference.

@@ -1,6 +1,6 @@
 """The places of tiles at a scale: tiles for the fit of kernels, and tiles kept apart for the judge.
 
-The frame is a chessboard of three colours. Tiles whose middle lies on one of the colours are kept
+The frame is a chessboard of three colours. Tiles whose centre lies on one of the colours are kept
 apart. The judge uses only those. No kernel is fitted to them, unless the photo is so small that the
 tiles cover all of it.
 """
@@ -51,7 +51,7 @@ def planned_tiles(
     budget: Budget = Budget(),  # noqa: B008 - it never changes
     room: float = 1.0,
 ) -> Tiles:
-    """Cut tiles of a scale whose size and room suit a kernel.
+    """Cut tiles at a scale, with a size and a room that suit a kernel.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def is_covered(pyramid: Pyramid, level: int, budget: Budget = Budget()) -> bool:
 
 
 def _size(theta: NDArray[np.float64], far: int, most: int) -> int:
-    """Return an even tile size at which a rotation moves both ends of a tile much alike."""
+    """Return an even tile size at which a rotation moves both ends of a tile nearly alike."""
     turn = float(np.ptp(theta, axis=0).max())
     least = max(_LEAST, min(2 * far, _LARGEST))
     size = min(int(np.clip(_TURN / max(turn, 1e-9), least, _LARGEST)), most)

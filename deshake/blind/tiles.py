@@ -2,8 +2,8 @@
 
 The rotational model is global. So a few tiles at different places of the frame determine the kernel
 as well as all pixels do, and the cost does not grow with the photo. Tile t is a block of N x N
-pixels. `size` pixels in the middle count as data. The room around them holds the light that the
-blur moves in or out. Within a tile the blur is one filter, Eq. (7) at the tile's middle c_t:
+pixels. Its middle, `size` x `size` pixels, counts as data. The room around it holds the light that
+the blur moves in or out. Within a tile the blur is one filter, Eq. (7) at the tile's centre c_t:
 
     A_t f = h_t corr f,   h_t = sum_k w_k splat(d_k(c_t))
 
@@ -35,7 +35,7 @@ Image = NDArray[np.float32]
 Spectrum = NDArray[np.complex64]
 
 _LEAST_ROOM = 6  # px of the scale: least room on each side of the middle
-_RAMP = 4  # px of the scale: width of the ramp of the window of edges
+_RAMP = 4  # px of the scale: width of the ramps of the edges' window
 
 
 class Tiles:
@@ -50,7 +50,7 @@ class Tiles:
     size : int
         Width and height of the middles in pixels.
     far : int
-        Largest displacement by the kernel in pixels, as from `reach`.
+        Largest displacement by the kernel in pixels, from `reach`.
 
     """
 

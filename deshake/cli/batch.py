@@ -158,7 +158,7 @@ def _collected(command: F, options: Sequence[Callable[[Any], Any]]) -> F:
 
 
 def for_masks(mask: Path, photos: Sequence[Path]) -> Callable[[InputPhoto], Path | None]:
-    """Return what finds the mask of a photo: the one, or that of its stem in the folder."""
+    """Return a function from a photo to its mask: `mask`, or one in that folder."""
     if not mask.is_dir():
         if len(photos) > 1 or photos[0].is_dir():
             raise click.UsageError("for several photos, --mask names a folder of masks")
@@ -220,7 +220,7 @@ def run_batch(
     work : Work
         The work to do with them.
     batch : Batch
-        How.
+        Options of the batch frame.
     line : callable, optional
         Returns the line on standard output for a photo that is done, without ``--json``.
     note : callable, optional

@@ -41,7 +41,7 @@ _BEFORE_THE_FILE = {"config", "no_config", "preset", "version"}
 
 
 class ConfigError(click.UsageError):
-    """A configuration file is not what it should be."""
+    """A configuration file is wrong."""
 
 
 Defaults = dict[str, Any]
@@ -50,7 +50,7 @@ Defaults = dict[str, Any]
 
 @dataclass(frozen=True)
 class Config:
-    """What a configuration file says.
+    """The content of a configuration file.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Config:
     presets: Mapping[str, Defaults] = field(default_factory=dict)
 
     def with_preset(self, name: str | None) -> Defaults:
-        """Return the defaults, with those of a preset before them.
+        """Return the defaults; those of a preset have priority.
 
         Raises
         ------
@@ -89,7 +89,7 @@ class Config:
         return merged
 
     def _unknown(self, name: str) -> str:
-        """Say that there is no such preset, and which there are."""
+        """Return the message that there is no such preset, and which there are."""
         if self.path is None:
             return f"no preset {name!r}: there is no configuration file"
         if not self.presets:
@@ -110,13 +110,13 @@ def read_config(ctx: click.Context, path: Path) -> Config:
     Returns
     -------
     Config
-        What the file says.
+        The content of the file.
 
     Raises
     ------
     ConfigError
-        If the file cannot be read, is not TOML, or has a key that is no option, or whose value is
-        no value of that option.
+        If the file cannot be read, is not TOML, or has a key that is no option, or a value that the
+        option does not take.
 
     """
     try:
@@ -165,7 +165,7 @@ class _Reader:
         self._path = path
 
     def error(self, where: str, what: str) -> ConfigError:
-        """Return the error that something is wrong at a place of the file."""
+        """Return the error for a place of the file."""
         return ConfigError(f"{self._path}: {where}{what}", self._ctx)
 
     def defaults(self, content: Mapping[str, Any]) -> Defaults:
@@ -209,7 +209,7 @@ class _Reader:
             faults = {name: self._fault(option, value) for name, option in having.items()}
             if all(faults.values()):
                 [fault, *_] = faults.values()
-                raise self.error(where, f"{key} = {_said(value)}: {fault}")
+                raise self.error(where, f"{key} = {_shortened(value)}: {fault}")
             for name, fault in faults.items():
                 if fault is None:
                     defaults.setdefault(name, {})[having[name].name] = value
@@ -233,7 +233,7 @@ class _Reader:
         for key, value in table.items():
             fault = self._fault(known[key], value)
             if fault is not None:
-                raise self.error(where, f"{key} = {_said(value)}: {fault}")
+                raise self.error(where, f"{key} = {_shortened(value)}: {fault}")
         return {known[key].name or key: value for key, value in table.items()}
 
     def _fault(self, option: click.Option, value: object) -> str | None:
@@ -256,7 +256,8 @@ def _parted(content: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, dict[
 def _options(command: click.Command) -> dict[str, click.Option]:
     """Return the options of a command that a file can set, by their long names without dashes.
 
-    What a command only passes to the general options is set before its name.
+    Those that a command only passes to the general options are not among them: the file sets them
+    before the command's name.
     """
     return {
         name[2:]: param
@@ -270,7 +271,7 @@ def _options(command: click.Command) -> dict[str, click.Option]:
 
 
 def _kind(option: click.Option) -> str:
-    """Say what kind of value an option takes in the file."""
+    """Return the kind of value that an option takes in the file, in words."""
     if option.is_flag or option.count:
         return "a whole number" if option.count else "true or false"
     if isinstance(option.type, Count | type(click.INT)):
@@ -298,7 +299,7 @@ def _is_of_kind(option: click.Option, value: object) -> bool:
             return isinstance(value, str)
 
 
-def _said(value: object) -> str:
+def _shortened(value: object) -> str:
     """Return a value of the file in one short line."""
     text = str(value).lower() if isinstance(value, bool) else str(value)
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."

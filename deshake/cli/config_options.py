@@ -1,4 +1,4 @@
-r"""Which configuration file is read, and which of its presets: options of the program.
+r"""The options that choose the configuration file and its preset.
 
 The user's own file is read if it is there::
 
@@ -30,11 +30,11 @@ __all__ = ["config_options", "preset_option", "user_config"]
 F = TypeVar("F", bound="Callable[..., Any]")
 
 _SWITCHED_OFF = "deshake.no_config"
-"""Where the context of click notes --no-config."""
+"""Key of click's context that records --no-config."""
 
 
 def user_config() -> Path | None:
-    """Return where the user's own configuration file lies, whether it is there or not.
+    """Return the path of the user's own configuration file, whether it exists or not.
 
     None: the system has no place for it.
     """
@@ -91,7 +91,7 @@ def _preset(*, is_eager: bool) -> Callable[[F], F]:
 
 
 def _switch_off(ctx: click.Context, param: click.Parameter, value: bool) -> None:  # noqa: ARG001
-    """Read no file; what is typed comes before what the environment says."""
+    """Read no file; the command line has priority over the environment."""
     ctx.meta[_SWITCHED_OFF] = value
     _refuse_both(ctx)
 
@@ -112,7 +112,7 @@ def _refuse_both(ctx: click.Context) -> None:
 
 
 def _existing(path: Path | None) -> Path | None:
-    """Return a path if something is there, readable or not."""
+    """Return a path if it exists, readable or not."""
     try:
         return path if path is not None and path.exists() else None
     except PermissionError:
@@ -120,9 +120,9 @@ def _existing(path: Path | None) -> Path | None:
 
 
 def _choose_preset(ctx: click.Context, param: click.Parameter, value: str | None) -> None:
-    """Put the preset's defaults before those of the file.
+    """Give the preset's defaults priority over those of the file.
 
-    After a command's name, the environment has been looked at before.
+    After a command's name only a typed preset counts: the environment is already applied.
     """
     context = ctx.ensure_object(Context)
     if value is None or (ctx.parent is not None and not _typed(ctx, param.name)):
@@ -137,7 +137,7 @@ def _choose_preset(ctx: click.Context, param: click.Parameter, value: str | None
 
 
 def _begun_presets(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:  # noqa: ARG001
-    """Return the presets whose names begin so, for the shell."""
+    """Return the presets whose names begin with `incomplete`, for the shell."""
     presets = ctx.ensure_object(Context).config.presets
     return sorted(name for name in presets if name.startswith(incomplete))
 

@@ -1,4 +1,4 @@
-"""What every command knows about its run: how much to say, how many threads, what to show."""
+"""The general options of a run, for every command: verbosity, threads, progress, configuration."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def _stderr_is_terminal() -> bool:
 
 
 def _has_known_size() -> bool:
-    """Whether stderr is no terminal of no columns or rows, as some serial lines and CI logs are."""
+    """Return whether stderr is not a terminal of size 0, as some serial lines and CI logs are."""
     try:
         return all(os.get_terminal_size(sys.stderr.fileno()))
     except (OSError, ValueError):  # no terminal at all
@@ -46,15 +46,15 @@ class Context:
     verbosity : int
         Count of -v less count of -q.
     threads : int or None
-        Threads for the work on one photo, >= 1; None: the processors there are, shared out.
+        Threads for the work on one photo, >= 1; None: the photos at once share all processors.
     progress : bool
         Whether progress bars are wanted; by default if stderr is a terminal.
     arguments : sequence of str
-        What was typed after the program's name.
+        The arguments after the program's name.
     config : Config
-        What the configuration file says.
+        The content of the configuration file.
     preset : str or None
-        The preset of that file that was chosen.
+        The chosen preset of that file.
     log : Path or None
         A file that the log is appended to.
 
@@ -74,7 +74,7 @@ class Context:
         Raises
         ------
         click.UsageError
-            If it cannot be written.
+            If the log cannot be written.
 
         """
         if self.log is not None:
@@ -85,7 +85,7 @@ class Context:
             _log.info("options are read from %s%s", self.config.path, preset)
 
     def bar(self, text: str = "") -> ProgressBar:
-        """Make a progress bar, which shows nothing where none is wanted."""
+        """Make a progress bar; it shows nothing if none is wanted."""
         return ProgressBar(text, shown=self.progress and self.verbosity >= 0)
 
     def run(self, progress: Progress) -> Run:
@@ -96,15 +96,15 @@ class Context:
 class ProgressBar:
     """A progress bar on stderr, as a context manager and a function.
 
-    Call it with the fraction done, from 0 to 1, and a word or two on what is being done. It
-    never runs backwards, shows the time left, and vanishes at the end.
+    Call it with the share of the work that is done, 0..1, and a short text. It never runs
+    backwards, shows the time left, and vanishes at the end.
 
     Parameters
     ----------
     text : str
-        What is being done.
+        The first text.
     shown : bool
-        Whether anything is shown at all.
+        Whether to show the bar.
 
     """
 
@@ -135,7 +135,7 @@ class ProgressBar:
             self._bar = None
 
     def __call__(self, fraction: float, text: str = "") -> None:
-        """Show that `fraction` of the work is done and that `text` comes next."""
+        """Show that `fraction` of the work is done, and `text`."""
         if self._bar is None:
             return
         if text and text != self._text:

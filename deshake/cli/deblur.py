@@ -143,7 +143,7 @@ def command(
 
 
 def _kernels(path: Path) -> Callable[[InputPhoto], Path]:
-    """Return what finds the kernel of a photo: the one, or that of its stem in the folder."""
+    """Return a function from a photo to its kernel file: `path`, or one in that folder."""
     from deshake.stages.estimating import kernel_name
 
     if not path.is_dir():

@@ -1,4 +1,4 @@
-"""How results are called and written: options of ``fix`` and ``deblur``."""
+"""The names and files of results: options of ``fix`` and ``deblur``."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ __all__ = [
 F = TypeVar("F", bound="Callable[..., Any]")
 
 NO_JPEG = "--jpeg-quality is for JPEGs, and no result is one: add --format jpeg."
-"""A message."""
+"""The error of --jpeg-quality if no result is a JPEG."""
 
 format_option = click.option(
     "--format",
@@ -54,7 +54,7 @@ quality_option = click.option(
 
 
 def file_options(command: F) -> F:
-    """Add what `ResultFile` takes, and put it into ``finish``, which `finish_options` hands on."""
+    """Add the options of `ResultFile`, and put them into the ``finish`` of `finish_options`."""
 
     @wraps(command)
     def collected(*args: Any, finish: FinishingOptions, **values: Any) -> Any:  # noqa: ANN401
@@ -91,7 +91,7 @@ def file_options(command: F) -> F:
 def chosen_format(name: str | None, output: Path | None) -> Format | None:
     """Return the format that --format names.
 
-    If the configuration file or the environment has it, an output with an ending comes first.
+    If the configuration file or the environment has it, an output's ending has priority.
     """
     from deshake.formats.encoding import SUFFIXES
 
@@ -114,7 +114,7 @@ def planned_results(
     finish: FinishingOptions,
     **more: Any,  # noqa: ANN401 - what `plan` takes
 ) -> list[Job]:
-    """Plan the jobs, with results called and written as the options say.
+    """Plan the jobs, with results named and written as the options say.
 
     Raises
     ------
@@ -142,7 +142,7 @@ def planned_results(
 
 
 def check_ending(output: Path, file: ResultFile) -> None:
-    """Refuse the name of a file that ends as another format than --format does."""
+    """Refuse a name whose ending stands for another format than --format."""
     from deshake.formats.encoding import SUFFIXES
 
     if file.form is not None and SUFFIXES.get(output.suffix.lower()) != file.form:
@@ -153,7 +153,7 @@ def check_ending(output: Path, file: ResultFile) -> None:
 
 
 def _named(output: Path, file: ResultFile) -> tuple[NameTemplate | None, Path | None]:
-    """Return the template that -o is, or the path that it is if its braces are those of a name."""
+    """Return the template in -o, or the path in -o if its braces belong to a name."""
     from deshake.batch.name_template import NameTemplate
 
     try:
@@ -164,7 +164,7 @@ def _named(output: Path, file: ResultFile) -> tuple[NameTemplate | None, Path | 
 
 
 def _check_quality(jobs: Sequence[Job], finish: FinishingOptions) -> None:
-    """Refuse --jpeg-quality where no result is a JPEG."""
+    """Refuse --jpeg-quality if no result is a JPEG."""
     from deshake.batch.plan import PlanError
 
     if finish.file.jpeg_quality is None or not is_typed("jpeg_quality"):

@@ -1,4 +1,4 @@
-"""What is wanted of a result beside the deblurring: options of ``fix`` and ``deblur``."""
+"""Options of a result beside the deblurring, for ``fix`` and ``deblur``."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ F = TypeVar("F", bound="Callable[..., Any]")
 
 
 def finish_options(command: F) -> F:
-    """Add the options of `FinishingOptions`, and pass it as ``finish``; --mask is passed apart."""
+    """Add the options of `FinishingOptions`, passed as ``finish``; --mask is passed separately."""
 
     @wraps(command)
     def collected(

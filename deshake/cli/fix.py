@@ -138,7 +138,7 @@ def command(
 
 
 def _what_was_done(result: Result) -> str:
-    """Say in a line what was written for a photo, and what was done to it."""
+    """Return the line that reports what was written for a photo, and what was done to it."""
     from deshake.batch.verdict import summary_words
 
     to = "" if result.status == "skipped" else f" -> {result.job.output}"
@@ -148,7 +148,7 @@ def _what_was_done(result: Result) -> str:
 def _for_pair(
     *, region: object, estimator: str, focal: object, only_shaken: bool, **_: object
 ) -> dict[str, Any]:
-    """Refuse options that only a blind estimate uses, or return those that give way to --noisy."""
+    """Refuse options that only a blind estimate uses; return the defaults that replace them."""
     chosen = {"region": region is not None, "estimator": estimator != "edges", "focal": focal}
     chosen["only_shaken"] = only_shaken
     for name in [name for name, given in chosen.items() if given]:

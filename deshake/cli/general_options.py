@@ -24,7 +24,7 @@ __all__ = ["general_options", "program_options"]
 F = TypeVar("F", bound="Callable[..., Any]")
 
 _OPENCV_THREADS = "OPENCV_FOR_THREADS_NUM"
-"""What OpenCV reads when it is imported, which is after the options are."""
+"""The variable that OpenCV reads when it is imported, after the options are read."""
 
 
 def _set_verbosity(ctx: click.Context, param: click.Parameter, value: int) -> None:
@@ -56,10 +56,10 @@ def _set_progress(ctx: click.Context, param: click.Parameter, value: bool | None
 
 
 def _counts(ctx: click.Context, param: click.Parameter) -> bool:
-    """Whether a general option's value counts: after a command's name, only if typed there.
+    """Return whether a general option's value counts: after a command's name, only if typed there.
 
-    The environment and the configuration file set it before the command's name, so that what is
-    typed, in either place, comes before both. Only a preset after the command's name sets it there.
+    The environment and the configuration file set it before the command's name, so a typed value
+    has priority in either place. Of values not typed there, only those of a preset count.
     """
     name = param.name or ""
     source = ctx.get_parameter_source(name)
@@ -71,7 +71,7 @@ def _counts(ctx: click.Context, param: click.Parameter) -> bool:
 
 
 def _counted_above(ctx: click.Context, param: click.Parameter) -> int:
-    """Return what the configuration file gave for -v or -q before the command's name."""
+    """Return the count of -v or -q before the command's name, from the configuration file."""
     defaults = (ctx.parent.default_map if ctx.parent else None) or {}
     return int(defaults.get(param.name or "", 0))
 
@@ -84,15 +84,15 @@ def general_options(command: F) -> F:
         click.get_current_context().ensure_object(Context).begin()
         return command(*args, **values)
 
-    return preset_option(_everywhere(cast("F", begun)))
+    return preset_option(_with_shared_options(cast("F", begun)))
 
 
 def program_options(command: F) -> F:
     """Add to the group of commands what `general_options` adds, and the configuration file."""
-    return config_options(_everywhere(command))
+    return config_options(_with_shared_options(command))
 
 
-def _everywhere(command: F) -> F:
+def _with_shared_options(command: F) -> F:
     """Add -v, -q, --log, --threads and --progress."""
     for option in (
         click.option(

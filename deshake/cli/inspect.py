@@ -63,7 +63,7 @@ def command(context: Context, /, *, files: tuple[Path, ...], batch: Batch) -> in
 
 
 def _described(jobs: Sequence[Job]) -> Callable[[Result], str]:
-    """Return what describes the result of a job: in lines, or in a line if there are several."""
+    """Return a function that describes a result: in lines, or in one if there are several jobs."""
     if len(jobs) == 1:
         return _in_lines
     width = max(len(str(job.source)) for job in jobs)
@@ -80,7 +80,7 @@ def _in_lines(result: Result) -> str:
 
 
 def _summary(figures: Mapping[str, Any]) -> str:
-    """Describe a file in a line."""
+    """Describe a file in one line."""
     match figures["kind"]:
         case "photo":
             more = f"noise {_percent(figures['noise'])}, {_film(figures)}"
@@ -96,7 +96,7 @@ def _summary(figures: Mapping[str, Any]) -> str:
 
 
 def _title(figures: Mapping[str, Any]) -> str:
-    """Say in a few words what a file is."""
+    """Return in a few words what a file is."""
     from deshake.batch.verdict import blur_words
 
     match figures["kind"]:
@@ -170,16 +170,16 @@ def _origin_rows(figures: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def _option_rows(name: str, options: object) -> list[tuple[str, str]]:
-    """Return the options of a stage, without those that are nothing."""
+    """Return the options of a stage, without those that are empty."""
     if not isinstance(options, dict):
         return []
     given = [
-        f"{key}={_said(value)}" for key, value in options.items() if value not in (None, False)
+        f"{key}={_as_text(value)}" for key, value in options.items() if value not in (None, False)
     ]
     return [(name, ", ".join(given))] if given else []
 
 
-def _said(value: object) -> str:
+def _as_text(value: object) -> str:
     return value if isinstance(value, str) else json.dumps(value)
 
 

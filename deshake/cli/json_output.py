@@ -1,4 +1,4 @@
-"""What ``--json`` prints: one object a line, that every reader of JSON takes."""
+"""The output of ``--json``: one object a line, which every reader of JSON accepts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _REPLACEMENT = "\N{REPLACEMENT CHARACTER}"
 
 
 def print_json(report: Mapping[str, object]) -> None:
-    """Print a report to standard output, its texts as `readable` ones."""
+    """Print a report to standard output, with its texts made `readable`."""
     click.echo(json.dumps(_readable(report)))
 
 

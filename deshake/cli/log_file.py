@@ -43,12 +43,12 @@ class LogFile(logging.FileHandler):
         self.setFormatter(logging.Formatter(_FORMAT))
 
     def format(self, record: logging.LogRecord) -> str:
-        """Return the line, those after a break indented; what cannot be printed is escaped."""
+        """Return the lines, all but the first indented; escape what cannot be printed."""
         text = super().format(record).replace("\n", "\n    ")
         return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802 - logging's name
-        """Say once that the log cannot be continued, and let the work go on."""
+        """Warn once that the log cannot be continued; the work continues."""
         error = sys.exc_info()[1]
         logging.getLogger().removeHandler(self)
         if not isinstance(error, OSError):
@@ -88,7 +88,7 @@ def open_log(path: Path) -> LogFile:
 def _may_be_log(path: Path) -> bool:
     """Return whether a log may be appended: to a new, empty or special file, or to a log.
 
-    A photo that is named by mistake stays as it is.
+    So a photo that is named by mistake does not change.
     """
     try:
         status = path.stat()

@@ -35,11 +35,11 @@ EXIT_USAGE: Final = 2
 EXIT_INTERRUPTED: Final = 130
 
 _LINEAR_ALGEBRA: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""What NumPy's linear algebra reads when it is imported, which is after this module is."""
+"""The variables that NumPy's linear algebra reads when it is imported, after this module."""
 
 
 class _Entry(NamedTuple):
-    """Where a command lives, and the first line of its help."""
+    """The module of a command, and the first line of its help."""
 
     module: str
     summary: str
@@ -153,7 +153,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _run(args: Sequence[str] | None, context: Context) -> int:
-    """Run the group; a command's own exit code is what it returns or exits with, else 0."""
+    """Run the group; return the code that a command returns or exits with, else 0."""
     arguments = None if args is None else list(args)
     result: Any = cli.main(arguments, prog_name="deshake", standalone_mode=False, obj=context)
     return result if isinstance(result, int) else 0

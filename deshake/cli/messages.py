@@ -1,4 +1,4 @@
-"""What the command line says on stderr: errors with hints, and the log.
+"""The messages of the command line on stderr: errors with hints, and the log.
 
 stdout carries data only, so nothing here ever writes to it.
 """
@@ -44,9 +44,9 @@ _LEVELS = {-1: logging.ERROR, 0: logging.WARNING, 1: logging.INFO}
 _PRINTED = {"printed": True}
 """Marks a line of the log that is on stderr already, in a form of its own."""
 _ALIKE = 0.75
-"""How much of two names is the same, where one is a slip of the other."""
+"""Least similarity of two names, 0..1, if one is a typing error for the other."""
 _NATIVE_LOGS = "OPENCV_LOG_LEVEL"
-"""OpenCV writes to the terminal by itself, past Python, unless this says otherwise."""
+"""OpenCV itself writes to the terminal, not through Python, unless this variable forbids it."""
 
 
 def print_error(message: str, *, hint: str | None = None) -> None:
@@ -66,7 +66,7 @@ def print_note(text: str, *, also_quiet: bool = False) -> None:
 
 
 def print_exception(error: Exception) -> None:
-    """Say in one line what went wrong, and in another what to try."""
+    """Print in one line what went wrong, and in another what to try."""
     if isinstance(error, NoArgsIsHelpError):
         error.show()
     else:
@@ -98,7 +98,7 @@ def _usage_hint(error: click.UsageError) -> str:
 
 
 def _without_guesses(error: NoSuchOption) -> str:
-    """Return the message, with those options alone that may have been meant: a slip away."""
+    """Return the message, with only those similar options that a typing error may have changed."""
     meant = [
         name
         for name in error.possibilities or []
@@ -130,7 +130,7 @@ def log_to_file(path: Path) -> None:
 
 
 def _set_levels() -> None:
-    """Let through what one of the handlers wants."""
+    """Let every record pass that any handler wants."""
     in_file = any(isinstance(handler, LogFile) for handler in _ROOT.handlers)
     verbosity = 2 if in_file else _STDERR.verbosity
     _OURS.setLevel(_LEVELS.get(max(verbosity, -1), logging.DEBUG))
@@ -143,9 +143,9 @@ def _set_levels() -> None:
 
 @contextmanager
 def log_to_stderr() -> Iterator[None]:
-    """Send the log, and whatever libraries warn about, to stderr in the house's form.
+    """Send the log, and the warnings of libraries, to stderr in deshake's form.
 
-    What libraries say appears at -vv only: it is meant for programmers.
+    Messages of libraries are for programmers, so they appear at -vv only.
     """
     handlers = list(_ROOT.handlers)
     levels = {logger: logger.level for logger in (_ROOT, _OURS, _WARNINGS, _PILLOW)}
@@ -175,7 +175,7 @@ class _StderrHandler(logging.Handler):
     verbosity = 0
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Return whether the line is to be shown: not what `print_note` and the like have shown."""
+        """Return whether to show the line; `print_note` and the like have shown theirs already."""
         if hasattr(record, "printed") or self.verbosity > 1:
             return not hasattr(record, "printed")
         ours = record.name.startswith("deshake") and record.name != _WARNINGS.name

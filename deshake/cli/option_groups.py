@@ -1,4 +1,4 @@
-"""The help of a command in groups: what is needed every day comes first.
+"""The help of a command in groups: the options for every day come first.
 
 The table below has the group of each option. An option that is in no group comes under "More
 options", just before the general ones.
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["GROUPS", "GroupedCommand", "option_groups"]
 
 _COLUMN: Final = 30
-"""Characters of the longest names that have their description beside them."""
+"""Characters; an option with longer names has its description below them."""
 _OTHERS: Final = "More options"
 
 GROUPS: Final[Mapping[str, Sequence[str]]] = {
@@ -82,7 +82,7 @@ def option_groups(command: click.Command, ctx: click.Context) -> dict[str, list[
     Parameters
     ----------
     command : click.Command
-        The command; if it is a `GroupedCommand`, its own groups come first.
+        The command; the own groups of a `GroupedCommand` come after the first of `GROUPS`.
     ctx : click.Context
         Its context.
 

@@ -1,8 +1,8 @@
-"""Every option that some commands share, once; `general_options` has those of all commands.
+"""The options that some commands share; `general_options` has those of all commands.
 
 Options whose default or meaning differs from command to command are functions that return a
-decorator; the others are decorators. Photos and files are plain paths: reading them shows what
-is wrong with them.
+decorator; the others are decorators. Photos and files are plain paths: errors appear when they are
+read.
 """
 
 from __future__ import annotations
@@ -57,10 +57,10 @@ _FOCAL_SOURCES = ("focal", "focal_px", "focal_35mm", "camera")
 
 
 def only_one_of(*names: str) -> Callable[[click.Context, click.Parameter, Any], Any]:
-    """Make a callback that fails where a second of the named options is given.
+    """Make a callback that fails if a second one of the named options is given.
 
-    What is typed comes before the environment, and that before the configuration file: of two that
-    do not come from the same place, the later one is left out.
+    The command line has priority over the environment, and that over the configuration file. If two
+    options come from different places, the one of lower priority is left out.
     """
 
     def check(ctx: click.Context, param: click.Parameter, value: Any) -> Any:  # noqa: ANN401
@@ -81,9 +81,9 @@ def only_one_of(*names: str) -> Callable[[click.Context, click.Parameter, Any], 
 
 
 def only_with(*names: str) -> Callable[[click.Context, click.Parameter, Any], Any]:
-    """Make a callback that leaves out a value of the configuration file that has no use.
+    """Make a callback that leaves out a useless value of the configuration file.
 
-    It has one where one of the named options is given. What is typed is left to the command.
+    The value is useless without one of the named options. The command checks values that are typed.
     """
 
     def check(ctx: click.Context, param: click.Parameter, value: Any) -> Any:  # noqa: ANN401
@@ -96,13 +96,13 @@ def only_with(*names: str) -> Callable[[click.Context, click.Parameter, Any], An
 
 
 def left_out(name: str, against: str) -> bool:
-    """Return whether an option gives way to one against it that comes from an earlier place."""
+    """Return whether an option is left out: one that excludes it has a higher priority."""
     ctx = click.get_current_context()
     return given_by(ctx, name) > given_by(ctx, against)
 
 
 def given_by(ctx: click.Context, name: str) -> int:
-    """Return where the value of an option comes from, in the order in which the places count."""
+    """Return the place that the value of an option comes from, as a number: its priority."""
     source = ctx.get_parameter_source(name)
     return list(ParameterSource).index(source) if source is not None else len(ParameterSource)
 
@@ -129,7 +129,7 @@ def output_option(default: str, *, metavar: str = "FILE", note: str = "") -> Cal
 def one_to_stdout(*, as_json: bool, output: Path | None, **others: Path | None) -> bool:
     """Return whether one output goes to standard output; raise UsageError if several do.
 
-    The others are named as their options are.
+    Each other output has the name of its option.
     """
     asked = {"--json": as_json, "-o -": str(output) == "-"}
     asked |= {f"--{name} -": str(path) == "-" for name, path in others.items()}
@@ -273,7 +273,7 @@ def chosen_estimate(
     camera: Path | None,
     **choices: Any,  # noqa: ANN401 - fields of EstimateOptions and of CameraChoice
 ) -> EstimateOptions:
-    """Return what an estimate uses, by the options of a command.
+    """Return the options of an estimate, from those of a command.
 
     Raises
     ------
@@ -292,7 +292,7 @@ def chosen_estimate(
 
 
 def estimate_options(command: F) -> F:
-    """Add all that a blind estimate uses; `chosen_estimate` takes what they give."""
+    """Add all options of a blind estimate; `chosen_estimate` takes their values."""
     for option in (
         transfer_option,
         estimator_option,

@@ -91,7 +91,7 @@ def command(
 
 
 def _line(result: Result) -> str:
-    """Say in one line how the noisy photo lies."""
+    """Return the registration in one line."""
     figures = result.figures
     x, y, z = figures["theta_degrees"]
     scale = figures["scale"]

@@ -1,4 +1,4 @@
-"""The report of a run, and what is opened after it: options of ``fix`` and ``deblur``."""
+"""The report of a run, and the file that is opened after it: options of ``fix`` and ``deblur``."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _OF_THE_RUN = {
     "only_shaken",
     *("noisy", "kernel", "registration", "mask", "keep_kernels"),  # named by each job
 }
-"""Options that a command for one photo does not repeat as they are."""
+"""Options that a command for one photo does not repeat unchanged."""
 
 
 def report_options(command: F) -> F:
@@ -80,7 +80,7 @@ def report_options(command: F) -> F:
 
 @dataclass(frozen=True)
 class ReportOptions:
-    """What is asked for beside the results.
+    """The options of the report, and of the file that is opened at the end.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ class ReportOptions:
     opens: bool = False
 
     def check(self, *, compare: bool) -> None:
-        """Refuse what contradicts itself."""
+        """Refuse options that contradict each other."""
         if self.path is None and self.beside:
             raise click.UsageError("--report-images needs --report.")
         if self.path is None and self.opens and not compare:
@@ -139,7 +139,7 @@ class ReportOptions:
 
 
 class Reporting:
-    """Writes the report of a run, if there is one; where that fails, the photos go on.
+    """Writes the report of a run, if there is one; if that fails, the photos continue.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ class Reporting:
         self._resources.__exit__(kind, error, trace)
 
     def add(self, result: Result) -> Result:
-        """Add what came of a photo; return it without the pictures, which are kept no longer."""
+        """Add the result of a photo; return it without its pictures, to release their memory."""
         from deshake.errors import DeshakeError
 
         if result.status == "done":
@@ -195,7 +195,7 @@ class Reporting:
         return replace(result, pictures=None)
 
     def end(self) -> None:
-        """Write the report, and open what is to be opened."""
+        """Write the report, and open it, or the sheet, if the user wants."""
         from deshake.errors import DeshakeError
 
         shown = self._sheet
@@ -210,7 +210,7 @@ class Reporting:
             _open(shown)
 
     def _fail(self, error: DeshakeError) -> None:
-        """Say that there will be no report, and why."""
+        """Warn that there will be no report, and why."""
         print_exception(error)
         self.failed = True
         self._report = None
@@ -223,7 +223,7 @@ def _open(path: Path) -> None:
 
 
 def _commands(ctx: click.Context) -> Callable[[Job], str]:
-    """Return what gives the command for one photo of a run."""
+    """Return a function from a job to the command for its photo alone."""
     options: dict[str, list[str]] = {}
     for param in ctx.command.params:
         name = param.name or ""
@@ -231,7 +231,7 @@ def _commands(ctx: click.Context) -> Callable[[Job], str]:
         default = ctx.get_parameter_source(name) is ParameterSource.DEFAULT
         of_the_photo = isinstance(param, click.Option) and name not in _OF_THE_RUN
         if of_the_photo and not default and value is not None and value is not False:
-            options[name] = [param.opts[-1], *([] if value is True else [_said(value)])]
+            options[name] = [param.opts[-1], *([] if value is True else [_as_typed(value)])]
 
     def command(job: Job) -> str:
         words = ["deshake", ctx.info_name or "", _argument(job.source)]
@@ -249,7 +249,7 @@ def _commands(ctx: click.Context) -> Callable[[Job], str]:
 
 
 def _concerns(job: Job, name: str, value: str) -> bool:
-    """Return whether an option concerns the file of a job's result: some are for one format."""
+    """Return whether an option applies to the file of a job's result: some are for one format."""
     from deshake.formats.encoding import SUFFIXES
 
     form = None if job.output is None else SUFFIXES.get(job.output.suffix.lower())
@@ -258,7 +258,7 @@ def _concerns(job: Job, name: str, value: str) -> bool:
 
 
 def _argument(path: Path) -> str:
-    """Return a path that is not taken for an option."""
+    """Return a path in a form that cannot be read as an option."""
     name = str(path)
     return f"./{name}" if name.startswith("-") and name != "-" else name
 
@@ -268,7 +268,7 @@ def _doubled(name: str) -> str:
     return name.replace("{", "{{").replace("}", "}}")
 
 
-def _said(value: Any) -> str:  # noqa: ANN401 - what options convert to
+def _as_typed(value: Any) -> str:  # noqa: ANN401 - what options convert to
     """Return the value of an option as it is typed."""
     if isinstance(value, tuple):
         return ",".join(map(str, value))

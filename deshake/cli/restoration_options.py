@@ -1,4 +1,4 @@
-"""How a photo is deblurred, alone or with the help of a noisy one: options of two commands."""
+"""The options of the deblurring, alone or with a noisy photo, for ``fix`` and ``deblur``."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ noisy_option = click.option(
 
 
 def restoration_options(command: F) -> F:
-    """Add how a photo is deblurred; `restoration` takes what they give.
+    """Add the options of the deblurring; `restoration` takes their values.
 
-    The method is None where none is given: its default depends on whether there is a noisy photo.
+    Without --method the method is None: its default depends on whether there is a noisy photo.
     """
     method = click.option(
         "--method",
@@ -69,12 +69,12 @@ def restoration(
     method: str | None,
     **choices: Any,  # noqa: ANN401 - fields of RestorationOptions
 ) -> RestorationOptions:
-    """Return how a photo is deblurred, with a noisy one or alone.
+    """Return the options of the deblurring, with a noisy photo or without.
 
     Raises
     ------
     click.UsageError
-        If the method is one for the other case.
+        If the method needs a noisy photo and there is none, or the other way round.
 
     """
     options = RestorationOptions(method or default_method(noisy=noisy is not None), **choices)
@@ -91,7 +91,7 @@ def check_pair(photos: Sequence[Path], noisy: Path) -> None:
     Raises
     ------
     click.UsageError
-        If it is that.
+        If there are several photos, or the noisy photo is the photo itself.
 
     """
     if len(photos) > 1 or photos[0].is_dir():
@@ -102,9 +102,9 @@ def check_pair(photos: Sequence[Path], noisy: Path) -> None:
 
 
 def _goes_with_method(ctx: click.Context, param: click.Parameter, value: Any) -> Any:  # noqa: ANN401
-    """Fail where an option was given that the --method does not take.
+    """Fail if an option is given that the --method does not take.
 
-    One that comes from a later place than the method, such as the configuration file, is left out.
+    An option with a lower priority than the method, as from the configuration file, is left out.
     """
     method = ctx.params.get("method")
     given = value not in {None, param.default}

@@ -1,4 +1,4 @@
-"""``--retry-failed``: of the photos of an earlier run, those that failed, by its ``--json``."""
+"""``--retry-failed``: the photos that failed in an earlier run, by its ``--json``."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ def retried(jobs: Sequence[Job], path: Path) -> list[Job]:
     Parameters
     ----------
     jobs : sequence of Job
-        All photos of that run, planned as they were then.
+        All photos of that run, planned in the same way.
     path : Path
-        What ``--json`` printed then.
+        The file of what ``--json`` printed.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def retried(jobs: Sequence[Job], path: Path) -> list[Job]:
 def failed_before(path: Path) -> list[str]:
     """Return the names of the photos that failed, by what ``--json`` printed.
 
-    A photo that is there more than once counts by its last line.
+    If a photo is there more than once, its last line counts.
 
     Raises
     ------

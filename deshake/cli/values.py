@@ -25,7 +25,7 @@ def _short(text: str) -> str:
 
 
 class _Typed(click.ParamType[T]):
-    """A value that the help shows as its name, in the name's own letters."""
+    """A value that the help shows as its name, in the letters of the name."""
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:  # noqa: ARG002
         """Show the name."""
@@ -45,7 +45,7 @@ class Number(_Typed[float]):
         param: click.Parameter | None,
         ctx: click.Context | None,
     ) -> float:
-        """Read the number; fail with what it should have been."""
+        """Read the number; the error says what is allowed."""
         try:
             number = float(str(value))
         except ValueError:
@@ -70,7 +70,7 @@ class Count(_Typed[int]):
         param: click.Parameter | None,
         ctx: click.Context | None,
     ) -> int:
-        """Read the number; fail with what it should have been."""
+        """Read the number; the error says what is allowed."""
         text = str(value).strip()
         # Longer ones are beyond any bound, and Python refuses to read very long ones.
         count = int(text) if re.fullmatch(r"[+-]?\d{1,18}", text, re.ASCII) else None
@@ -181,7 +181,7 @@ class Size(_Typed[int]):
         param: click.Parameter | None,
         ctx: click.Context | None,
     ) -> int:
-        """Read the number and its unit; fail with what it should have been."""
+        """Read the number and its unit; the error says what is allowed."""
         if isinstance(value, int):
             return value  # converted before
         match = re.fullmatch(r"(\d{1,9}(?:\.\d{1,9})?) ?([MGT])(I?B)?", str(value).upper())

@@ -23,7 +23,7 @@ _MARKS: Final[dict[str, Callable[[Path], Artifact]]] = {
     "scale": read_registration,
     "source": read_camera,
 }
-"""An array that only one kind of file has, and what reads that kind."""
+"""An array that only one kind of file has, and the function that reads that kind."""
 
 
 def is_artifact(path: Path) -> bool:
@@ -58,7 +58,7 @@ def read_artifact(path: Path) -> Artifact:
             hint="docs/kernel-files.md describes what these files hold",
             file=path,
         )
-    return read_kernel(path)  # which says what is wrong with it
+    return read_kernel(path)  # its error says what is wrong
 
 
 def _arrays(path: Path) -> set[str]:

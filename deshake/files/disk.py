@@ -90,9 +90,9 @@ def atomic_write(
 ) -> Iterator[BinaryIO]:
     """Open a binary file that appears under its name whole, or not at all.
 
-    The bytes go to a hidden temporary file in the same folder, are flushed to the disk, and the
-    file then takes its name in one step. On any exception, an interrupt included, the temporary
-    file is removed and an existing `path` is unchanged. `part_files.remove_stale_parts` removes the
+    The bytes go to a hidden temporary file in the same folder, and are flushed to the disk. Then
+    the file takes its name in one step. On any exception, an interrupt included, the temporary file
+    is removed and an existing `path` is unchanged. `part_files.remove_stale_parts` removes the
     temporary files of killed processes.
 
     Parameters
@@ -223,7 +223,7 @@ def check_input(path: str | os.PathLike[str], error: type[DeshakeError]) -> None
 
 @contextlib.contextmanager
 def _reading(name: str, error: type[DeshakeError]) -> Iterator[None]:
-    """Turn an error of the system on reading into one line."""
+    """Turn a system error while reading into one line."""
     try:
         yield
     except FileNotFoundError as cause:
@@ -282,7 +282,7 @@ def _take_name(part: str, target: str, *, overwrite: bool) -> None:
 
 
 def _output_error(error: OSError, file: str) -> OutputError:
-    """Turn an error of the system on writing into one line."""
+    """Turn a system error while writing into one line."""
     _, hint = _REASONS.get(error.errno or 0, ("", None))
     return OutputError(f"cannot be written: {_reason(error)}", hint=hint, file=file)
 

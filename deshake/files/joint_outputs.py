@@ -30,8 +30,8 @@ class AddOutput(Protocol):
     ) -> None:
         """Add an output; `overwrite` decides whether an existing file may be replaced.
 
-        `modified` is its modification time in nanoseconds, by default the present. It has this time
-        before it has its name.
+        `modified` is its modification time in nanoseconds, by default the present. The file gets
+        this time before its name.
 
         Raises
         ------

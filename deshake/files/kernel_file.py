@@ -86,7 +86,7 @@ class KernelFile:
     kernel : RotationKernel
         The kernel, with its camera.
     confidence : float
-        How far the estimate is to be trusted, from 0 to 1.
+        The confidence of the estimate, 0..1.
     provenance : dict
         The origin of the kernel: JSON data.
 

@@ -56,7 +56,7 @@ class RegistrationFile:
     camera : Camera
         The camera of the blurred photo.
     confidence : float
-        How far the registration is to be trusted, from 0 to 1.
+        The confidence of the registration, 0..1.
     provenance : dict
         The origin of the registration: JSON data.
 

@@ -146,7 +146,7 @@ def _exif(items: list[Item]) -> bytes:
 
 
 def _without(data: bytes, items: list[Item]) -> bytes:
-    """Hide the metadata: if they lie behind the picture, OpenCV calls the file damaged."""
+    """Hide the metadata: if they lie behind the picture, OpenCV takes the file for damaged."""
     hidden = bytearray(data)
     for item in items:
         hidden[item.at : item.at + 4] = b"skip"

@@ -80,7 +80,7 @@ WRITTEN_AS: dict[Format, str] = {"HEIF": ".jpg", "RAW": ".tif"}
 """Endings of the results of formats that are only read."""
 
 MAX_PIXELS = 300_000_000
-"""Pixels of the largest picture that is decoded: half as many again as a 200 MP camera's."""
+"""Pixels of the largest picture that is decoded: 1.5 times those of a 200 MP camera."""
 
 _LARGE = 16_000_000  # pixels
 _PIXELS_A_BYTE = 100  # more, in a large picture, are an error
@@ -100,7 +100,7 @@ class Encoding:
         Bits a sample; 32 means floating-point numbers, in linear light if no profile states
         another curve.
     bits : int
-        Bits a sample in the file, if they are fewer than the depth of 16; 0: as many.
+        Bits a sample in the file, if they are fewer than the depth of 16; 0: the depth.
     grey : bool
         Whether there is one channel; else there are three.
     transfer : Transfer
@@ -116,7 +116,7 @@ class Encoding:
     lossless : bool
         Whether a WebP is lossless.
     compressed : bool
-        Whether a TIFF is compressed. Results are compressed with deflate always.
+        Whether a TIFF is compressed. A compressed result always uses deflate.
     premultiplied : bool
         Whether a TIFF's colours are multiplied by its alpha; they stay so.
     matrix : 3 x 3 tuple of float, or None
@@ -186,7 +186,7 @@ def check_size(height: int, width: int, packed: int) -> None:
     Parameters
     ----------
     height, width : int
-        What its header states.
+        The size that its header states.
     packed : int
         Bytes of the file. A small file that states a huge picture is damaged or malicious.
 
@@ -216,7 +216,7 @@ def check_stated_size(height: int, width: int, packed: int) -> None:
     Parameters
     ----------
     height, width : int
-        What the boxes state.
+        The size that the boxes state.
     packed : int
         Bytes of the file.
 

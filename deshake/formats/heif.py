@@ -47,7 +47,7 @@ def decode_heif(data: bytes) -> Decoded:
         exif = (info.get("exif") or b"").removeprefix(b"Exif\0\0")
         metadata = Metadata(exif, info.get("xmp", b""), icc).upright()
     bits = info["bit_depth"]
-    if bits > 8:  # they are shifted to the left
+    if bits > 8:  # pi-heif shifts the codes to the left
         pixels = np.rint((pixels >> (16 - bits)) * (65535 / ((1 << bits) - 1))).astype(np.uint16)
     grey = pixels.shape[2] < 3
     codes = pixels[..., 0] if grey else pixels[..., :3]

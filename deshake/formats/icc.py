@@ -34,7 +34,7 @@ _MAX_TAGS = 256  # further tags are ignored
 _PARAMETERS = ("g", "gab", "gabc", "gabcd", "gabcdef")  # of the function types 0 to 4
 _SAMPLES = 4096  # number, for a parametric curve that is neither sRGB nor a power
 _TOLERANCE = 5e-4  # in linear light: profiles hold sRGB as a table or as rounded numbers
-_ABOUT = 0.05  # in linear light: largest distance of greys from the curve that replaces theirs
+_ABOUT = 0.05  # in linear light: largest distance of the greys from the curve that is used
 _GAMMAS = (0.3, 4.0)  # the range in which 16-bit codes survive float32
 
 

@@ -1,7 +1,7 @@
 """JPEG 2000 in and out, 8 and 16 bits, lossless.
 
-OpenCV has the pixels. The boxes around them are read and written here: colour profile, EXIF, XMP,
-and others, which are carried as they are.
+OpenCV decodes and encodes the pixels. The boxes around them are read and written here: colour
+profile, EXIF, XMP, and others, which are carried as they are.
 
 References
 ----------
@@ -78,7 +78,7 @@ def decode_jpeg2000(data: bytes) -> Decoded:
 
 
 def encode_jpeg2000(picture: Decoded) -> bytes:
-    """Encode codes of either depth as JP2, lossless.
+    """Encode codes of 8 or 16 bits as JP2, lossless.
 
     Raises
     ------

@@ -81,7 +81,7 @@ def _header(data: bytes) -> Iterator[_Segment]:
 
 
 def _segments(data: bytes, at: int) -> Iterator[_Segment]:
-    """Yield the segments from a place on, up to the first byte that begins none."""
+    """Yield the segments from a place on, up to the first byte that does not begin one."""
     while marker_match := _MARKER.match(data, at):
         start, at = at, marker_match.end() + _length(data, marker_match.end())
         yield _Segment(marker_match[1][0], at, b"\xff" + data[marker_match.end() - 1 : at])

@@ -204,8 +204,8 @@ def read_photo(
         The file's transfer curve. By default that of its ICC profile if it has a simple one,
         else what a PNG's chunks say, else sRGB. A RAW file is linear and takes none.
     luma : bool, keyword-only
-        Whether the luma of a JPEG is enough: the photo is then grey, and read faster. Other formats
-        have their colours all the same.
+        Whether the luma of a JPEG is enough: the photo is then grey, and read faster. Photos of
+        other formats keep their colours.
 
     Raises
     ------
@@ -393,5 +393,5 @@ def _encoding(decoded: Decoded, transfer: TransferName | None) -> Encoding:
                 hint="leave --transfer out; --linear writes the result in linear light",
             )
         return encoding
-    known = NAMED[transfer] if transfer is not None else profile_transfer(decoded.metadata.icc)
-    return encoding if known is None else replace(encoding, transfer=known)
+    curve = NAMED[transfer] if transfer is not None else profile_transfer(decoded.metadata.icc)
+    return encoding if curve is None else replace(encoding, transfer=curve)

@@ -17,7 +17,7 @@ __all__ = ["PictureSize", "picture_size"]
 
 _GREY = {"1", "L", "LA", "I", "I;16", "I;16B", "I;16L", "F"}
 _PIXELS_A_BYTE = 8
-"""For a file with an unknown header: more than phones' HEIC files hold."""
+"""Of a file with an unknown header; phones' HEIC files hold fewer."""
 
 
 class PictureSize(NamedTuple):
@@ -32,7 +32,7 @@ def picture_size(path: str | os.PathLike[str]) -> PictureSize | None:
 
     If no library knows the header, the size of the file gives a rough estimate, rather too large.
     """
-    if READ_ONLY.get(Path(path).suffix.lower()) == "RAW":  # the others see its small preview
+    if READ_ONLY.get(Path(path).suffix.lower()) == "RAW":  # the others read its small preview
         with contextlib.suppress(Exception):
             return _by_rawpy(path)
     with warnings.catch_warnings(), contextlib.suppress(Exception):

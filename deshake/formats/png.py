@@ -93,7 +93,7 @@ def decode_png(data: bytes) -> Decoded:
 
 
 def encode_png(picture: Decoded) -> bytes:
-    """Encode codes of either depth as PNG."""
+    """Encode codes of 8 or 16 bits as PNG."""
     layers = [picture.codes] if picture.alpha is None else [picture.codes, picture.alpha]
     pixels = np.dstack(layers)
     height, width, channels = pixels.shape
@@ -208,7 +208,7 @@ def _metadata(chunks: list[Chunk]) -> tuple[Metadata, Transfer, bytes]:
             raw = profile | raw
         elif name in _CARRIED:
             carried += _pack(name, content)
-    if len(contents.get(b"cICP", b"")) == 4:  # it overrules all others
+    if len(contents.get(b"cICP", b"")) == 4:  # it has priority over all others
         numbers = cicp_profile(*contents[b"cICP"][:2])
         blocks["icc"] = numbers or blocks.get("icc", b"")
     transfer: Transfer = SRGB

@@ -42,17 +42,15 @@ __all__ = ["decode_raw"]
 
 # EXIF orientation for each flip of LibRaw; its bits: upside down, mirrored, rows for columns.
 _ORIENTATIONS: Final = {0: 1, 1: 2, 2: 4, 3: 3, 4: 5, 5: 8, 6: 6, 7: 7}
-_SATURATED: Final = (
-    0.995  # share of the range from black to white; above it, a value counts as clipped
-)
-_LEAST_CROP: Final = 0.55  # of a side; LibRaw takes a smaller crop for no crop of the whole frame
-_LEAST_MATRIX: Final = 0.125  # of the first element; above it, LibRaw uses the file's matrix
+_SATURATED: Final = 0.995  # share of the range from black to white: a value above it clipped
+_LEAST_CROP: Final = 0.55  # share of a side; LibRaw ignores a smaller crop
+_LEAST_MATRIX: Final = 0.125  # least first element of a file's matrix that LibRaw uses
 _PHOTO_TAGS: Final = 0x8000  # main tags below it describe the photo, most above it the sensor
-_EXIF_TAGS: Final = (33434, 33437, 34850, 34855, *range(36864, 37389))  # also in the main
+_EXIF_TAGS: Final = (33434, 33437, 34850, 34855, *range(36864, 37389))  # main directories have them
 _DNG_VERSION: Final = 50706
 _SUB_IFDS: Final = 330
 _PIXELS: Final = ((273, 279), (324, 325))  # tags of the places and lengths of strips, and of tiles
-_COMPLAINTS: Final = ("Unexpected end of file", "data corrupted at")  # LibRaw continues
+_COMPLAINTS: Final = ("Unexpected end of file", "data corrupted at")  # and LibRaw continues
 _COPYRIGHT: Final = 33432
 
 
@@ -110,9 +108,8 @@ def _decode(raw: RawPy, data: bytes) -> Decoded:
 
     count = raw.num_colors
     space = rawpy.ColorSpace.sRGB if count == 4 else rawpy.ColorSpace.raw
-    turn = _ORIENTATIONS[
-        raw.sizes.flip & 7
-    ]  # `user_flip` overrules it: the pixels are turned later
+    # with `user_flip` LibRaw does not turn the pixels: they are turned later
+    turn = _ORIENTATIONS[raw.sizes.flip & 7]
     saturated = _saturated(raw, count)
     codes = raw.postprocess(
         gamma=(1, 1),
@@ -230,7 +227,7 @@ def _metadata(raw: RawPy, data: bytes, turn: int, *, grey: bool) -> Metadata:
 
 
 def _of_preview(raw: RawPy) -> exif.Tree:
-    """Read the EXIF of the embedded preview, to which LibRaw adds what it knows."""
+    """Read the EXIF of the embedded preview, where LibRaw adds the tags that it knows."""
     import rawpy  # noqa: PLC0415 - as above
 
     try:

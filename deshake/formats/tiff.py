@@ -1,7 +1,7 @@
 """TIFF in and out, 8 and 16 bits and floating point, with the tags of its directories.
 
-tifffile decodes the pixels. It cannot decompress LZW and JPEG alone: there Pillow decodes 8 bits,
-and OpenCV 16 bits. Results are written uncompressed or with deflate.
+tifffile decodes the pixels. Without further libraries it cannot decompress LZW and JPEG: there
+Pillow decodes 8 bits, and OpenCV 16 bits. Results are written uncompressed or with deflate.
 """
 
 from __future__ import annotations
@@ -64,8 +64,8 @@ def decode_tiff(data: bytes) -> Decoded:
     Raises
     ------
     PhotoError
-        If the file is damaged or cut short, too large, holds several pictures, or pixels that
-        are neither integers of 8 or 16 bits nor floating-point numbers, or neither grey nor RGB.
+        If the file is damaged or cut short, too large, or holds several pictures. If its pixels
+        are neither grey nor RGB, or are not integers of up to 16 bits or floating-point numbers.
 
     """
     with decoding("TIFF"), TiffFile(io.BytesIO(data)) as file:
@@ -107,7 +107,7 @@ def decode_tiff(data: bytes) -> Decoded:
 
 
 def encode_tiff(picture: Decoded) -> bytes:
-    """Encode codes of either depth as TIFF, in the byte order of the EXIF block."""
+    """Encode codes of any depth as TIFF, in the byte order of the EXIF block."""
     encoding, metadata = picture.encoding, picture.metadata
     tree = exif.read_tree(metadata.exif)
     pixels, options = picture.codes, dict[str, Any]()
@@ -131,7 +131,7 @@ def encode_tiff(picture: Decoded) -> bytes:
 
 
 def _with_metadata(written: bytes, metadata: Metadata, reference: bytes) -> bytes:
-    """Put metadata into a TIFF that has none and that has their byte order.
+    """Put metadata into a TIFF that has none, and that has the byte order of the metadata.
 
     The file begins with the EXIF block, so that offsets from the beginning stay valid; then come
     the pixels, and then a new main directory.
@@ -141,17 +141,17 @@ def _with_metadata(written: bytes, metadata: Metadata, reference: bytes) -> byte
         msg = "tifffile wrote no TIFF"
         raise RuntimeError(msg)
     tree, block = exif.read_tree(metadata.exif), metadata.exif
-    lies = pointers(block)
-    if lies is not None:
+    links = pointers(block)
+    if links is not None:
         shift = len(block) + -len(block) % 16
         kind, count, raw = first.values[_STRIPS]
         code = f"{tree.order}{count}{'H' if kind == 3 else 'I'}"
         places = [shift + place for place in struct.unpack(code, raw)]
         first.values[_STRIPS] = 4, count, struct.pack(f"{tree.order}{count}I", *places)
         written = block.ljust(shift, b"\0") + written
-        tree = exif.Tree(tree.order, tree.main | lies)
-    stated = {} if metadata.density is None else metadata.density.tags(tree.order)
-    tree.main = first.values | stated | tree.main
+        tree = exif.Tree(tree.order, tree.main | links)
+    density = {} if metadata.density is None else metadata.density.tags(tree.order)
+    tree.main = first.values | density | tree.main
     for tag, kind, value in (
         (exif.XMP, 1, metadata.xmp),
         (exif.IPTC, 4, metadata.iptc + bytes(-len(metadata.iptc) % 4)),
@@ -290,6 +290,6 @@ def _unusual() -> PhotoError:
 
 def _look_up(pixels: Codes, page: TiffPage) -> Codes:
     """Turn palette indices (H, W, 1) into 8-bit RGB."""
-    palette = np.asarray(page.colormap)  # (3, colours), of 65535; by old writers, of 255
+    palette = np.asarray(page.colormap)  # (3, colours), 0..65535; old writers use 0..255
     colours = (palette.T >> (8 if palette.max() > 255 else 0)).astype(np.uint8)
     return cast("Codes", colours[pixels[..., 0]])

@@ -19,15 +19,15 @@ __all__ = ["UNIFORM_FOCAL_FACTOR", "Camera"]
 UNIFORM_FOCAL_FACTOR = 1000.0
 """Focal length of the uniform model, in longer sides of the frame.
 
-Through so long a lens a rotation about X or Y is a translation of the whole frame, to within
-one part in a million of its length: uniform blur is this special case of the rotational model.
+Through so long a lens, a rotation about X or Y translates the whole frame, to within one part in a
+million of its length. So uniform blur is a special case of the rotational model.
 """
 
 DISTORTION_LENGTHS: Final = (0, 4, 5, 8, 12)
-"""Coefficients that OpenCV's models have, those that tilt the sensor aside."""
+"""Numbers of coefficients of OpenCV's models, without the models that tilt the sensor."""
 
-# Coefficients scale with a power of the focal length. k1, k2, p1, p2, k3 to k6 and s1 to s4 stand
-# at these powers of the distance from the axis, less one.
+# Coefficients scale with a power of the focal length. k1, k2, p1, p2, k3 to k6 and s1 to s4 belong
+# to these powers of the distance from the axis, less one.
 _POWERS: Final = np.array([2, 4, 1, 1, 6, 2, 4, 6, 1, 3, 1, 3])
 
 
@@ -46,8 +46,8 @@ class Camera:
     height, width : int
         Size of the pictures in pixels.
     distortion : (k,) array of float64
-        Lens distortion in OpenCV's order (k1, k2, p1, p2, k3, ...); empty: a pinhole. What blurs
-        and deblurs takes cameras for pinholes: `geometry.distortion` comes first.
+        Lens distortion in OpenCV's order (k1, k2, p1, p2, k3, ...); empty: a pinhole. Blur and
+        restoration treat every camera as a pinhole: `geometry.distortion` comes first.
 
     Raises
     ------
@@ -155,7 +155,7 @@ class Camera:
         return replace(self, distortion=distortion)
 
     def as_uniform(self) -> Camera:
-        """Return the camera of the uniform model for the same photo, its lens bending alike."""
+        """Return the camera of the uniform model for the same photo, with the same distortion."""
         whole = Camera.uniform(self.height, self.width)
         powers = _POWERS[: len(self.distortion)]
         distortion = self.distortion * (whole.focal_px / self.focal_px) ** powers

@@ -53,7 +53,7 @@ def distorted(points: Points, camera: Camera, straight_camera: Camera) -> Points
     points : (N, 2) array
         Pixels (x, y) of the pinhole's picture.
     camera : Camera
-        That of the photo, with its distortion.
+        The camera of the photo, with its distortion.
     straight_camera : Camera
         The pinhole.
 
@@ -65,13 +65,13 @@ def distorted(points: Points, camera: Camera, straight_camera: Camera) -> Points
     """
     rays = _rays(points, straight_camera)
     nowhere = np.zeros(3)
-    there, _ = cv2.projectPoints(rays, nowhere, nowhere, camera.matrix, camera.distortion)
-    return np.asarray(there, np.float64).reshape(-1, 2)
+    mapped, _ = cv2.projectPoints(rays, nowhere, nowhere, camera.matrix, camera.distortion)
+    return np.asarray(mapped, np.float64).reshape(-1, 2)
 
 
 def undistorted(points: Points, camera: Camera, straight_camera: Camera) -> Points:
     """Map points of the photo into the pinhole's picture: the inverse of `distorted`."""
-    there = cv2.undistortPoints(
+    mapped = cv2.undistortPoints(
         np.ascontiguousarray(points, np.float64).reshape(-1, 1, 2),
         camera.matrix,
         camera.distortion,
@@ -79,7 +79,7 @@ def undistorted(points: Points, camera: Camera, straight_camera: Camera) -> Poin
         P=straight_camera.matrix,
         criteria=_ITERATIONS,
     )
-    return np.asarray(there, np.float64).reshape(-1, 2)
+    return np.asarray(mapped, np.float64).reshape(-1, 2)
 
 
 def pinhole(camera: Camera, *, whole: bool = False) -> Camera:
@@ -88,11 +88,11 @@ def pinhole(camera: Camera, *, whole: bool = False) -> Camera:
     Parameters
     ----------
     camera : Camera
-        That of the photo, with its distortion.
+        The camera of the photo, with its distortion.
     whole : bool, keyword-only
-        The picture shows all of the photo, and is no smaller than it; by default it has the
-        photo's size, and the photo shows all of it: its focal length is the least for which no
-        pixel lies beyond the photo.
+        Whether the picture shows all of the photo, and is at least as large. By default it has the
+        photo's size, and the photo shows all of it: then its focal length is the least for which
+        no pixel lies beyond the photo.
 
     Raises
     ------
@@ -125,12 +125,12 @@ def bent_camera(straight_camera: Camera, distortion: Points) -> Camera:
     straight_camera : Camera
         The pinhole.
     distortion : (k,) array
-        Of the lens that the photo is taken through, in OpenCV's order.
+        Distortion of the photo's lens, in OpenCV's order.
 
     Returns
     -------
     Camera
-        Of the same size; its focal length is the least possible.
+        The photo's camera, of the same size; its focal length is the least possible.
 
     Raises
     ------
@@ -142,9 +142,11 @@ def bent_camera(straight_camera: Camera, distortion: Points) -> Camera:
     def shows(zoom: float) -> bool:
         camera = _zoomed(straight_camera, zoom).with_lens(distortion)
         border = _border(camera)
-        there = undistorted(border, camera, straight_camera)
-        back = distorted(there, camera, straight_camera)
-        return _inside(there, straight_camera) and float(np.abs(back - border).max()) < _SAME
+        straight_border = undistorted(border, camera, straight_camera)
+        back = distorted(straight_border, camera, straight_camera)
+        return (
+            _inside(straight_border, straight_camera) and float(np.abs(back - border).max()) < _SAME
+        )
 
     return _zoomed(straight_camera, _least_zoom(shows)).with_lens(distortion)
 
@@ -189,7 +191,7 @@ def fit_distortion(straight: Points, bent: Points) -> tuple[Points, float]:
 
 
 def _fit(straight: Points, bent: Points, terms: int) -> tuple[Points, float]:
-    """Fit with a denominator of some terms, by least squares reweighted with it [Sanathanan 1963].
+    """Fit by reweighted least squares, with `terms` terms in the denominator [Sanathanan 1963].
 
     With x = (r / r_max)^2 and the ratio q: ``sum_i a_i x^i - q sum_j b_j x^j = q``.
     """
@@ -210,7 +212,7 @@ def _fit(straight: Points, bent: Points, terms: int) -> tuple[Points, float]:
         if denominator.min() < _POLE or a[0] < _POLE:
             return np.zeros(8), np.inf
     left = np.abs(above @ a / denominator - q) * straight
-    # In units of the straight picture at the scale of the middle, a_0 r.
+    # The unit of distance is that of the straight picture, a_0 r: its scale fits the middle.
     unit = (far * a[0]) ** 2
     k, m = a[1:] / a[0] / unit ** np.arange(1, 4), np.zeros(3)
     m[:terms] = b / unit ** np.arange(1, terms + 1)
@@ -231,10 +233,10 @@ def _least_zoom(fits: Callable[[float], bool]) -> float:
 def _sees(camera: Camera, straight_camera: Camera) -> bool:
     """Return whether a pinhole shows nothing beyond the photo."""
     border = _border(straight_camera)
-    there = distorted(border, camera, straight_camera)
-    if not _inside(there, camera):
+    bent_border = distorted(border, camera, straight_camera)
+    if not _inside(bent_border, camera):
         return False
-    return float(np.abs(undistorted(there, camera, straight_camera) - border).max()) < _SAME
+    return float(np.abs(undistorted(bent_border, camera, straight_camera) - border).max()) < _SAME
 
 
 def _inside(points: Points, camera: Camera) -> bool:
@@ -255,8 +257,8 @@ def _border(camera: Camera) -> Points:
     zero, one = np.zeros(_BORDER), np.ones(_BORDER)
     sides = [(t, zero), (t, one), (zero, t), (one, t)]
     points = np.concatenate([np.stack(side, 1) for side in sides])
-    there: Points = points * (np.array(camera.shape[::-1]) - 1)
-    return there
+    pixels: Points = points * (np.array(camera.shape[::-1]) - 1)
+    return pixels
 
 
 def _rays(points: Points, camera: Camera) -> Points:

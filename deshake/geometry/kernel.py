@@ -120,8 +120,8 @@ class RotationKernel:
         Parameters
         ----------
         path : (T, 3) array
-            Successive angle-axis orientations in radians; between two of them the camera is
-            taken to turn evenly.
+            Successive angle-axis orientations in radians; between two of them the camera turns
+            evenly.
         camera : Camera
             The camera that moved.
         steps : (3,) array, optional
@@ -216,7 +216,7 @@ class RotationKernel:
             The new spacing in radians. Going finer, every weight spreads as a tent of the old
             spacing's width; going coarser, it is shared by the eight grid points around it.
         axes : three bools
-            The axes that rotations may take; along the others all stays at 0.
+            The axes that the camera may turn about; the angles about the others stay at 0.
 
         """
         new = np.asarray(steps, np.float64)
@@ -246,7 +246,7 @@ class RotationKernel:
     def extent_px(self) -> float:
         """Widest spread of the displacements over the frame, along x or y, in pixels.
 
-        Counted over the weights above 1 % of the largest.
+        Only weights above 1 % of the largest count.
         """
         moved = self.above(0.01).displacements(self.camera.corners)
         return float(np.ptp(moved, axis=1).max())
@@ -287,7 +287,7 @@ def _spread(
     ratio: NDArray[np.float64],
     axes: tuple[bool, bool, bool],
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Spread each weight as a tent of `ratio` fine steps half-width about its place."""
+    """Spread each weight as a tent about its place, `ratio` fine steps wide on each side."""
     fine: list[NDArray[np.int64]] = []
     share: list[NDArray[np.float64]] = []
     for axis in range(3):

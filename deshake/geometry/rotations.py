@@ -130,9 +130,9 @@ def grid_steps(camera: Camera, spacing_px: float = 1.0) -> NDArray[np.float64]:
     Returns
     -------
     (3,) array of float64
-        Radians about X, Y and Z: ``f / (f^2 + d^2)`` for X and Y, where d is the largest
-        distance of a pixel from the principal point along an axis, and one over the
-        largest distance from it for Z.
+        Radians about X, Y and Z. For X and Y: ``f / (f^2 + d^2)``, where d is the largest
+        distance of a pixel from the principal point along an axis. For Z: one over the largest
+        distance from it.
 
     """
     f = camera.focal_px

@@ -1,7 +1,7 @@
 """The focal length in pixels: from options, EXIF, or the size of the camera's sensor.
 
-The confidence of a focal length is a judgement of how likely it is right to within 5 %, by where it
-comes from. It is not a frequency that was measured:
+The confidence of a focal length is the judged chance that it is right to within 5 %. It depends on
+the source, and is not a measured frequency:
 
 | source | confidence |
 |---|---|
@@ -11,9 +11,9 @@ comes from. It is not a frequency that was measured:
 | FocalLength with lensfun's crop factor, or with the sensor's size | 0.8 |
 | nothing: a 50 mm equivalent is assumed | 0.1 |
 
-Where two sources agree to 5 %, the confidence is 0.95. Where they differ by more than 15 %, it is
-multiplied by 0.6. It is also multiplied by 0.9 where EXIF does not state the original size, by 0.7
-for a crop, by 0.4 to 0.5 where the whole frame is a guess, and by 0.8 for a digital zoom.
+If two sources agree to 5 %, the confidence is 0.95. If they differ by more than 15 %, it is
+multiplied by 0.6. Four more factors lower it: 0.9 if EXIF does not state the original size, 0.7
+for a crop, 0.4 to 0.5 if the whole frame is a guess, and 0.8 for a digital zoom.
 
 References
 ----------
@@ -67,7 +67,7 @@ class FocalLength:
     source : str
         The option or tag that states it, such as "EXIF FocalLengthIn35mmFilm = 35 mm".
     confidence : float
-        How likely it is right to within 5 %, by the table at the head of this module.
+        Chance that it is right to within 5 %, by the table at the head of this module.
     notes : tuple of str
         What the user should know.
     considered : tuple of str
@@ -188,7 +188,7 @@ def _weighed(
     if tags.digital_zoom > 1:
         confidence *= _ZOOMED
         considered.append(f"digital zoom {tags.digital_zoom:g}")
-    confidence = round(confidence * frame.sure, 3)
+    confidence = round(confidence * frame.confidence, 3)
     whole = (frame.long, frame.short)
     return FocalLength(pixels, source, confidence, tuple(notes), tuple(considered), whole)
 

@@ -37,7 +37,7 @@ def reframed(metadata: Metadata, height: int, width: int, focal_px: float) -> Me
     Parameters
     ----------
     metadata : Metadata
-        Of the picture as it was taken.
+        Metadata of the picture as it was taken.
     height, width : int
         The picture's size in pixels.
     focal_px : float

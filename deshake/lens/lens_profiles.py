@@ -1,9 +1,9 @@
 """Profiles of lenses and crop factors of cameras, from lensfun's database.
 
 lensfunpy [1]_ is an extra (``deshake[lens]``): the library is under the LGPL 3, its data are under
-CC BY-SA 3.0. Nothing of either is part of deshake. Names must match exactly, but for case, blanks
-and the maker's name before the lens's: lensfun's own search takes the nearest name, and a near miss
-is another lens.
+CC BY-SA 3.0. Nothing of either is part of deshake. Names must match exactly, except for case,
+blanks and the maker's name before the lens's. lensfun's own search takes the nearest name, which
+may be another lens.
 
 References
 ----------
@@ -166,8 +166,8 @@ def _lenses_by_exif(cameras: list[Any], tags: CameraTags) -> list[Any]:
         built_in = [lens for lens in _database().lenses if mounts & set(lens.mounts)]
         return [lens for lens in built_in if not _WITH_MORE.search(lens.model)]
     for mount in tuple(mounts):
-        known = _database().find_mount(mount)
-        mounts |= set() if known is None else set(known.compat)
+        entry = _database().find_mount(mount)
+        mounts |= set() if entry is None else set(entry.compat)
     wanted = {_key(tags.lens_model), _key(f"{tags.lens_make} {tags.lens_model}")} - {""}
     return [
         lens
@@ -215,14 +215,14 @@ def _fixed(lenses: list[Any]) -> float | None:
 def _similar(name: str) -> str:
     """Return a hint, with similar names of lenses if there are any."""
     numbers = set(re.findall(r"\d[\d.]*", name))
-    alike = {
+    similar = {
         lens.model
         for lens in _database().lenses
         if len(numbers) > 1 and numbers <= set(re.findall(r"\d[\d.]*", lens.model))
     }
-    if not alike:
+    if not similar:
         return f"name the lens with --lens-model NAME, {_BOARD}"
-    return f"name the lens with --lens-model: {', '.join(sorted(alike)[:4])}"
+    return f"name the lens with --lens-model: {', '.join(sorted(similar)[:4])}"
 
 
 def _key(name: str, maker: str | None = None) -> str:

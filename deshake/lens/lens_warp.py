@@ -44,7 +44,7 @@ class LensWarp:
     Parameters
     ----------
     camera : Camera
-        The photo's, with its distortion.
+        The photo's camera, with its distortion.
     straight_camera : Camera
         The pinhole, see `geometry.distortion.pinhole`.
 
@@ -120,8 +120,8 @@ class LensWarp:
         height, width = self.camera.shape
         y, x = (np.linspace(0, n - 1, max(-(-n // _NODE), 4) + 1) for n in (height, width))
         nodes = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
-        there = undistorted(nodes, self.camera, self.straight_camera)
-        moved = (there - nodes).reshape(len(y), len(x), 2)
+        straight_nodes = undistorted(nodes, self.camera, self.straight_camera)
+        moved = (straight_nodes - nodes).reshape(len(y), len(x), 2)
         across, down = (RectBivariateSpline(y, x, moved[..., axis]) for axis in (0, 1))
         columns = np.arange(width)
         for rows in bands(height, _BAND):

@@ -105,5 +105,5 @@ def sensor_size(make: str, model: str) -> tuple[float, float] | None:
         As EXIF has them.
 
     """
-    known = make.casefold().startswith(_MAKES)
-    return _BY_MODEL.get(model.casefold()) if known else None
+    listed = make.casefold().startswith(_MAKES)
+    return _BY_MODEL.get(model.casefold()) if listed else None

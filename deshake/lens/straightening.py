@@ -4,8 +4,8 @@ Rotations are homographies only in the picture of a pinhole. So the photo of a c
 distortion is straightened, in one resampling. All estimates and all deblurring work on the straight
 picture. It has the size of the photo, and is as wide as possible without pixels from beyond the
 photo: a barrel distortion loses its corners. The result is this picture, deblurred. If the geometry
-is to be kept, the straight picture is wide enough for the whole photo, its mirror image fills the
-rest, and one more resampling applies the distortion to the result.
+is to be kept, the straight picture is wide enough for the whole photo; its mirror image fills the
+rest. One more resampling then applies the distortion to the result.
 
 Kernels and registrations are stored with the photo's camera and its distortion. From these, each
 stage computes the same straight picture again.
@@ -75,16 +75,16 @@ def straightened(photo: Photo, camera: Camera, *, whole: bool = False) -> tuple[
     photo : Photo
         The photo.
     camera : Camera
-        Its camera; without distortion, photo and camera are returned as they are.
+        Its camera; without distortion, photo and camera are returned unchanged.
     whole : bool, keyword-only
-        Whether the picture is to show all of the photo.
+        Whether the picture shows all of the photo.
 
     Returns
     -------
     photo : Photo
         Pixels, clipped pixels and opacity are resampled; EXIF states the new frame.
     camera : Camera
-        Of the same principal point, without distortion.
+        The pinhole, with the same principal point.
 
     Raises
     ------
@@ -151,7 +151,7 @@ def straight_pair(
 def straight_region(
     region: Region | None, camera: Camera, straight_camera: Camera
 ) -> Region | None:
-    """Return the region of the straight picture that holds a region of the photo.
+    """Return the region of the straight picture that contains a region of the photo.
 
     Parameters
     ----------
@@ -168,10 +168,10 @@ def straight_region(
         [(a, b) for a in (x, x + (width - 1) / 2, x + width - 1) for b in (y, y + height - 1)],
         np.float64,
     )
-    there = undistorted(corners, camera, straight_camera)
+    straight_corners = undistorted(corners, camera, straight_camera)
     last = np.array(straight_camera.shape[::-1]) - 1
-    low = np.clip(np.floor(there.min(0)), 0, last).astype(int)
-    high = np.clip(np.ceil(there.max(0)), 0, last).astype(int)
+    low = np.clip(np.floor(straight_corners.min(0)), 0, last).astype(int)
+    high = np.clip(np.ceil(straight_corners.max(0)), 0, last).astype(int)
     return int(low[0]), int(low[1]), int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1
 
 

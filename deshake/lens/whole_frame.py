@@ -30,7 +30,7 @@ class WholeFrame:
         Its longer and its shorter side.
     scale : float
         Pixels of the photo per pixel of the original picture.
-    sure : float
+    confidence : float
         The confidence, 0 to 1.
     note : str
         A note to the user; empty: none.
@@ -42,7 +42,7 @@ class WholeFrame:
     long: float
     short: float
     scale: float = 1.0
-    sure: float = 1.0
+    confidence: float = 1.0
     note: str = ""
     reason: str = ""
 
@@ -88,8 +88,8 @@ def whole_frame(
 
 def _by_sensor(long: int, short: int, full: tuple[float, float]) -> WholeFrame:
     """Infer the whole frame of a photo that has fewer pixels than its sensor."""
-    alike = abs(full[0] * short / (full[1] * long) - 1) < _CLOSE
-    if alike and full[0] > _RESIZED * long:
+    same_shape = abs(full[0] * short / (full[1] * long) - 1) < _CLOSE
+    if same_shape and full[0] > _RESIZED * long:
         return WholeFrame(long, short, long / full[0], 0.9, reason="resized, by its sensor")
     return _cropped((long, short), (round(full[0]), round(full[1])))
 
@@ -113,7 +113,7 @@ def _cropped(size: tuple[int, int], whole: tuple[int, int], *, resized: bool = F
     note = f"it was taken as {whole[0]} x {whole[1]} pixels, and has {size[0]} x {size[1]}: "
     if scale == 1:
         note += "it is taken to be a crop out of the whole frame"
-        return WholeFrame(*whole, sure=0.7, note=note, reason=reason)
+        return WholeFrame(*whole, confidence=0.7, note=note, reason=reason)
     note += "it is taken to be cropped and resized, and its focal length is a guess"
     return WholeFrame(
         whole[0] * scale,
@@ -129,9 +129,9 @@ def _by_shape(long: int, short: int) -> WholeFrame:
     """Infer the whole frame from the shape of the photo alone."""
     if any(abs(long / short / shape - 1) < _CLOSE for shape in _SHAPES):
         reason = "its EXIF does not say how large it was taken; its shape is a camera's"
-        return WholeFrame(long, short, sure=0.9, reason=reason)
+        return WholeFrame(long, short, confidence=0.9, reason=reason)
     note = (
         f"its EXIF does not say how large it was taken, and {long} x {short} is the shape of no "
         "camera: if it is cropped, the focal length that is assumed is too short"
     )
-    return WholeFrame(long, short, sure=0.5, note=note, reason="of no camera's shape")
+    return WholeFrame(long, short, confidence=0.5, note=note, reason="of no camera's shape")

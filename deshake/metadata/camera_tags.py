@@ -39,7 +39,7 @@ _FOCAL_35MM: Final = 0xA405  # FocalLengthIn35mmFilm
 _LENS_MAKE: Final = 0xA433
 _LENS_MODEL: Final = 0xA434
 
-_MM_PER_UNIT: Final = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # by that unit; 4, 5 are in use
+_MM_PER_UNIT: Final = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # by `_UNIT`; 4 and 5 are in use, too
 
 _ASCII, _SHORT, _LONG, _FRACTION, _UNDEFINED, _SIGNED = 2, 3, 4, 5, 7, 9
 _TEXTS: Final = frozenset({_MAKE, _MODEL, _LENS_MAKE, _LENS_MODEL})
@@ -67,7 +67,7 @@ class CameraTags:
     focal_plane_px_per_mm : float or None
         FocalPlaneXResolution or, without it, FocalPlaneYResolution.
     squeeze : float
-        FocalPlaneYResolution over FocalPlaneXResolution; 1 where one of them is missing.
+        FocalPlaneYResolution over FocalPlaneXResolution; 1 if one of them is missing.
     digital_zoom : float
         DigitalZoomRatio: the factor by which the camera enlarged the picture, >= 1.
     pixel_size : (int, int) or None
@@ -100,7 +100,7 @@ class CameraTags:
 
 
 class _Tags(Protocol):
-    """The tags of a directory, whoever read them."""
+    """The tags of a directory, from either reader."""
 
     def numbers(self, tag: int) -> list[float]:
         """Return a tag's numbers; fractions over 0 become nan, other types an empty list."""

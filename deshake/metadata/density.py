@@ -54,7 +54,7 @@ class Density(NamedTuple):
     down: float
     unit: Unit = "inch"
 
-    def a(self, unit: Unit) -> Density:
+    def per(self, unit: Unit) -> Density:
         """Return the density in another unit of length."""
         if self.unit == unit or not self.unit:
             return self
@@ -63,26 +63,26 @@ class Density(NamedTuple):
 
     def in_jfif(self, data: bytes) -> bytes:
         """Return a JPEG whose JFIF header, if it begins with one, states this density."""
-        known = self if self.unit in _JFIF_UNITS else self.a("inch")
-        across, down = round(known.across), round(known.down)
+        density = self if self.unit in _JFIF_UNITS else self.per("inch")
+        across, down = round(density.across), round(density.down)
         if data[6:11] != _JFIF or not (1 <= across <= _MOST and 1 <= down <= _MOST):
             return data
-        head = struct.pack(">BHH", _JFIF_UNITS.index(known.unit), across, down)
+        head = struct.pack(">BHH", _JFIF_UNITS.index(density.unit), across, down)
         return data[:_JFIF_AT] + head + data[_JFIF_AT + len(head) :]
 
     def phys(self) -> bytes:
         """Return the content of a PNG's chunk pHYs; empty if it does not fit there."""
-        known = self.a("m")
-        across, down = round(known.across), round(known.down)
+        density = self.per("m")
+        across, down = round(density.across), round(density.down)
         if not (1 <= across < 1 << 31 and 1 <= down < 1 << 31):
             return b""
-        return struct.pack(">IIB", across, down, bool(known.unit))
+        return struct.pack(">IIB", across, down, bool(density.unit))
 
     def tags(self, order: str) -> Values:
         """Return the tags of EXIF and TIFF that state it, in a byte order."""
-        known = self.a("inch") if self.unit == "m" else self
-        sides = [min(round(_FINE * side), 0xFFFFFFFF) for side in (known.across, known.down)]
-        unit = next(number for number, name in _EXIF_UNITS.items() if name == known.unit)
+        density = self.per("inch") if self.unit == "m" else self
+        sides = [min(round(_FINE * side), 0xFFFFFFFF) for side in (density.across, density.down)]
+        unit = next(number for number, name in _EXIF_UNITS.items() if name == density.unit)
         return {
             ACROSS: (5, 1, struct.pack(f"{order}II", sides[0], _FINE)),
             _DOWN: (5, 1, struct.pack(f"{order}II", sides[1], _FINE)),

@@ -204,8 +204,8 @@ def append_tree(data: bytes, tree: Tree, *, note_at: int | None = None) -> bytes
         exif[INTEROP_POINTER] = pointer(tree.order, _append(out, tree.order, tree.interop))
     main = dict(tree.main)
     if exif:
-        lying = {} if note_at is None else {MAKER_NOTE: note_at}
-        main[EXIF_POINTER] = pointer(tree.order, _append(out, tree.order, exif, lying))
+        placed = {} if note_at is None else {MAKER_NOTE: note_at}
+        main[EXIF_POINTER] = pointer(tree.order, _append(out, tree.order, exif, placed))
     if tree.gps:
         main[GPS_POINTER] = pointer(tree.order, _append(out, tree.order, tree.gps))
     struct.pack_into(f"{tree.order}I", out, 4, _append(out, tree.order, main))
@@ -274,7 +274,7 @@ def pointer(order: str, offset: int) -> tuple[int, int, bytes]:
 
 
 def _append(
-    out: bytearray, order: str, values: Values, lying: Mapping[int, int] | None = None
+    out: bytearray, order: str, values: Values, placed: Mapping[int, int] | None = None
 ) -> int:
     """Append one directory, then its values that are not in `out` yet; return its offset."""
     if len(out) % 2:
@@ -285,8 +285,8 @@ def _append(
     for tag in sorted(values):
         kind, count, raw = values[tag]
         entries += struct.pack(f"{order}HHI", tag, kind, count)
-        if lying and tag in lying:
-            entries += struct.pack(f"{order}I", lying[tag])
+        if placed and tag in placed:
+            entries += struct.pack(f"{order}I", placed[tag])
         elif len(raw) <= 4:
             entries += raw.ljust(4, b"\0")
         else:

@@ -62,7 +62,7 @@ def complete(block: bytes, density: Density | None, size: tuple[int, int], *, ic
     block : bytes
         The block.
     density : Density or None
-        The photo's; None: 72 pixels an inch, the standard's default.
+        Density of the photo; None: 72 pixels an inch, the standard's default.
     size : (int, int)
         Height and width of the picture.
     icc : bool
@@ -73,8 +73,8 @@ def complete(block: bytes, density: Density | None, size: tuple[int, int], *, ic
     if first is None or set(first.values) != {exif.SOFTWARE}:
         return block
     order, (height, width) = first.order, size
-    known = density or Density(72, 72)
-    main = first.values | known.tags(order) | {531: (3, 1, struct.pack(f"{order}H", 1))}
+    stated = density or Density(72, 72)
+    main = first.values | stated.tags(order) | {531: (3, 1, struct.pack(f"{order}H", 1))}
     below: exif.Values = {
         0x9000: (7, 4, b"0232"),  # ExifVersion
         0x9101: (7, 4, b"\1\2\3\0"),  # ComponentsConfiguration

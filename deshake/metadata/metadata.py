@@ -64,7 +64,7 @@ class Metadata:
     def scaled(self, across: float, down: float) -> Metadata:
         """Return the metadata of the photo reduced by two factors, in EXIF and in XMP.
 
-        What is stated in pixels, but for the size of the picture, becomes smaller.
+        What is stated in pixels becomes smaller, except the size of the picture.
         """
         return replace(
             self,

@@ -27,7 +27,7 @@ NAMESPACE: Final = ("deshake", "urn:deshake:photo:1#")
 """Prefix and name of the XMP namespace."""
 
 PROPERTY: Final = "Provenance"
-"""The XMP property whose text the block is."""
+"""The XMP property that holds the block."""
 
 _KEY: Final = f"{NAMESPACE[0]}:{PROPERTY}".encode()
 _MAX_TEXT: Final = 1 << 17  # bytes of the block that are read

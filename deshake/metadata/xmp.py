@@ -206,7 +206,7 @@ def extended(packet: bytes, *keep: tuple[tuple[str, str], str]) -> tuple[bytes, 
 
 
 def guid(packet: bytes, more: bytes) -> bytes:
-    """Return the GUID of a packet's extended XMP: the packet names it; else it is the MD5."""
+    """Return the GUID of a packet's extended XMP: the one in the packet, or else the MD5."""
     named = property_of(packet, _NOTE[0], _EXTENDED) or ""
     return (named if re.fullmatch("[0-9A-Fa-f]{32}", named) else _md5(more)).encode()
 

@@ -1,8 +1,8 @@
 """Bilinear taps: a place between pixels is shared among the four pixels around it.
 
-Weights at fractional places are splatted onto pixels; pixels are read between their middles with
-the same shares. Blocks are periodic, with lag 0 at the origin. Filters have lag 0 in the middle,
-and hold all their lags. Rasters are not periodic: places beyond their border are moved to it.
+Splatting adds weights at fractional places to pixels; gathering reads pixels at fractional places
+with the same shares. Blocks are periodic, with lag 0 at the origin. Filters have lag 0 in the
+middle, and hold all their lags. Rasters are not periodic: places beyond the border move to it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ RIGHT, BELOW = np.array([0, 1, 0, 1]), np.array([0, 0, 1, 1])
 def bilinear_shares(
     places: NDArray[np.floating], kind: DTypeLike = np.float64
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Upper left pixels of places (..., 2), x and y, and shares (..., 4) of the four pixels."""
+    """Return the upper left pixels of places (..., 2), x and y, and the shares (..., 4)."""
     low = np.floor(places)
     a, b = ((places[..., i] - low[..., i]).astype(kind, copy=False) for i in (0, 1))
     return low, np.stack([(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b], -1)
@@ -44,7 +44,7 @@ def bilinear_shares(
 def bilinear_taps(
     moved: NDArray[np.float64], block: tuple[int, int]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Places in a periodic block and shares, (P, K, 4), of the bilinear taps of lags (x, y)."""
+    """Return places in a periodic block and shares, (P, K, 4), of the taps of lags (x, y)."""
     low, share = bilinear_shares(moved)
     x, y = low[..., 0].astype(np.int64), low[..., 1].astype(np.int64)
     left, right = x % block[1], (x + 1) % block[1]
@@ -53,7 +53,7 @@ def bilinear_taps(
 
 
 def filter_taps(moved: NDArray[np.float64], radius: int) -> tuple[NDArray[np.int32], Image]:
-    """Places in a filter (2r+1, 2r+1) and shares, (P, K, 4), of the taps of lags (x, y)."""
+    """Return places in a filter (2r+1, 2r+1) and shares, (P, K, 4), of the taps of lags (x, y)."""
     low, share = bilinear_shares(moved, np.float32)
     x, y = low[..., 0].astype(np.int32), low[..., 1].astype(np.int32)
     n = 2 * radius + 1
@@ -72,7 +72,7 @@ def splat(
 def splat_taps(
     place: NDArray[np.int64], light: NDArray[np.float64], block: tuple[int, int]
 ) -> Image:
-    """Add the light (P, K, 4) of taps at their places, which are overwritten, to blocks."""
+    """Add the light (P, K, 4) of taps to blocks; the call changes `place`."""
     count, size = len(place), block[0] * block[1]
     place += (np.arange(count) * size)[:, None, None]
     summed = np.bincount(place.ravel(), light.ravel(), count * size)
@@ -105,7 +105,7 @@ def gather(
 
 
 def gathering_matrix(moved: NDArray[np.float64], block: tuple[int, int]) -> scipy.sparse.csr_array:
-    """Return the matrix (K, P N M) that does the same for periodic blocks, many times."""
+    """Return the matrix (K, P N M) of `gather` for periodic blocks, for repeated use."""
     count, size = len(moved), block[0] * block[1]
     place, share = bilinear_taps(moved, block)
     place += (np.arange(count) * size)[:, None, None]

@@ -1,8 +1,8 @@
 """Uniform blur: one filter for the whole frame, through one FFT of it.
 
-Where every rotation moves the whole frame alike, filter flow has the same filter in every patch,
-and its windows are of no use. With f zero beyond the latent image, and a torus so large that
-nothing wraps around,
+If every rotation moves the whole frame alike, filter flow has the same filter in every patch, and
+needs no windows. With f zero beyond the latent image, and a torus so large that nothing wraps
+around,
 
     forward   g = F^-1[ F f conj(F h) ],     adjoint   f = F^-1[ F g F h ]
 

@@ -1,7 +1,7 @@
 """Efficient filter flow for rotations: the maps of Eqs. (7)-(9) at the cost of FFTs.
 
 Within a patch p one filter approximates the blur, ``h_p = sum_k w_k splat(d_k(c_p))``: each
-rotation moves the patch by the displacement ``d_k(c_p)`` of its middle, with bilinear weights.
+rotation moves the patch by the displacement ``d_k(c_p)`` of its centre, with bilinear weights.
 Triangular windows blend the filters of neighbouring patches. Hirsch, Schuler, Harmeling &
 Schoelkopf, "Fast removal of non-uniform camera shake", ICCV 2011, do the same for the rotational
 model.
@@ -47,11 +47,11 @@ _PROBES = 5  # points along each side of the frame that measure this change
 
 
 def patch_hop(camera: Camera, theta: ArrayLike) -> int:
-    """Distance from patch to patch: the cheapest with errors below 1e-3 rms of the range.
+    """Return the distance from patch to patch: the fastest with errors below 1e-3 rms of the range.
 
     Between two patches the filters of both are mixed. Displacements that differ by delta blur the
-    picture by a second moment of up to delta^2 / 4. The Jacobian of the displacements gives its
-    mean over the rotations and its root mean square over the frame, which predict the error
+    picture by a second moment of up to delta^2 / 4. The Jacobian of the displacements gives the
+    mean of this moment over the rotations. Its root mean square over the frame predicts the error
     against exact warps. A wider blur allows a larger error, since it leaves less detail. Of the
     distances that are short enough, the result is the one whose blocks take the least time.
     """
@@ -120,15 +120,15 @@ class FilterFlow:
     hop : int, optional
         Distance between patches in pixels; by default `patch_hop`.
     channels : int
-        Expected number of channels (sizes the work, limits nothing).
+        Expected number of channels, for the size of the batches.
     run : Run, optional
         Threads to use. The result does not depend on them.
 
     Raises
     ------
     ValueError
-        If the rotations are not (K, 3) finite angles; by the maps, if an image or the weights do
-        not fit.
+        If the rotations are not (K, 3) finite angles. The maps raise it if an image or the weights
+        do not fit.
 
     Notes
     -----
@@ -217,7 +217,7 @@ class FilterFlow:
     ) -> NDArray[np.float64]:
         """Approximate ``B^T M B``, (K, K): each patch reads f at its own place.
 
-        Good as a Hessian beside the exact gradient (2-9 % off), and positive semi-definite.
+        It is 2-9 % off: good as a Hessian beside the exact gradient. It is positive semi-definite.
 
         Parameters
         ----------
@@ -231,7 +231,7 @@ class FilterFlow:
         Raises
         ------
         ValueError
-            If an image has another size than it should.
+            If an image has a wrong size.
 
         """
         planes = channels_first(f)

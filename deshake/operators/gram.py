@@ -1,6 +1,6 @@
 """Gram matrices of bilinear taps: ``sum_p S_p C_p S_p'``, the inner loop of kernel estimates.
 
-S_p has four taps for each rotation, so two sparse products replace dense ones of the filters' area.
+S_p has four taps for each rotation, so two sparse products replace dense ones over the filters.
 The patches of a strip stand side by side in one product, which sums over them.
 """
 
@@ -27,10 +27,10 @@ def patch_grams(
     correlations: Image,
     local: Image | None,
 ) -> Image:
-    """Sum ``S_p C_p S_p'`` over patches p: the upper triangle, up to blocks on the diagonal.
+    """Sum ``S_p C_p S_p'`` over patches p: the upper triangle, with whole blocks on the diagonal.
 
-    S_p holds the taps (K, 4) at (y, x) with their shares, C_p the autocorrelation between their
-    places, with local energies added on its diagonal if given.
+    S_p holds the taps (K, 4) at (y, x) with their shares. C_p holds the autocorrelation at the lags
+    between their places; local energies, if given, are added on its diagonal.
     """
     count, size, _ = y.shape
     top, left = y.min(), x.min()
@@ -73,7 +73,7 @@ def patch_grams(
 
 
 def _between_all(correlation: Image, high: int, wide: int) -> Image:
-    """Spread an autocorrelation, lag 0 in the middle, between all places of a box, (n, n)."""
+    """Read an autocorrelation, lag 0 in the middle, at the lags between a box's places, (n, n)."""
     middle = correlation.shape[0] // 2
     dy, dx = correlation.strides
     spread = np.lib.stride_tricks.as_strided(
@@ -83,7 +83,7 @@ def _between_all(correlation: Image, high: int, wide: int) -> Image:
 
 
 def _between(correlation: Image, y: NDArray[np.int64], x: NDArray[np.int64]) -> Image:
-    """Spread an autocorrelation, lag 0 in the middle, between the places (y, x), (n, n)."""
+    """Read an autocorrelation, lag 0 in the middle, at the lags between places (y, x), (n, n)."""
     code = y * correlation.shape[1] + x
     lags: Image = correlation.ravel()[code - code[:, None] + correlation.size // 2]
     return lags

@@ -28,7 +28,7 @@ class LocalFilters:
 
     Filters and spectra are computed at the first need, and kept within the budget. The filters of
     all strips come before any spectrum, since they are smaller, and cost more for a blur of many
-    rotations. The others are computed again each time, with the same result.
+    rotations. Those not kept are computed again each time, with the same result.
 
     Parameters
     ----------
@@ -55,13 +55,13 @@ class LocalFilters:
         strips = self.grid.strips
         filters = [4 * strip.count * self.grid.reach**2 for strip in strips]
         spectra = [strip.count * self.grid.transforms.nbytes for strip in strips]
-        left, some = budget - sum(filters), 0
+        left, kept = budget - sum(filters), 0
         # a strip whose spectra are kept needs its filters no longer
-        while some < len(strips) and left >= spectra[some] - filters[some]:
-            left -= spectra[some] - filters[some]
-            some += 1
+        while kept < len(strips) and left >= spectra[kept] - filters[kept]:
+            left -= spectra[kept] - filters[kept]
+            kept += 1
         if left >= 0:
-            return frozenset(strips[some:]), frozenset(strips[:some])
+            return frozenset(strips[kept:]), frozenset(strips[:kept])
         first = int(np.searchsorted(np.cumsum(filters), budget, "right"))
         return frozenset(strips[:first]), frozenset()
 

@@ -1,4 +1,4 @@
-"""Approximate inverses of a blur with a smoothness term: filter flow's, patch by patch.
+"""Approximate inverses of a blur with a smoothness term, patch by patch.
 
 For ``M = A^T A + rho D^T D + alpha``, with D the differences of neighbouring pixels:
 
@@ -55,9 +55,9 @@ class PatchInverse:
         grid = filters.grid
         n = grid.block
         self._slopes = grid.transforms.weights(*_slopes(n, n))
-        away = (np.arange(n) + 0.5 - grid.radius - grid.hop) / grid.hop  # from the patch's middle
+        away = (np.arange(n) + 0.5 - grid.radius - grid.hop) / grid.hop  # from the patch's centre
         ramp = np.sqrt(np.clip(1 - np.abs(away), 0, 1)).astype(np.float32)
-        # by row or column: inner ones fade both ways, the first and the last reach on outwards
+        # windows by row or column fade both ways; the first and the last do not fade outwards
         ramps = {
             (first, last): np.where((first & (away < 0)) | (last & (away > 0)), np.float32(1), ramp)
             for first in (False, True)
@@ -75,7 +75,7 @@ class PatchInverse:
         Parameters
         ----------
         weights : (h, w) array of float32
-            In the frame.
+            Weights of the pixels of the frame.
 
         Returns
         -------
@@ -148,7 +148,7 @@ class PatchInverse:
         return out
 
     def _window(self, row: int, column: int) -> Image:
-        """Root of a patch's window, (N, N)."""
+        """Return the root of a patch's window, (N, N)."""
         grid = self.filters.grid
         return self._windows[self._ends(row, grid.rows), self._ends(column, grid.columns)]
 

@@ -118,7 +118,7 @@ class PatchGrid:
         return self.shape[0] + 2 * self.margin, self.shape[1] + 2 * self.margin
 
     def centres(self, strip: Strip) -> NDArray[np.float64]:
-        """Middles (x, y) of a strip's patches, clipped to the frame, (count, 2)."""
+        """Return the centres (x, y) of a strip's patches, clipped to the frame, (count, 2)."""
         height, width = self.shape
         x = np.clip(np.arange(strip.first, strip.last) * self.hop - 0.5, 0, width - 1)
         y = np.clip(strip.row * self.hop - 0.5, 0, height - 1)
@@ -171,7 +171,7 @@ class PatchGrid:
     def overlap_add(
         self, pieces: Image, out: Image, first: int = 0, window: Image | None = None
     ) -> None:
-        """Add pieces (C, count, n, n), times a window, to a canvas, as its `first` and so on."""
+        """Add pieces (C, count, n, n), times a window, to a canvas, from patch `first` on."""
         wide = pieces.shape[-1]
         for plane, row in zip(pieces, out, strict=True):
             for j, piece in enumerate(plane, first):

@@ -22,10 +22,10 @@ def image_like(channels: Image, image: Image) -> Image:
 
 
 def fitted(planes: Image, shape: tuple[int, int], *, beyond: float | None = None) -> Image:
-    """Cut planes (..., h, w) on all sides alike to a height and width, or continue them.
+    """Cut planes (..., h, w) to a height and width on all sides alike, or extend them.
 
-    `beyond` continues them, or else their edges do. Raise ValueError unless one lies
-    in the middle of the other.
+    The new pixels are `beyond`, by default the nearest edge pixels. Raise ValueError unless one
+    shape lies in the middle of the other.
     """
     margin = (shape[0] - planes.shape[-2]) // 2
     if planes.shape[-2:] != (shape[0] - 2 * margin, shape[1] - 2 * margin):

@@ -36,7 +36,7 @@ Image = NDArray[np.float32]
 Filters = Convolution | LocalFilters
 """The operator A of a known kernel, on images (C, ., .)."""
 
-_SPREAD = 0.01  # px: if a rotation's displacements vary by more over the frame, it is not uniform
+_SPREAD = 0.01  # px: if a rotation's displacements vary by more, the blur is not uniform
 
 
 class RotationModel(Protocol):
@@ -78,7 +78,7 @@ class ShakeBlur:
     kind : "filter_flow" or "warps"
         Fast (by `blur_filters`) or exact.
     channels : int
-        Expected number of channels (sizes the work, limits nothing).
+        Expected number of channels, for the size of the batches.
     run : Run, optional
         Threads to use. The result does not depend on them.
 
@@ -151,7 +151,7 @@ def blur_filters(
     margin : int, optional
         Pixels by which latent images are larger on every side; by default the reach of the kernel.
     channels : int
-        Expected number of channels (sizes the work, limits nothing).
+        Expected number of channels, for the size of the batches.
     run : Run, optional
         Threads to use. The result does not depend on them.
 
@@ -186,7 +186,7 @@ def observation_mask(camera: Camera, theta: ArrayLike) -> Image:
     Returns
     -------
     (h, w) array of float32
-        1 where a pixel saw only the frame, 0 elsewhere.
+        1 where all light of a pixel is from the frame, else 0.
 
     """
     theta = np.asarray(theta, np.float64)

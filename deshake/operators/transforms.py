@@ -59,7 +59,7 @@ class Transforms(Protocol):
 
 @cache
 def transforms(least: int) -> Transforms:
-    """Return the transforms of blocks that hold at least so many pixels a side, fast ones."""
+    """Return the transforms of blocks of a fast size: N is at least `least`."""
     one_by_one = least >= _ONE_BY_ONE and cv2.ipp.useIPP()
     return PackedTransforms(least) if one_by_one else ComplexTransforms(least)
 

@@ -1,9 +1,9 @@
 """Exact maps: sums of warped images, one warp for each rotation (Eqs. 7-9).
 
 ``C_ijk`` is the bilinear weight of latent pixel j in observed pixel i under rotation k. The
-forward map gathers with OpenCV's remap, the adjoint scatters with the very same weights (the
-warp by the inverse homography is not the adjoint). Frames are cut into tiles with origins of
-their own, so that float32 coordinates stay exact to 1e-4 px at any size.
+forward map gathers with OpenCV's remap; the adjoint scatters with the same weights. (The warp by
+the inverse homography is not the adjoint.) Frames are cut into tiles with origins of their own,
+so that float32 coordinates stay exact to 1e-4 px at any size.
 """
 
 from __future__ import annotations
@@ -62,8 +62,8 @@ class Warps:
     Raises
     ------
     ValueError
-        If the rotations are not (K, 3) finite angles; by the maps, if an image or the weights do
-        not fit.
+        If the rotations are not (K, 3) finite angles. The maps raise it if an image or the weights
+        do not fit.
 
     Notes
     -----
@@ -183,7 +183,7 @@ def _remap(source: Image, tile: _Tile) -> Image:
 
 
 def _scatter(out: Image, tile: _Tile, piece: Image) -> None:
-    """Add a tile's pixels to a latent image with the weights that `_gather` reads them by."""
+    """Add a tile's pixels to a latent image with the weights that `_gather` uses."""
     target = out[tile.source]
     height, width = target.shape[:2]
     x0, y0 = np.floor(tile.x), np.floor(tile.y)

@@ -130,7 +130,7 @@ def _within(mask: Mask, sigma: float) -> Mask:
 
 
 def _turning_fields(camera: Camera) -> NDArray[np.float32]:
-    """Displacements (3, 2, h, w) of ``H(-delta) x`` for small rotations about X, Y and Z."""
+    """Return displacements (3, 2, h, w) of ``H(-delta) x`` for small rotations about X, Y, Z."""
     f = camera.focal_px
     x, y = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     X, Y = (x - camera.matrix[0, 2]) / f, (y - camera.matrix[1, 2]) / f
@@ -153,7 +153,7 @@ def _robust_fit(A: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.fl
 
 
 def _correlation(x: NDArray[np.float32], y: NDArray[np.float32]) -> float:
-    """ZNCC of two lists of values; 0 if one of them is constant."""
+    """Return the ZNCC of two lists of values; 0 if one of them is constant."""
     x64, y64 = x - x.mean(dtype=np.float64), y - y.mean(dtype=np.float64)
     norm = float(np.sqrt((x64 @ x64) * (y64 @ y64)))
     return float(x64 @ y64) / norm if norm > 1e-9 else 0.0

@@ -3,9 +3,9 @@
 In linear light one factor relates two exposures. The JPEGs of cameras have contrast curves, white
 balances and denoising of their own. To detect this, the noisy photo is blurred and compared with
 the blurred one, once with a factor and once with a curve for each channel. If the curves fit much
-better, the noisy photo is denoised in display values, and its curves are estimated, then estimated
-again after a blur by the kernel. If its colours are still wrong, for example after compression in
-the dark, its tones are matched locally (`local_tones`).
+better, the noisy photo is denoised in display values. Its curves are estimated, and estimated again
+after a blur by the kernel. If its colours are still wrong, for example after compression in the
+dark, its tones are matched locally (`local_tones`).
 """
 
 from __future__ import annotations
@@ -154,7 +154,7 @@ def camera_pair(
     Parameters are those of `needs_curves` and `with_tones_of`. Return the matched photo, or None,
     and its trust at each pixel, (h, w), 0..1.
     """
-    with contextlib.suppress(EstimationError):  # then one factor has to do
+    with contextlib.suppress(EstimationError):  # then one factor is used
         if needs_curves(g, Af, mask):
             noisy = with_tones_of(g, f_N, registration, blur, mask, run=run)
             Af = blurred_planes(noisy.denoised, blur)

@@ -3,9 +3,9 @@
 A file holds no negative light: noise of sigma around a dark mean mu becomes max(x, 0), which is
 brighter on average,
 
-    E max(x, 0) = mu Phi(a) + sigma phi(a),    a = mu / sigma,
+    E max(x, 0) = mu Phi(a) + sigma phi(a),    a = mu / sigma.
 
-and in display values, which rise steeply in the dark, that is a veil over all shadows. The share of
+In display values, which rise steeply in the dark, this is a veil over all shadows. The share of
 pixels near a place that are exactly 0 gives a, since P(x <= 0) = Phi(-a). sigma follows from the
 mean of the light there. The excess sigma (phi(a) - a Phi(-a)) is subtracted. Noise in whites, which
 is clipped at 1, is treated in the same way, upside down.
@@ -87,7 +87,7 @@ def unclipped_mean(image: Image) -> Image:
 
 
 class _Window(NamedTuple):
-    """Around the pixels of a band: mean light, share of zeros, whether these come from noise."""
+    """Windows around the pixels of a band: mean light, share of zeros, whether noise made these."""
 
     light: Image
     zeros: Image
@@ -143,6 +143,6 @@ def _sigmas(window: _Window) -> NDArray[np.float64]:
 
 
 def _density(a: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Density of the normal distribution."""
+    """Return the density of the normal distribution."""
     density: NDArray[np.float64] = np.exp(-np.square(a) / 2) / np.sqrt(2 * np.pi)
     return density

@@ -106,9 +106,9 @@ def noisy_photo(
     g : (h, w) or (h, w, C) array of float32
         The blurred photo, linear light.
     f_N : (h', w') or (h', w', C) array of float32
-        The noisy one as bright as the blurred one, not registered.
+        The noisy photo, as bright as the blurred one, not registered.
     resample : callable
-        Resamples it in the blurred one's frame, or in one that is wider by the same on all sides.
+        Resamples it in the blurred photo's frame, or in one that is wider by r pixels on all sides.
         It also returns where the noisy photo has pixels, 1 or 0.
     run : Run, optional
         Threads to use. The result does not depend on them.

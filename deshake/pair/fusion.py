@@ -19,8 +19,8 @@ second term is averaged, approximates the precision of both photos together.
 The start is f_D, or where v = 0 the result of a few iterations of Richardson-Lucy. A few stages of
 half-quadratic splitting follow (`half_quadratic`). Where v = 0 this is a deconvolution of the
 blurred photo alone. L. Yuan, J. Sun, L. Quan and H.-Y. Shum, "Image deblurring with blurred/noisy
-image pairs", ACM Transactions on Graphics 26, 2007, https://doi.org/10.1145/1276377.1276379, have
-no term of the noisy photo in such a sum.
+image pairs", ACM Transactions on Graphics 26, 2007, https://doi.org/10.1145/1276377.1276379, do not
+have the term of the noisy photo.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ def fuse(
     quality : {"fast", "default", "high"}
         5, 10 or 16 stages.
     iterations : int, optional
-        Stages instead, >= 1.
+        Number of stages instead, >= 1.
     run : Run, optional
         Threads to use, and who receives the progress.
 

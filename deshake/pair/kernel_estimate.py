@@ -63,7 +63,7 @@ class PairScale:
 
 @dataclass(frozen=True, eq=False)
 class PairEstimate:
-    """A blur kernel from a pair of photos, and how far to trust it.
+    """A blur kernel from a pair of photos, and its confidence.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def estimate_pair_kernel(
     camera : Camera
         The camera of the blurred photo.
     uniform : bool
-        Use the uniform model: the columns of B are translations.
+        Whether to use the uniform model: the columns of B are translations.
     blur_size : float, optional
         Bound of the blur in pixels of the photo; by default `BLUR_SHARE`.
     noise : iterable of (h, w) or (h, w, C) arrays, optional
@@ -159,7 +159,7 @@ def estimate_pair_kernel(
 
 
 class _Scales:
-    """The estimate under way, from scale to scale."""
+    """The state of the estimate, from scale to scale."""
 
     def __init__(
         self,
@@ -271,7 +271,7 @@ class _Scales:
 
 
 def _brightness(g: Image, f: Image) -> float:
-    """Return how many times as bright one picture is as the other."""
+    """Return the ratio of the brightness of g to that of f."""
     light = float(f.mean(dtype=np.float64))
     if not light > SETTINGS.least_light:
         raise EstimationError("the noisy photo is black", hint="it must show the same scene")

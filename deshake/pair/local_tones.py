@@ -85,7 +85,7 @@ def wrong_colours(g: Image, Af: Image, mask: Mask, reach: int) -> float:
     Parameters
     ----------
     g, Af, mask, reach
-        As of `local_tones`. Lightness and detail finer than the blur are ignored.
+        As in `local_tones`. Lightness and detail finer than the blur are ignored.
 
     """
     planes = channels_first(g)
@@ -117,7 +117,7 @@ def local_tones(g: Image, Af: Image, mask: Mask, reach: int) -> LocalTones:
     mask : (h, w) array of bool
         Where both are known, not clipped.
     reach : int
-        Of the blur, in pixels.
+        Reach of the blur, in pixels.
 
     Returns
     -------
@@ -143,7 +143,7 @@ def local_trust(g: Image, Af: Image, mask: Mask, reach: int, *, strict: bool = F
     Parameters
     ----------
     g, Af, mask, reach
-        As of `local_tones`, after the tones are matched.
+        As in `local_tones`, after the tones are matched.
     strict : bool
         Whether the noisy photo must explain as much as it does in most of the frame.
 
@@ -184,13 +184,13 @@ class _Mean:
 
 
 def _colours(tones: Image) -> Image:
-    """Take the mean over the channels, and that of each channel, off (C, n) values."""
+    """Subtract from values (C, n) the mean over the channels, then the mean of each channel."""
     apart = tones - tones.mean(0)
     return np.asarray(apart - apart.mean(1, keepdims=True), np.float32)
 
 
 def _tone(light: Image) -> Image:
-    """Return the root of the light, which is about how it is displayed."""
+    """Return the root of the light, which approximates display values."""
     return np.asarray(np.sqrt(np.clip(light, _SETTINGS.darkest, 1)), np.float32)
 
 

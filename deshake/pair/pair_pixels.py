@@ -84,7 +84,7 @@ class PairPictures:
         )
 
     def at(self, shape: tuple[int, int]) -> PairPictures:
-        """Return them reduced."""
+        """Return the pictures and masks, reduced to a size."""
         return PairPictures(
             _reduced(self.g, shape),
             _reduced(self.f, shape),

@@ -1,4 +1,4 @@
-"""Rows of B_N at chosen pixels: the least squares of Eq. (12) without ever holding B_N.
+"""Rows of B_N at chosen pixels: the least squares of Eq. (12), never with all of B_N in memory.
 
 B_N has a row for each pixel and a column for each rotation: ``B_ik`` is the noisy photo where
 rotation k maps pixel i to. Its noise adds to ``B_N' B_N``, mostly on the diagonal, and would favour
@@ -53,11 +53,11 @@ class PairRows:
     f : (C, h, w) array of float32
         The registered noisy photo, or its derivatives.
     g : (C, h, w) array of float32
-        The same of the blurred photo.
+        The same for the blurred photo.
     places : (n, 2) array of int
-        Pixels (x, y) whose rows are taken; n is a multiple of `ROW_BLOCK`.
+        Pixels (x, y) whose rows are used; n is a multiple of `ROW_BLOCK`.
     noise : sequence of (C, h, w) arrays
-        The same of simulated noise; empty: f is taken to have no noise.
+        The same for simulated noise; empty: f counts as free of noise.
     run : Run, optional
         Threads to use. The result does not depend on them.
 
@@ -148,7 +148,7 @@ class PairRows:
 
     @property
     def _affordable(self) -> int:
-        """Pixels times rotations that may be held at once."""
+        """Return the largest number of pixels times rotations in memory at once."""
         return _ENTRIES // (self._channels * (1 + self._twins))
 
     def _adjoint(self, rows: list[Image]) -> list[Vector]:

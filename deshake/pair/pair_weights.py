@@ -2,16 +2,16 @@
 
 The errors of the kernel limit how well the blurred photo can be explained. g - A f_N has three
 parts: the noise of g, the blurred noise of f_N, and the errors of the kernel. The first two are
-known; the third is the rest. In (g - A f_D)^2, without the noise of f_N, the kernel's errors stand
-at the edges. So their variance is a share kappa of it, and adds to the noise of g.
+known; the third is the rest. (g - A f_D)^2 is without the noise of f_N; there the kernel's errors
+stand at the edges. So their variance is a share kappa of it, and adds to the noise of g.
 
-The denoised photo f_D is better than f_N where the scene is even, and worse where the denoiser
+The denoised photo f_D is better than f_N where the scene is flat, and worse where the denoiser
 removed detail. Where f_N - f_D has the power of noise, the error of f_D is small. Where it has
 less power, f_D has noise left; where it has more, f_D lacks detail.
 
 Where both photos show the same scene, A f_D and g agree except for small errors. Where something
-moved, or the kernel or the registration is wrong, they disagree, and the noisy photo is used, which
-is at least sharp, unless it is black there, for example where a camera cut off its shadows.
+moved, or the kernel or the registration is wrong, they disagree. Then the noisy photo is used,
+which is at least sharp; but not where it is black, for example where a camera cut off its shadows.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ def agreement(g: Image, Af: Image, noise: Image, reach: int) -> Image:
     noise : (h, w) array of float32
         Variance of the noise of f_N.
     reach : int
-        Of the blur in pixels.
+        Reach of the blur in pixels.
 
     """
     apart = np.zeros(Af.shape[1:], np.float32)
@@ -176,7 +176,7 @@ def agreement(g: Image, Af: Image, noise: Image, reach: int) -> Image:
         difference = cv2.GaussianBlur(_shown(one) - _shown(other), (0, 0), _SETTINGS.agreement_px)
         apart = np.maximum(apart, np.abs(difference))
     tolerance = max(_SETTINGS.disagreement, _SETTINGS.outlying * float(np.median(apart)) / 0.6745)
-    shown = noise / np.clip(Af.mean(0), _SETTINGS.darkest, 1)  # of the root's noise, times 4
+    shown = noise / np.clip(Af.mean(0), _SETTINGS.darkest, 1)  # 4 variances of the root's noise
     apart /= np.sqrt(np.float32(tolerance**2) + np.float32(_SETTINGS.noise**2) * shown)
     clearly = 1 - np.exp(-np.square(np.square(apart)))
     near = np.minimum(_SETTINGS.spreading * smoothed(clearly, max(reach, _SETTINGS.least_reach)), 1)

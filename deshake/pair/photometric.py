@@ -236,7 +236,7 @@ def tone_curves(f_D: Image, g: Image, mask: Mask, *, smooth_px: float = 4.0) -> 
 
 
 def _smoothed(image: Image, mask: Mask, sigma: float) -> Image:
-    """Smooth an image, with the pixels of a mask alone."""
+    """Smooth an image, using only the pixels of a mask."""
     light = cv2.GaussianBlur(np.where(mask, image, np.float32(0)), (0, 0), sigma)
     weight = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), sigma)
     return np.asarray(light / np.maximum(weight, 1e-6), np.float32)

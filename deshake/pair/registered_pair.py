@@ -166,7 +166,7 @@ class RegisteredPair:
 
 
 def _mixed(image: Image, shares: NDArray[np.float64]) -> Image:
-    """Mix the channels of an image by their shares; if these are not its own, take their mean."""
+    """Mix the channels of an image by their shares; average them if their number differs."""
     planes = channels_first(image)
     if len(planes) != len(shares):
         return np.asarray(planes.mean(0), np.float32)
@@ -177,7 +177,7 @@ def _mixed(image: Image, shares: NDArray[np.float64]) -> Image:
 
 
 def _shares_of(planes: Image, shares: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the shares of an image's channels; equal ones if these are not its own."""
+    """Return the shares of an image's channels; equal shares if the number of channels differs."""
     count = len(planes)
     return shares if len(shares) == count else np.full(count, 1 / count)
 

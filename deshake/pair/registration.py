@@ -50,11 +50,11 @@ class Registration:
     ----------
     theta : (3,) array of float64
         ``theta_0`` in radians: ``f_N(x) = F(H_0 x) / ratio`` for the sharp scene F in the frame of
-        the blurred photo. A noisy photo that was stored turned by 90 degrees has its turn in it.
+        the blurred photo. If the noisy photo is stored turned by 90 degrees, it includes that turn.
     scale : float
         Photometric factor ``a``, > 0: ``a f_N`` is as bright as the blurred photo.
     confidence : float
-        How likely it is right, from 0 to 1.
+        Chance that the registration is right, 0..1.
     camera : Camera
         The camera of the blurred photo.
 
@@ -89,7 +89,7 @@ def register(
     g : (h, w) or (h, w, C) array of float32
         The blurred photo, in linear light, 1 where it clips.
     f_N : (h', w') or (h', w', C) array of float32
-        The noisy one, of any size of the same proportions, which may be turned by 90 degrees.
+        The noisy photo, of any size with the same proportions; it may be turned by 90 degrees.
     camera : Camera
         The camera of the blurred photo.
     max_angle : float
@@ -108,7 +108,7 @@ def register(
         If the photos do not show the same scene, have different proportions, or one of them is
         too small or shows nothing.
     ValueError
-        If the camera is not one of the blurred photo's size.
+        If the camera does not have the size of the blurred photo.
 
     Notes
     -----
@@ -237,7 +237,7 @@ def _turns_of(theta: NDArray[np.float64]) -> int:
 def _sampled(
     image: Image, h: NDArray[np.float64], top: int, left: int, shape: tuple[int, int]
 ) -> tuple[Image, Image]:
-    """Sample an image at ``H x`` for a tile of pixels x, and return where that lies inside it."""
+    """Sample an image at ``H x`` for a tile of pixels x; return also where ``H x`` is inside it."""
     rows, columns = np.mgrid[top : top + shape[0], left : left + shape[1]].astype(np.float64)
     u, v, w = np.tensordot(h, np.stack([columns, rows, np.ones(shape)]), 1)
     w = np.maximum(w, 1e-6)

@@ -10,13 +10,13 @@ gain map multiplies delta f after each iteration:
 
     1 - alpha + alpha sum_l |D f_D^l|,
 
-over the levels l of f_D's pyramid. It weakens delta f where the scene is even. A detail layer
+over the levels l of f_D's pyramid. It weakens delta f where the scene is flat. A detail layer
 restores the detail that this removes: the result without the map, f, less its joint bilateral mean
 guided by the result with the map, f_g. The photo is f_g + (f - mean f), in display values.
 
-Too many iterations fit the noise of g, too, and amplify it. They end when the residual of g is no
-more than its noise, at a scale that compression does not change (`noise`): the discrepancy
-principle.
+Too many iterations fit the noise of g, too, and amplify it. So the iterations end when the residual
+of g is no more than its noise, at a scale that compression does not change (`coarse_noise`): the
+discrepancy principle.
 
 References
 ----------
@@ -129,10 +129,10 @@ def residual_richardson_lucy(
     kernel : RotationKernel
         The blur, for a camera of the photo's size.
     clipped : (h, w) array of bool, optional
-        Where the blurred photo clipped. The residual is 0 there, and where the photos disagree.
+        Clipped pixels of the blurred photo. The residual is 0 there, and where the photos disagree.
     iterations : int, optional
-        How many, >= 1. By default 1 to 20: until the residual is as small as the noise, or an
-        iteration reduces its square by less than 2 %.
+        Number of iterations, >= 1. By default 1 to 20: until the residual is as small as the noise,
+        or an iteration reduces its square by less than 2 %.
     gain : bool
         Whether the gain map is used.
     detail : bool
@@ -199,7 +199,7 @@ def residual_richardson_lucy(
 def gain_map(f_D: Image) -> Image:
     """Return the gain map (h, w) of a denoised photo (h, w) or (h, w, C), from its display values.
 
-    Its gradients are those of the mean of the colours, in shares of the whole range a pixel.
+    Its gradients are those of the mean of the colours, in display values (0..1) per pixel.
     """
     level = _shown(channels_first(f_D).mean(0, dtype=np.float32))
     height, width = level.shape

@@ -96,13 +96,13 @@ def distinct(
 
 
 def distance_px(camera: Camera, one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
-    """Root mean square distance, over the frame, between the images of a pixel by two rotations."""
+    """Return the root mean square distance of a pixel's places by two rotations, over the frame."""
     moved = displacements(homographies(camera, compose(-one, other)[None]), camera.corners)
     return float(np.sqrt(np.mean(np.sum(moved**2, -1))))
 
 
 def _tilts(camera: Camera, max_angle: float) -> int:
-    """Return the number of steps about X, and about Y, between which shifts are enough."""
+    """Return the number of steps about X, and about Y; shifts can fill the gaps between them."""
     corner = np.abs(camera.corners - camera.matrix[:2, 2]).max(0)
     bent = 2 * max_angle * float(corner @ corner) / camera.focal_px
     count = int(np.ceil(bent / SETTINGS.bent_px)) // 2 * 2 + 1  # the middle one is no rotation

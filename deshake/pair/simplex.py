@@ -1,7 +1,7 @@
 """Least squares over the simplex: ``min |g - B w|^2, w >= 0, sum w = 1``, Eq. (12).
 
-Written out, ``min w' G w / 2 - h' w`` with ``G = B' B`` and ``h = B' g``. At the minimum no weight
-can gain by taking from another (the Kuhn-Tucker conditions): with the slope ``s = G w - h``,
+This is ``min w' G w / 2 - h' w`` with ``G = B' B`` and ``h = B' g``. At the minimum no weight can
+gain by taking from another (the Kuhn-Tucker conditions): with the slope ``s = G w - h``,
 
     s_i >= s_j   for all i and every j whose w_j > 0.
 
@@ -62,10 +62,10 @@ def least_on_simplex(
     problem : LeastSquares
         G and h.
     start : (K,) array
-        Weights >= 0 of any positive sum to begin with.
+        The first weights, >= 0, of any positive sum.
     ridge : float
-        r in shares of G's mean diagonal, >= 0. It is made as large as it must be for G + r I to
-        have no negative eigenvalues.
+        r as a share of G's mean diagonal, >= 0. If G + r I has negative eigenvalues, r is raised
+        until it has none.
     whole : int
         Number of weights up to which the whole of G is computed.
 
@@ -79,7 +79,7 @@ def least_on_simplex(
     count = len(w)
     working, growth = np.arange(count), max(whole // 3, 1)
     if count > whole:
-        likely = np.lexsort((-problem.right, -w))  # of equal weights, those most like g
+        likely = np.lexsort((-problem.right, -w))  # among equal weights, the largest h first
         working = np.sort(likely[: max(whole // 2, 1)])
         w[np.setdiff1d(np.arange(count), working)] = 0
     w /= w.sum()
@@ -109,8 +109,8 @@ def pairwise_descent(gram: Vector, right: Vector, start: Vector) -> Vector:
     Parameters
     ----------
     gram : (K, K) array
-        G, symmetric. Where it has negative eigenvalues, the result is a point from which no two
-        weights can be moved a little for the better.
+        G, symmetric. If it has negative eigenvalues, the result is a point that no small move of
+        two weights improves.
     right : (K,) array
         h.
     start : (K,) array
@@ -157,7 +157,7 @@ def least_eigenvalue(gram: Vector) -> float:
         u = np.einsum("kl,l->k", gram, basis[-1])
         along.append(float(u @ basis[-1]))
         known = np.array(basis)
-        for _ in range(2):  # once loses orthogonality to rounding
+        for _ in range(2):  # rounding spoils the orthogonality of a single pass
             u -= (known @ u) @ known
         length = float(np.linalg.norm(u))
         if length <= np.finfo(np.float64).eps * max(abs(a) for a in along) * len(gram):

@@ -76,7 +76,7 @@ def reduce_pair(g: Image, f_N: Image, camera: Camera, turns: int) -> SmallPair:
     camera : Camera
         The camera of the first.
     turns : int
-        Quarters that the second one is turned by.
+        Number of quarter turns of the second one.
 
     Raises
     ------

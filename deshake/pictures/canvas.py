@@ -93,9 +93,9 @@ class Canvas:
         Parameters
         ----------
         cover : (R, C) array
-            How much of the colour, from 0 to 1, in each cell.
+            Share of the colour in each cell, 0..1.
         corners : three points
-            Where the upper left, upper right and lower left corners of the array come to lie.
+            Places of the upper left, upper right and lower left corners of the array.
         colour : (int, int, int)
             Red, green, blue.
 
@@ -142,7 +142,7 @@ class Canvas:
         colour : (int, int, int)
             Red, green, blue.
         anchor : str
-            What `place` is.
+            Which point of the line `place` is.
 
         """
         parts = [part for part in _THETA.split(text) if part]

@@ -6,7 +6,7 @@ import io
 from typing import TYPE_CHECKING, Final
 
 from deshake.pictures.render import render_kernel
-from deshake.pictures.sheets import Line, detailed_part, resized, sheet, shown
+from deshake.pictures.sheets import Row, detailed_part, resized, sheet, shown
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["SUFFIX", "before_and_after", "comparison_name", "comparison_sheet"]
 
 SUFFIX: Final = ".compare"
-"""What the names of these sheets have before their ending."""
+"""The part of a sheet's name before the ending."""
 
 _WIDTH: Final = 640  # px of each picture
 
@@ -31,23 +31,23 @@ def comparison_name(output: Path) -> str:
 def before_and_after(
     photo: Photo, result: Photo, kernel: RotationKernel, width: int
 ) -> list[Picture]:
-    """Picture a photo and its result.
+    """Draw a photo and its result.
 
     Parameters
     ----------
     photo, result : Photo
         Before and after.
     kernel : RotationKernel
-        What was undone.
+        The kernel of the deblurring.
     width : int
-        Of each picture, in pixels.
+        Width of each picture, in pixels.
 
     Returns
     -------
     five (h, w, 3) arrays of uint8
-        Before, after, the kernel's rotations, and the part of most detail at 100 %, before and
-        after, which may be narrower. The part is chosen in the photo as it was: ringing must not
-        draw the eye to itself.
+        Before, after, the kernel's rotations; then the part with the most detail at 100 %, before
+        and after: these may be narrower. The part is chosen in the photo, since ringing in the
+        result looks like detail.
 
     """
     before, after = shown(photo), shown(result)
@@ -63,8 +63,8 @@ def comparison_sheet(photo: Photo, result: Photo, kernel: RotationKernel) -> byt
     height, width = photo.shape
     text = f"{photo.source.name}   {width} x {height}   kernel: {kernel.extent_px():.1f} px"
     lines = [
-        Line([text], [before, after], titles=("before", "after")),
-        Line([], [part, restored, drawn], titles=("before, 100 %", "after, 100 %", "kernel")),
+        Row([text], [before, after], titles=("before", "after")),
+        Row([], [part, restored, drawn], titles=("before, 100 %", "after, 100 %", "kernel")),
     ]
     encoded = io.BytesIO()
     sheet(lines).save(encoded, "PNG")

@@ -51,15 +51,15 @@ _UP = np.array(
 _TOWARDS = np.cross(_RIGHT, _UP)
 
 _NICE = (1, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10)
-_LEAST_HALF = 2.0  # pixels: a camera that stood still still gets a scale
+_LEAST_HALF = 2.0  # pixels: least half side, also for a still camera
 _MOST_CELLS = 160  # across a face
-_LEAST_EDGED = 1.2  # pixels of radius: smaller points would be all edge
+_LEAST_EDGED = 1.2  # pixels of radius: smaller points have no edge
 _CONTRAST = 0.5  # exponent that lifts faint sums
 
 
 @dataclass(frozen=True, eq=False)
 class Axes:
-    """What the three axes show.
+    """The range of the three axes.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class Axes:
         return cls(unit, centre, round_above(1.04 * max(float(farthest), _LEAST_HALF)))
 
     def places(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Places (..., 3) of rotations in the cuboid, each axis from -1 to 1."""
+        """Return the places (..., 3) of rotations in the cuboid, each axis from -1 to 1."""
         return (theta / self.unit - self.centre) / self.half
 
 
@@ -102,7 +102,7 @@ class _View:
         self._middle = np.array((left + 0.52 * size, top + 0.49 * size))
 
     def __call__(self, place: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
-        """Points (..., 2) of the picture for places (..., 3) in the cuboid."""
+        """Return the points (..., 2) of the picture for places (..., 3) in the cuboid."""
         place = np.asarray(place, np.float64)
         flat = np.stack([place @ _RIGHT, -(place @ _UP)], -1)
         points: NDArray[np.float64] = self._middle + self.scale * flat
@@ -127,13 +127,13 @@ def draw_cuboid(
     kernel : RotationKernel
         What to draw.
     axes : Axes
-        What the axes show.
+        The range of the axes.
     size : float
         Side of the square in pixels.
     left : float
         Where the square begins, in pixels.
     title : str
-        A word to go before the kernel's figures in the upper left corner.
+        A word before the kernel's figures in the upper left corner.
 
     """
     view = _View(left, 0.03 * size, size)
@@ -176,7 +176,7 @@ def _draw_sums(canvas: Canvas, view: _View, kernel: RotationKernel, axes: Axes) 
     """Shade each face by the sum of the weights along the axis across it."""
     places = axes.places(kernel.theta)
     cell = np.maximum(kernel.steps / axes.unit / axes.half, 2 / _MOST_CELLS)
-    heaviest = places[np.argmax(kernel.weights)]  # cells are laid so that it fills one
+    heaviest = places[np.argmax(kernel.weights)]  # the cells are aligned with it
     index = (places - heaviest) / cell
     for axis in range(3):
         across, down = (a for a in range(3) if a != axis)
@@ -233,7 +233,7 @@ def _draw_labels(
     text = 0.026 * size
     shown = kernel.theta[kernel.weights >= 0.01 * kernel.weights.max()]
     extent = np.ptp(shown, axis=0)
-    # Each axis is labelled along one edge: there the other two coordinates stand still.
+    # Each axis is labelled along one edge: there the other two coordinates are constant.
     edges = (
         (np.array((0.0, -1.0, -1.0)), np.array((0.35, 1.0)), "left"),
         (np.array((-1.0, 0.0, -1.0)), np.array((-0.35, 1.0)), "right"),

@@ -40,11 +40,11 @@ _BORDER: Colour = (86, 92, 104)
 _LIGHT: Colour = (255, 255, 255)
 _DARK: Colour = (10, 12, 18)
 _INK: Colour = (40, 44, 52)
-_LEAST_CELL = 12  # pixels: the picture grows rather than show less of a filter
-_LEAST_REACH = 3.0  # pixels around a point that stays where it is
-_MARGIN = 1.06  # between the farthest light and the cell's border
-_MOST_CELLS = 4096  # across the raster that a filter is summed up on
-_GAMMA = 2.2  # filters are light, and are shown as a photo of it would be
+_LEAST_CELL = 12  # pixels: the picture grows if cells would be smaller
+_LEAST_REACH = 3.0  # pixels of the photo around a point that does not move
+_MARGIN = 1.06  # factor: room between the farthest light and the cell's border
+_MOST_CELLS = 4096  # across the raster that a filter is summed on
+_GAMMA = 2.2  # a filter is light, and is shown as a photo of that light
 
 
 def render_kernel(kernel: RotationKernel, *, size: int = 640) -> Picture:
@@ -89,7 +89,7 @@ def render_comparison(kernels: Mapping[str, RotationKernel], *, size: int = 640)
     Parameters
     ----------
     kernels : mapping of str to RotationKernel
-        The kernels under the titles that they get.
+        The kernels by their titles.
     size : int
         Width and height of each cuboid in pixels.
 
@@ -239,7 +239,7 @@ def render_file(
     Returns
     -------
     Path
-        Where the picture went.
+        The PNG.
 
     Raises
     ------
@@ -281,7 +281,7 @@ def point_light(
     offsets : (K, 2) array
         Places of the light, in pixels of the photo from the picture's middle.
     weights : (K,) array
-        For how long.
+        Share of the exposure at each place.
     reach : float
         Half the side of the picture in pixels of the photo, less one.
     side : int
@@ -291,7 +291,7 @@ def point_light(
     count = min(12 * int(np.ceil(reach + 1)), 2 * side, _MOST_CELLS)
     places = (offsets / (reach + 1) + 1) * count / 2 - 0.5
     raster = splat_on_raster(places, weights, (count, count))
-    pixel = count / (2 * reach + 2)  # of the photo, in raster cells
+    pixel = count / (2 * reach + 2)  # raster cells in a pixel of the photo
     sigma = 0.35 * max(pixel, 1)  # no light is a sharp point
     blurred = cv2.GaussianBlur(raster, (0, 0), sigma)
     way = cv2.INTER_AREA if count > side else cv2.INTER_LINEAR

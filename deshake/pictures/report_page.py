@@ -33,7 +33,7 @@ VERDICTS: Final = {
     "skipped": "skipped",
     "unshaken": "not shaken",
 }
-"""What may come of a photo, and how the page says it."""
+"""The outcomes of a photo, and their words on the page."""
 
 _PLURAL: Final = {"left": "left as they are"}
 _COLUMNS: Final = {
@@ -51,7 +51,7 @@ _UNKNOWN: Final = "-1"  # sorts before all numbers
 
 @dataclass(frozen=True)
 class Entry:
-    """What the page says of one photo.
+    """The words and figures of the page for one photo.
 
     Parameters
     ----------
@@ -64,17 +64,17 @@ class Entry:
     why : str
         The reason, or what was done, in a few words.
     command : str
-        What makes the result again.
+        The command that makes the result again.
     seconds : float
         Time that it took.
     result : (str, str), optional
         The result's file, and its address relative to the page.
     extent_px, confidence : float, optional
-        Of the kernel that was undone.
+        Figures of the kernel of the deblurring.
     confidence_words : str
         The confidence in words.
     warnings : sequence of str
-        What was warned of.
+        The warnings.
     hint : str, optional
         What to try, if the photo failed.
 
@@ -95,7 +95,7 @@ class Entry:
 
 
 def printable(text: str) -> str:
-    """Return a text in which what cannot be printed, or turns the line around, is spelt out."""
+    """Return a text; characters that cannot be printed, or reverse the line, are spelt out."""
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
@@ -106,14 +106,14 @@ def embedded(_name: str, picture: Encoded) -> str:
 
 
 def page_head(entries: Sequence[Entry], command: str) -> str:
-    """Return the page up to the first photo: the title, the style and, of several, the summary.
+    """Return the page up to the first photo: title, style, and the summary of several photos.
 
     Parameters
     ----------
     entries : sequence of Entry
         All photos, in their order.
     command : str
-        What made the page.
+        The command that made the page.
 
     """
     count = Counter(entry.verdict for entry in entries)
@@ -146,11 +146,11 @@ def article(entry: Entry, pictures: ReportPictures | None, place: Place = embedd
     Parameters
     ----------
     entry : Entry
-        What it says.
+        Its words and figures.
     pictures : ReportPictures or None
         Its pictures, if there are any.
     place : callable
-        Takes what a picture shows, and the picture, and gives its address, in ASCII.
+        Receives the name of a picture, and the picture; returns its address, in ASCII.
 
     """
     number, name = entry.number, _text(entry.name)
@@ -175,7 +175,7 @@ def article(entry: Entry, pictures: ReportPictures | None, place: Place = embedd
 
 
 def _summary(entries: Sequence[Entry], count: Counter[str]) -> str:
-    """Return the tools that filter, and the table that sorts."""
+    """Return the tools to filter the photos, and the table to sort them."""
     buttons = [f'<button type="button" value="" aria-pressed="true">All {len(entries)}</button>']
     buttons += [
         f'<button type="button" value="{verdict}" aria-pressed="false">'

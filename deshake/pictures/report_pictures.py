@@ -1,6 +1,6 @@
 """The pictures of one photo on the page of a report: small enough for a page of hundreds.
 
-They are made where the photo is worked on, and travel to the page as bytes.
+The process that works on the photo makes them, and hands them to the page as bytes.
 """
 
 from __future__ import annotations
@@ -31,27 +31,27 @@ __all__ = ["Encoded", "ReportPictures", "report_pictures", "room_for"]
 Rectangle: TypeAlias = tuple[int, int, int, int]
 """Left, top, width and height in pixels."""
 
-_ALL: Final = 40_000_000  # bytes of all pictures of a page; base64 makes 53 million of them
-_MOST: Final = 3_000_000  # bytes of one photo's pictures
-_BESIDE: Final = 8_000_000  # the same, where they are files of their own
-_LEAST: Final = 20_000  # bytes: thousands of photos make a larger page
+_PAGE_BYTES: Final = 40_000_000  # of all pictures of a page; base64 makes 53 million of them
+_MOST_BYTES: Final = 3_000_000  # of one photo's pictures, at most
+_BESIDE_BYTES: Final = 8_000_000  # the same, if they are files beside the page
+_FEWEST_BYTES: Final = 20_000  # of one photo's pictures: thousands of photos make a larger page
 
 _FRAME_SIDE: Final = 1600  # px of the longer side of the whole frame, at most
 _DETAIL: Final = (360, 270)  # px, width and height of the part that is shown first
-_FRAME_SHARE: Final = 0.45  # of the room; the rest is for the part at 100 %
-_LEAST_BYTES: Final = 0.1  # of a pixel: no part is begun with that has more of them than fit so
+_FRAME_SHARE: Final = 0.45  # of the room, for the whole frame; the rest is for the part at 100 %
+_PIXEL_BYTES: Final = 0.1  # bytes per pixel, for the size of the first part that is tried
 _QUALITIES: Final = (88, 80, 72)  # of JPEG, tried before the picture is made smaller
-_LAST_QUALITIES: Final = (50, 30, 15)  # of pictures that get no smaller
-_SMALLER: Final = 0.85  # factor of the sides from one attempt to the next
+_LAST_QUALITIES: Final = (50, 30, 15)  # of JPEG, if the picture cannot be made smaller
+_SHRINK: Final = 0.85  # factor of the sides from one try to the next
 _LEAST_SIDE: Final = 48  # px: no picture is made smaller than this
-_FILTERS: Final = 3  # kernels down and across the frame
+_FILTERS: Final = 3  # number of local filters down and across the frame
 _KERNEL_SIDE: Final = 600  # px
-_SEEN: Final = 0.01  # of the largest weight: what is less does not count for the extent either
+_FAINT: Final = 0.01  # of the largest weight: lighter rotations are not drawn
 _KERNEL_COLOURS: Final = 16  # greys of the picture of a kernel
 
 
 class Encoded(NamedTuple):
-    """A picture as it is embedded."""
+    """A picture as the bytes of a JPEG or PNG file."""
 
     data: bytes
     width: int
@@ -68,7 +68,7 @@ class ReportPictures:
     shape : (int, int)
         Height and width of the result in pixels.
     before, after : Encoded
-        The whole frame; without `after` the photo was left as it is.
+        The whole frame; there is no `after` if the photo is unchanged.
     part, part_after : Encoded
         A part at 100 %.
     at : (int, int)
@@ -91,28 +91,28 @@ class ReportPictures:
 
 
 def room_for(photos: int, *, beside: bool = False) -> int:
-    """Return the bytes that the pictures of one of so many photos may take.
+    """Return how many bytes the pictures of one photo may take.
 
-    Those on the page share it; those `beside` it have files of their own.
+    The photos of a page share its bytes. Pictures `beside` the page are files of their own.
     """
     if beside:
-        return _BESIDE
-    return max(_LEAST, min(_MOST, _ALL // max(photos, 1)))
+        return _BESIDE_BYTES
+    return max(_FEWEST_BYTES, min(_MOST_BYTES, _PAGE_BYTES // max(photos, 1)))
 
 
 def report_pictures(
     photo: Photo, result: Photo, kernel: RotationKernel, room: int
 ) -> ReportPictures:
-    """Picture a photo and its result.
+    """Make the pictures of a photo and its result.
 
     Parameters
     ----------
     photo, result : Photo
         Before and after, of one size.
     kernel : RotationKernel
-        What was undone; of a camera that stood still, there is no `after`.
+        The kernel of the deblurring. If it is that of a still camera, there is no `after`.
     room : int
-        Bytes that all pictures together may take, `_LEAST` at least.
+        Bytes that all pictures together may take, `_FEWEST_BYTES` at least.
 
     """
     still = not kernel.theta[kernel.weights > 0].any()
@@ -130,7 +130,7 @@ def report_pictures(
 
     whole, _ = _fitted(frame, _FRAME_SHARE * left, 1.0)
     pixels = len(photos) * photo.shape[0] * photo.shape[1]
-    enough = math.sqrt((1 - _FRAME_SHARE) * left / (_LEAST_BYTES * pixels))
+    enough = math.sqrt((1 - _FRAME_SHARE) * left / (_PIXEL_BYTES * pixels))
     parts, share = _fitted(part, (1 - _FRAME_SHARE) * left, min(1.0, enough))
     x, y, *_ = _around(place, photo.shape, share)
     return ReportPictures(
@@ -146,7 +146,7 @@ def report_pictures(
 
 
 def _around(place: Rectangle, shape: tuple[int, int], share: float) -> Rectangle:
-    """Return a part of the photo around a place, with a share of the photo's sides."""
+    """Return a part of the photo around a place; its sides are a share of the photo's."""
     x, y, width, height = place
     w = max(round(shape[1] * share), width)
     h = max(round(shape[0] * share), height)
@@ -158,14 +158,14 @@ def _around(place: Rectangle, shape: tuple[int, int], share: float) -> Rectangle
 def _fitted(
     make: Callable[[float], list[Picture]], limit: float, share: float
 ) -> tuple[list[Encoded], float]:
-    """Encode pictures in so many bytes, at less quality or smaller if need be.
+    """Encode pictures in at most `limit` bytes: at lower quality, then at a smaller size.
 
     Returns
     -------
     encoded : list of Encoded
         All of one size and quality; more bytes than the limit only if they get no smaller.
     share : float
-        Of the size, as `make` took it.
+        The share of the size at which they fit; `make` takes it.
 
     """
     pictures = make(share)
@@ -177,11 +177,11 @@ def _fitted(
                 return encoded, share
         if qualities == _LAST_QUALITIES:
             return encoded, share
-        smaller = make(_SMALLER * share)
+        smaller = make(_SHRINK * share)
         if smaller[0].shape == pictures[0].shape or max(smaller[0].shape) < _LEAST_SIDE:
             qualities = _LAST_QUALITIES
         else:
-            pictures, share = smaller, _SMALLER * share
+            pictures, share = smaller, _SHRINK * share
 
 
 def _jpeg(picture: Picture, quality: int) -> Encoded:
@@ -192,7 +192,7 @@ def _jpeg(picture: Picture, quality: int) -> Encoded:
 
 def _drawn(kernel: RotationKernel) -> Encoded:
     """Draw the kernel's local filters, in few greys."""
-    heavy = kernel.above(_SEEN)
+    heavy = kernel.above(_FAINT)
     picture = render_filters(heavy, _FILTERS, _FILTERS, size=_KERNEL_SIDE)
     grey = Image.fromarray(picture).convert("L").quantize(_KERNEL_COLOURS)
     stream = io.BytesIO()
@@ -201,10 +201,9 @@ def _drawn(kernel: RotationKernel) -> Encoded:
 
 
 def _reduced(photo: Photo, side: int) -> Picture:
-    """Return the whole frame as it is shown, its longer side no longer than this.
+    """Return the whole frame as it is shown, its longer side at most `side`.
 
-    Linear light is averaged, and only what is left of it is encoded: a large photo takes no more
-    memory than its frame.
+    Linear light is averaged before it is encoded, so encoding takes the memory of the small frame.
     """
     factor = max(photo.shape) / side
     if factor <= 1:

@@ -18,22 +18,22 @@ if TYPE_CHECKING:
     from deshake.formats.photo import Photo
     from deshake.pictures.canvas import Picture
 
-__all__ = ["CHARACTER", "GAP", "Line", "detailed_part", "resized", "sheet", "shown"]
+__all__ = ["CHARACTER", "GAP", "Row", "detailed_part", "resized", "sheet", "shown"]
 
 GAP = 8
 """Pixels between pictures, and around them."""
 
 CHARACTER = 8.5
-"""Width in pixels of a character of the captions, about."""
+"""Approximate width of a character of the captions, in pixels."""
 
-_FONT = 16
-_LINE = 22  # from one line of text to the next
-_DETAIL_STEPS = 24  # places across and down where the part with most detail is looked for
+_FONT = 16  # px
+_LINE = 22  # px from one line of text to the next
+_DETAIL_STEPS = 24  # places across and down at which the detail is measured
 _BLACK, _RED = (0, 0, 0), (176, 0, 0)
 
 
-class Line(NamedTuple):
-    """A line of the sheet: pictures side by side, titles above them, and words above all."""
+class Row(NamedTuple):
+    """A row of the sheet: pictures side by side, a title above each, and a caption above all."""
 
     caption: list[str]
     cells: list[Picture]
@@ -42,7 +42,7 @@ class Line(NamedTuple):
 
 
 def shown(photo: Photo) -> Picture:
-    """Return a photo's pixels as they are shown: (H, W, 3) uint8; linear light by sRGB's curve."""
+    """Return a photo's pixels for display, (H, W, 3) uint8; linear light gets sRGB's curve."""
     encoding = photo.encoding
     curve = SRGB if encoding.transfer == LINEAR else encoding.transfer
     codes = encoded(photo.pixels, replace(encoding, depth=8, transfer=curve))
@@ -57,10 +57,10 @@ def resized(picture: Picture, width: int) -> Picture:
 
 
 def detailed_part(picture: Picture, width: int, height: int) -> tuple[slice, slice]:
-    """Find the part of this size, or less in a small picture, with the most detail.
+    """Find the part of this size with the most detail; in a small picture the part is smaller.
 
     Detail is the mean of the Laplacian's magnitude after a little smoothing, so that noise does
-    not count for texture.
+    not count as texture.
     """
     h, w = min(height, picture.shape[0]), min(width, picture.shape[1])
     grey = cv2.GaussianBlur(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), (0, 0), 1.5)
@@ -73,28 +73,28 @@ def detailed_part(picture: Picture, width: int, height: int) -> tuple[slice, sli
     return slice(y[best], y[best] + h), slice(x[best], x[best] + w)
 
 
-def sheet(lines: Sequence[Line], width: int = 0) -> Image.Image:
-    """Draw the lines below each other, on a page of at least that width."""
+def sheet(rows: Sequence[Row], width: int = 0) -> Image.Image:
+    """Draw the rows below each other, on a page of at least that width."""
     font = ImageFont.load_default(_FONT)
     heights = [
-        _LINE * (len(line.caption) + bool(line.titles))
-        + max((cell.shape[0] for cell in line.cells), default=0)
+        _LINE * (len(row.caption) + bool(row.titles))
+        + max((cell.shape[0] for cell in row.cells), default=0)
         + 3 * GAP
-        for line in lines
+        for row in rows
     ]
-    widths = [sum(cell.shape[1] + GAP for cell in line.cells) + GAP for line in lines]
+    widths = [sum(cell.shape[1] + GAP for cell in row.cells) + GAP for row in rows]
     image = Image.new("RGB", (max([width, *widths]), sum(heights) + GAP), "white")
     draw = ImageDraw.Draw(image)
     top = GAP
-    for line, height in zip(lines, heights, strict=True):
-        for number, text in enumerate(line.caption):
-            colour = _RED if line.failed else _BLACK
+    for row, height in zip(rows, heights, strict=True):
+        for number, text in enumerate(row.caption):
+            colour = _RED if row.failed else _BLACK
             draw.text((GAP, top + number * _LINE), text, colour, font)
-        below = top + _LINE * (len(line.caption) + bool(line.titles)) + GAP
+        below = top + _LINE * (len(row.caption) + bool(row.titles)) + GAP
         left = GAP
-        for number, cell in enumerate(line.cells):
-            if line.titles:
-                draw.text((left, below - _LINE), line.titles[number], _BLACK, font)
+        for number, cell in enumerate(row.cells):
+            if row.titles:
+                draw.text((left, below - _LINE), row.titles[number], _BLACK, font)
             image.paste(Image.fromarray(cell), (left, below))
             left += cell.shape[1] + GAP
         top += height

@@ -1,8 +1,8 @@
-"""A photo with the tiles that its kernel was read from, and the kernel's local filters on them.
+"""A photo with the tiles that its kernel was estimated from, and the local filters on them.
 
-The tiles are those that the estimate chooses for its final kernel, at the finest scale that
-it works at with a kernel so wide. On every tile that kernels are fitted to lies what the blurred
-photo shows there of a point light.
+The tiles are those that the estimate chooses for its final kernel, at the finest scale that the
+width of the kernel allows. A local filter, the blurred image of a point light, lies on every tile
+that kernels are fitted to.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ _APART: Colour = (70, 160, 255)
 _DARK: Colour = (10, 12, 18)
 _LIGHT: Colour = (255, 255, 255)
 _INK: Colour = (40, 44, 52)
-_DARKENED = 0.7  # how much of the photo is hidden behind a filter
+_DARKENED = 0.7  # share of the photo's light that is hidden behind a filter
 _LEAST_REACH = 3.0  # px around the middle of a filter
 _MARGIN = 1.06  # between the farthest light and the border of its square
-_LETTER = 0.55  # of the size of text, a letter's width
+_LETTER = 0.55  # width of a letter, as a share of the text's size
 
 
 class _Frame(NamedTuple):
@@ -58,7 +58,7 @@ class _Frame(NamedTuple):
     zoom: NDArray[np.float64]
 
     def corners(self, tiles: Tiles) -> list[_Square]:
-        """Upper left and lower right corners (x, y) of tiles in the picture."""
+        """Return the upper left and lower right corners (x, y) of tiles in the picture."""
         lows = tiles.corners[:, ::-1].astype(np.float64)
         highs = lows + tiles.size
         return [
@@ -75,14 +75,14 @@ def tile_photo(
     Parameters
     ----------
     photo : Photo
-        The photo that was estimated from. Through a lens that bends it is straightened, as for the
+        The photo of the estimate. If its camera has a distortion, it is straightened, as for the
         estimate.
     kernel : RotationKernel
         The kernel of the estimate.
     camera : Camera
         The photo's camera.
     region : (x, y, width, height), optional
-        The part of the photo that was estimated from, by default all of it.
+        The part of the photo that the estimate used, by default all of it.
 
     """
     straight, pinhole = straightened(photo, camera)
@@ -112,20 +112,20 @@ def tile_picture(
     *,
     clipped: Mask | None = None,
 ) -> Picture:
-    """Draw the tiles that a kernel was read from, and its local filters on them.
+    """Draw the tiles that a kernel was estimated from, and its local filters on them.
 
     Parameters
     ----------
     grey : (h, w) array of float32
         The photo in linear light, 0..1.
     camera : Camera
-        Its camera. Of a kernel of the uniform model its own camera counts.
+        Its camera. For a kernel of the uniform model, the kernel's own camera counts.
     kernel : RotationKernel
         The kernel of the estimate; a still camera has no filters to draw.
     region : (x, y, width, height), optional
-        The part of the photo that was estimated from, by default all of it.
+        The part of the photo that the estimate used, by default all of it.
     clipped : (h, w) array of bool, optional
-        Pixels that were not believed.
+        Clipped pixels, which the estimate ignored.
 
     Returns
     -------
@@ -172,7 +172,7 @@ def tile_picture(
 
 
 def _finest(pyramid: Pyramid, kernel: RotationKernel) -> tuple[int, RotationKernel]:
-    """Find the finest scale that an estimate of so wide a kernel works at; the kernel there."""
+    """Return the finest scale that the width of a kernel allows, and the kernel there."""
     level = 0
     while True:
         scaled = kernel.for_camera(pyramid.at(level).camera)
@@ -189,7 +189,7 @@ def _display(grey: Image, size: tuple[int, int]) -> Picture:
 
 
 def _draw_filters(canvas: Canvas, kernel: RotationKernel, tiles: Tiles, frame: _Frame) -> None:
-    """Draw a kernel's local filters, each in the middle of its tile, all as much enlarged."""
+    """Draw a kernel's local filters, each in the middle of its tile, all at one scale."""
     backwards = homographies(kernel.camera, -kernel.theta)
     offsets = displacements(backwards, tiles.centres)
     offsets -= (offsets.min(1, keepdims=True) + offsets.max(1, keepdims=True)) / 2

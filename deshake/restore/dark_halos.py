@@ -5,10 +5,10 @@ linear light they are faint, but on display they are black. A blurred pixel is a
 along the camera's path, so it is seldom much brighter than the scene there. The bound for a
 restored pixel is a share of the darkest blurred one within the blur's reach,
 
-    f >= 0.1 mean min g,
+    f >= 0.1 mean min g.
 
-where the mean over the same reach leaves the bound without edges; it is still nowhere above g. The
-share is low because of thin dark lines on a bright ground.
+The mean over the same reach smooths the bound, which is still nowhere above g. The share is low
+because of thin dark lines on a bright ground.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["without_dark_halos"]
 
-_SHARE = np.float32(0.1)  # bound over the darkest blurred light within reach
+_SHARE = np.float32(0.1)  # bound, as a share of the darkest blurred light within reach
 
 
 def without_dark_halos(
@@ -53,7 +53,7 @@ def without_dark_halos(
     window = np.ones((reach, reach), np.uint8)
     lifted = np.empty_like(f)
     channels = [...] if f.ndim == 2 else [np.s_[..., c] for c in range(f.shape[2])]
-    for channel in channels:  # one at a time, for the sake of memory
+    for channel in channels:  # one at a time, to save memory
         floor = cv2.erode(np.ascontiguousarray(g[channel]), window)
         floor = cv2.blur(floor, (reach, reach))
         np.maximum(f[channel], _SHARE * floor, out=lifted[channel])

@@ -1,18 +1,18 @@
 """Weights of pixels near clipped lights, and restoration of the scene behind their streaks.
 
-A lamp brighter than the sensor's range draws the path of the camera in white. Near it, the
-smallest error of the kernel, times the light of the lamp, is larger than the light of the scene.
-So clipped pixels, and in proportion those that the lamps reach, have less weight:
+A lamp brighter than the sensor's range draws the path of the camera in white. Near it, even a
+small error of the kernel, times the light of the lamp, is larger than the light of the scene.
+So clipped pixels have no weight, and a pixel has less the more light of lamps reaches it:
 m = 1 / (1 + (kappa A l)^2 / sigma^2), where l is the light above the clip level in a first
 estimate. Other pixels, from other orientations of the camera, show the scene behind the streaks.
-The trusted pixels alone restore it, by Richardson-Lucy with weights,
+Richardson-Lucy restores it from the trusted pixels alone, by their weights,
 
     f <- f . (A^T(m g / A f) / A^T m)^a,
 
-where a > 1 saves iterations. The lamps, and latent pixels without trusted ones, keep the first
-estimate. Whyte, Sivic and Zisserman, "Deblurring shaken and partially saturated images", IJCV 110,
-2014, https://doi.org/10.1007/s11263-014-0727-3, have the idea that lamps must not disturb their
-surroundings.
+where a > 1 saves iterations. The lamps, and latent pixels that no trusted pixel shows, keep the
+first estimate. Whyte, Sivic and Zisserman, "Deblurring shaken and partially saturated images", IJCV
+110, 2014, https://doi.org/10.1007/s11263-014-0727-3, have the idea that lamps must not disturb
+their surroundings.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ Image = NDArray[np.float32]
 
 _KAPPA = np.float32(0.1)  # assumed error of the light of a lamp, as a share of it
 _LAMP = 1.5  # light: a brighter pixel is a lamp; noise and rings may exceed the clip level
-_HASTE = np.float32(1.75)  # power a of the factors: 3 iterations do the work of 6
+_POWER = np.float32(1.75)  # power a of the factors: 3 iterations do the work of 6
 _DARK = np.float32(1e-6)  # least divisor
 _HIDDEN = 0.05  # share of trusted pixels: with less, a latent pixel keeps the first estimate
-_DOUBT = 2.0  # weight of the new estimate over the share of pixels without trust; at most 1
+_DOUBT = 2.0  # weight of the new estimate per share of untrusted pixels; the weight is at most 1
 _FRAME_COVERED = np.float32(1e-2)  # A^T 1: least divisor
 
 
@@ -50,9 +50,9 @@ def trust(f: Image, blur: Filters, clipped: NDArray[np.bool_], variance: Image |
     blur : Filters
         The blur A.
     clipped : (h, w) array of bool
-        Where the photo clipped.
+        Clipped pixels of the photo.
     variance : (h, w) array of float32 or float
-        Of the noise.
+        Variance of the noise.
 
     Returns
     -------
@@ -89,7 +89,7 @@ def behind_lights(
     m : (h, w) array of float32
         Weights of the pixels, from `trust`.
     iterations : int
-        Of the weighted Richardson-Lucy.
+        Number of iterations of the weighted Richardson-Lucy.
     run : Run
         Receives the progress.
 
@@ -109,5 +109,5 @@ def behind_lights(
             np.divide(m * np.maximum(g[c], 0), np.maximum(ratio[0], _DARK), out=ratio[0])
             factor = blur.adjoint(ratio)[0]
             factor /= coverage
-            f[c] *= np.where(kept, 1, np.maximum(factor, 0) ** _HASTE)
+            f[c] *= np.where(kept, 1, np.maximum(factor, 0) ** _POWER)
         run.report(done / iterations, f"deblurring behind lights, iteration {done}")

@@ -41,8 +41,8 @@ _BAND = 128  # rows that are processed at once
 class MultiplicativeDescent:
     """The latent image during the iterations.
 
-    The estimate f is held and, if it is extrapolated, two more latent images: the point that the
-    next iteration starts from, and the change that the last iteration made of its point.
+    This holds the estimate f and, if it is extrapolated, two more latent images: the point that the
+    next iteration starts from, and the change that the last iteration made to its point.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class MultiplicativeDescent:
     blur : Filters
         The blur A.
     clipped : (h, w) array of bool, optional
-        Where the photo clipped. If anywhere, the model has the sensor's response in it.
+        Clipped pixels. If there are any, the model includes the sensor's response.
     fastest : float
         The longest step of the extrapolation, 0 for none.
     smooth : bool
@@ -99,7 +99,7 @@ class MultiplicativeDescent:
     def step(self) -> tuple[float, float]:
         """Iterate once; return the mean squared residuals that the iteration began with.
 
-        The first is of the pixels, the second of means of 2 x 2 of them, times four.
+        The first is that of the pixels, the second that of means of 2 x 2 pixels, times four.
         """
         squared = coarse = along = strength = 0.0
         ratio = self.blur.forward(self.point)
@@ -113,7 +113,7 @@ class MultiplicativeDescent:
             along += part[0]
             strength += part[1]
         if self.change is not None:
-            # [1], with the next point in the place of the estimate before
+            # [1] of `richardson_lucy`: the next point from the last two estimates
             length = np.clip(along / self.strength, 0, self.fastest) if self.strength else 0
             self.strength = strength
             self._each_band(
@@ -146,7 +146,7 @@ class MultiplicativeDescent:
             x[high] = x[high] * slope + (1 - slope)
         coarse = float(np.sum(np.square(pair_means(residual))))
         fine = float(np.sum(np.square(residual, out=residual)))
-        return fine, 16 * coarse  # four pixels to a mean, of a quarter the variance
+        return fine, 16 * coarse  # each mean has four pixels, and a quarter of their variance
 
     def _update(self, factor: Image, rows: slice) -> tuple[float, float]:
         """Find the change of the point; return its products with the last one and with itself."""
@@ -170,7 +170,7 @@ class MultiplicativeDescent:
         return along, float(np.sum(np.square(change, out=change)))
 
     def _extrapolate(self, change: Image, length: np.float32, rows: slice) -> None:
-        """Put the next estimate, and the next point from it and from the estimate before."""
+        """Set the next estimate, and extrapolate the next point from the last two estimates."""
         point, f = self.point[:, rows], self.f[:, rows]
         new = point + change[:, rows]
         np.maximum(new, 0, out=new)
@@ -182,5 +182,5 @@ class MultiplicativeDescent:
         np.maximum(further, new, out=point)
 
     def _each_band(self, height: int, work: Callable[[slice], T]) -> list[T]:
-        """Do some work on all rows, band by band; the results are in the order of the bands."""
+        """Do the work on all rows, band by band; the results are in the order of the bands."""
         return [done for _, done in in_order(work, bands(height, _BAND), self.run)]

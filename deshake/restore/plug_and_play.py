@@ -2,8 +2,8 @@
 
 The prior of sparse gradients models edges, but not repeated structure. Non-local means model
 repeated structure, but leave ripples of the blur beside single edges. The half-quadratic splitting
-uses both: w is the shrunk gradients, with a weight that rises from stage to stage, and v is the
-denoised s f, in whose units the noise is t everywhere; t falls, and the weight of v is alpha / t^2.
+uses both. w is the shrunk gradients; their weight rho rises from stage to stage. v is s f, denoised
+for noise of standard deviation t; t falls from stage to stage, and the weight of v is alpha / t^2.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def plug_and_play(descent: HalfQuadratic, *, stages: int, run: Run) -> None:
     descent : HalfQuadratic
         The estimate; it is changed.
     stages : int
-        How many, >= 1.
+        Number of stages, >= 1.
     run : Run
         Receives the progress.
 

@@ -1,4 +1,4 @@
-"""The quality of a result, which costs time."""
+"""The quality of a result; a higher one takes more time."""
 
 from __future__ import annotations
 
@@ -7,4 +7,4 @@ from typing import Literal
 __all__ = ["Quality"]
 
 Quality = Literal["fast", "default", "high"]
-"""Fewer iterations, the default, or more of them and a denoiser."""
+"""Fewer iterations, the default number, or more iterations and a denoiser."""

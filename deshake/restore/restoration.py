@@ -25,7 +25,7 @@ class Restoration:
     pixels : (h, w[, C]) array of float32
         Linear light, >= 0; lights that had clipped exceed 1.
     iterations : int
-        How many were done.
+        Number of iterations.
     residual : float
         Root mean square residual of the unclipped pixels, in shares of the clip level, at the
         last iteration.

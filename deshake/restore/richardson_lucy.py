@@ -3,19 +3,19 @@
     f <- f . A^T(g / A f) / A^T 1
 
 A is the filter flow of the kernel, on a latent image that reaches beyond the frame as far as the
-blur does. The scene there is unknown; it starts as the frame's edges and is estimated with the
-rest, so that no border rings. A clipped pixel gives only a lower bound of the light. With the
+blur does. The scene there is unknown; it starts as the frame's edge pixels and is estimated with
+the rest, so that no border rings. A clipped pixel gives only a lower bound of the light. With the
 sensor's response R in the model, clipped pixels do no harm [2]:
 
     f <- f . A^T(g R'(A f) / R(A f) + 1 - R'(A f)) / A^T 1,
     R(x) = x - log(1 + exp(a (x - 1))) / a
 
-With total variation as a prior [3] the picture u that an iteration makes of f is smoothed by
+With total variation as a prior [3], each iteration makes a picture u from f, and smooths it by [4]
 
-    f <- argmin_v sum A^T 1 (v - u)^2 / 2f + sum lambda |D v|,
+    f <- argmin_v sum A^T 1 (v - u)^2 / 2f + sum lambda |D v|.
 
-which ends where [3] ends, f (1 - div(lambda D f / |D f|) / A^T 1) = u, but is defined where a
-picture is even and that quotient is not, and takes steps of any length [4].
+This ends where [3] ends, f (1 - div(lambda D f / |D f|) / A^T 1) = u. Where a picture is flat, that
+quotient is undefined, and this step is not. The step may have any length.
 
 References
 ----------
@@ -59,7 +59,8 @@ _FASTEST_TV = 0.5  # the same with total variation
 _FEWEST, _MOST, _MOST_TV = 2, 40, 30  # iterations: at least, at most, at most with total variation
 _NOISE = 1.1  # factor of the estimated noise: a smaller residual ends the iterations
 _NOISE_TV = 0.75  # the same with total variation, which keeps noise low without an early end
-_STALLED = {True: 0.1, False: 0.025}  # by acceleration: smaller relative falls end the iterations
+# relative fall of the squared residual, accelerated or not: a smaller one ends the iterations
+_STALLED = {True: 0.1, False: 0.025}
 _STALLED_TV = 0.015  # the same with total variation
 _STALLING = 1 / 1.6  # the falls shrink about as iterations^-1.6
 
@@ -84,12 +85,12 @@ def richardson_lucy(
     kernel : RotationKernel
         The blur, for a camera of the photo's size.
     clipped : (h, w) array of bool, optional
-        Where the photo clipped. If anywhere, the model has the sensor's response in it.
+        Clipped pixels. If there are any, the model includes the sensor's response.
     iterations : int, optional
-        How many, >= 1. By default 2 to 40: until the residual has come down to 1.1 times the
-        noise, at a scale where JPEG compression leaves noise alone (`coarse_noise`), or until an
-        iteration takes less than 10 % off its square (2.5 % if not accelerated). Detail comes in
-        fast, noise and the faults of an estimated kernel slowly.
+        Number of iterations, >= 1. By default 2 to 40. They end when the residual is at most 1.1
+        times the noise, at a scale where JPEG compression keeps the noise (`coarse_noise`). They
+        also end when one of them reduces the squared residual by less than 10 % (2.5 % if not
+        accelerated). Detail appears fast, noise and the faults of an estimated kernel slowly.
     accelerated : bool
         Extrapolate from one iteration to the next [1]: about half as many iterations.
     run : Run, optional
@@ -126,16 +127,16 @@ def richardson_lucy_tv(
     """Deblur a photo whose rotation kernel is known; keep its total variation low.
 
     As `richardson_lucy`, accelerated, with a prior whose weight follows from the photo's noise
-    (`variation_weight`): noise grows more slowly with the iterations, so that more of them do good.
+    (`variation_weight`). Noise grows more slowly with the iterations, so more of them are useful.
 
     Parameters
     ----------
     g, kernel, clipped, run
         As for `richardson_lucy`.
     iterations : int, optional
-        How many, >= 1. By default 2 to 30: until the residual has come down to three quarters of
-        the noise (`coarse_noise`), if nothing clipped, or until an iteration takes less than
-        1.5 % off its square.
+        Number of iterations, >= 1. By default 2 to 30. They end when the residual is at most three
+        quarters of the noise (`coarse_noise`), if nothing clipped. They also end when one of them
+        reduces the squared residual by less than 1.5 %.
 
     Returns
     -------
@@ -151,7 +152,7 @@ def richardson_lucy_tv(
     check_photo(g, kernel, clipped, iterations)
     blur = blur_filters(kernel.centred(), channels=len(channels_first(g)), run=run)
     descent = MultiplicativeDescent(g, blur, clipped, fastest=_FASTEST_TV, smooth=True, run=run)
-    # where lights clip, the residual is that of darker pixels than those of the noise estimate
+    # if lights clip, the residual is measured on darker pixels than the noise
     early = iterations is None and descent.clipped is None
     noise = _NOISE_TV * coarse_noise(g) if early else 0.0
     stalled = _STALLED_TV if iterations is None else None
@@ -165,7 +166,7 @@ def _descended(
     noise: float,
     run: Run,
 ) -> Restoration:
-    """Iterate until the residual equals the noise, or stalls, or as often as asked for."""
+    """Iterate until the residual equals the noise or stalls, at most `most` times."""
     squared, done, part = np.inf, 0, 0.0
     while part < 1:
         before = squared
@@ -197,7 +198,7 @@ def latent_start(
     blur : Filters
         The blur A.
     iterations : int
-        How many accelerated ones to do.
+        Number of accelerated iterations.
     run : Run
         Receives the progress.
 

@@ -4,8 +4,8 @@ The sharp photo is the f that minimises
 
     1/2 |sqrt(m) s (A f - g)|^2 + tau sum |s D f|_k^p,    p = 0.7,
 
-where A is the filter flow of the kernel on a latent image that reaches beyond the frame as far as
-the blur does, D the differences of neighbours, down and across, and |.|_k takes both of these and
+where A is the filter flow of the kernel, on a latent image that reaches beyond the frame as far as
+the blur does. D takes the differences of neighbours, down and across. |.|_k takes both of them and
 all colours together; colour differences count k times as much as light, since edges are weaker in
 them. s = 1 / sigma(x) divides by the noise, whose variance grows with the light. Edges have the
 same units, which are nearly those of display values, so that dark and bright parts are smoothed
@@ -48,7 +48,7 @@ __all__ = ["sparse_gradients"]
 
 
 class _Level(NamedTuple):
-    """Iterations of Richardson-Lucy to begin with, and behind lights; stages; the denoiser's."""
+    """Iterations of Richardson-Lucy, first and behind lights; stages without and with denoiser."""
 
     start: int
     behind: int
@@ -62,7 +62,7 @@ _LEVELS = {
     "high": _Level(8, 3, 5, 3),
 }
 _RHO = (0.02, 1.0)  # rho of `half_quadratic` in the first and in the last stage
-_EFFORT = 2  # duration of a stage with the denoiser, in stages without, for the progress bar
+_EFFORT = 2  # duration of a stage with the denoiser over one without, for the progress
 
 
 def sparse_gradients(
@@ -85,11 +85,11 @@ def sparse_gradients(
     kernel : RotationKernel
         The blur, for a camera of the photo's size.
     clipped : (h, w) array of bool, optional
-        Where the photo clipped. There the light may be stronger than it looks.
+        Clipped pixels. There the light may be stronger than it looks.
     quality : {"fast", "default", "high"}
-        Fewer stages, or more with a denoiser.
+        Fast has fewer stages; high adds stages with a denoiser.
     iterations : int, optional
-        Stages of the splitting after the start, >= 1; by default 6, or 3 if fast.
+        Stages of the splitting after the start, >= 1; by default 5, or 3 if fast.
     run : Run, optional
         Threads to use, and who receives the progress.
 

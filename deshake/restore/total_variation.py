@@ -82,9 +82,9 @@ def variation_weight(g: Image, margin: int) -> Image:
 def less_varied(u: Image, spread: Image, weight: Image, steps: int) -> Image:
     """Return an f that nearly minimises ``sum (f - u)^2 / (2 spread) + sum weight |D f|``.
 
-    The dual problem has a vector p of length <= 1 at each pixel, f = u + spread div(weight p),
-    and is solved by accelerated projected gradient steps [1], each pixel's as long as its own
-    spread allows. A row's result depends on the rows `steps` + 1 away and no farther.
+    The dual problem has a vector p of length <= 1 at each pixel: f = u + spread div(weight p).
+    Accelerated projected gradient steps solve it [1]. The step of each pixel is as long as its own
+    spread allows. The result of a row depends on the rows at most `steps` + 1 away.
 
     Parameters
     ----------
@@ -93,14 +93,14 @@ def less_varied(u: Image, spread: Image, weight: Image, steps: int) -> Image:
     spread : (C, h, w) array of float32
         Variance of each pixel, >= 0: a larger one allows a larger change.
     weight : (h, w) array of float32
-        Of the variation, > 0.
+        Weight of the variation, > 0.
     steps : int
         Steps of the dual, >= 1: with one, small differences are smoothed as by diffusion.
 
     Returns
     -------
     (C, h, w) array of float32
-        >= 0.
+        The picture f, >= 0.
 
     """
     most = spread.max(0)

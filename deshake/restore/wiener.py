@@ -40,7 +40,7 @@ __all__ = ["point_spread", "unsupervised_wiener", "wiener"]
 
 Image = NDArray[np.float32]
 
-_SPREAD = 0.5  # px: a rotation's displacements vary by more over the frame: not uniform, an error
+_SPREAD = 0.5  # px: displacements by a rotation that vary by more are an error: not uniform
 _BORDER = 4  # reaches of the blur: width of the mirrored border
 _ROUGHNESS = 0.02  # variance of a sharp scene's Laplacian over that of its light
 _LEAST = 1e-6  # least balance: avoids division by 0 where the blur removes a frequency
@@ -58,8 +58,8 @@ def wiener(
     """Deblur a uniformly blurred photo by the Wiener-Hunt filter.
 
     It minimises ``|h * f - g|^2 + balance |Laplacian f|^2``, which is best if the balance is the
-    variance of the noise (`coarse_noise`) over that of the sharp scene's Laplacian; the latter is
-    taken for 2 % of the variance of the light, which blur hardly changes.
+    variance of the noise (`coarse_noise`) over that of the sharp scene's Laplacian. The latter is
+    assumed to be 2 % of the variance of the light; blur hardly changes this variance.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def wiener(
     kernel : RotationKernel
         The blur, for a camera of the photo's size; the result lies in the frame of its centroid.
     clipped : (h, w) array of bool, optional
-        Where the photo clipped: it counts for the residual only.
+        Clipped pixels: they change only the residual that is reported.
     iterations : None
         There are none.
     run : Run, optional
@@ -81,7 +81,7 @@ def wiener(
     Raises
     ------
     ValueError
-        If iterations are asked for, or as by `check_photo`.
+        If `iterations` is given, or for the reasons of `check_photo`.
     DeshakeError
         If the blur is not the same all over the frame, or scikit-image is not installed.
 
@@ -108,15 +108,15 @@ def unsupervised_wiener(
 ) -> Restoration:
     """Deblur a uniformly blurred photo by a Wiener-Hunt filter that estimates its balance [1].
 
-    Pictures and balances are drawn by turns, from a fixed seed; the result is the pictures' mean.
+    Pictures and balances are drawn in turn, from a fixed seed; the result is the pictures' mean.
 
     Parameters
     ----------
     g, kernel, clipped, run
         As for `wiener`.
     iterations : int, optional
-        The most pictures to draw, >= 1; by default 200. The first 15, or half of them if that is
-        less, do not count.
+        Largest number of pictures to draw, >= 1; by default 200. The first 15, or half of them if
+        that is less, do not count.
 
     Returns
     -------
@@ -126,7 +126,7 @@ def unsupervised_wiener(
     Raises
     ------
     ValueError
-        As by `check_photo`.
+        For the reasons of `check_photo`.
     DeshakeError
         If the blur is not the same all over the frame, or scikit-image is not installed.
 
@@ -146,8 +146,8 @@ def unsupervised_wiener(
 def point_spread(kernel: RotationKernel) -> Image:
     """Picture of a point light under a uniform blur: the h of ``g = h * f``.
 
-    By Eq. (7) a rotation that moves the frame by d has a pixel see the point d away, and thus
-    puts the point's light at -d.
+    By Eq. (7), under a rotation that moves the frame by d, a pixel shows the point d away. So the
+    light of the point appears at -d.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def point_spread(kernel: RotationKernel) -> Image:
 
 
 def _library() -> Any:  # noqa: ANN401 - a module without types
-    """Import scikit-image, which takes a second and may not be there."""
+    """Import scikit-image, which takes a second and may be missing."""
     try:
         return import_module("skimage.restoration")
     except ImportError:

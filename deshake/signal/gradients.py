@@ -32,7 +32,10 @@ def adjoint_differences(across: Image, down: Image) -> Image:
 
 
 def length_of(across: Image, down: Image) -> Image:
-    """Length of gradients. OpenCV's rounds by where in memory its output lies."""
+    """Return the length of gradients.
+
+    It does not use OpenCV, whose rounding depends on the memory address of its output.
+    """
     length: Image = np.sqrt(across * across + down * down)
     return length
 
@@ -46,7 +49,7 @@ def squared_response(rows: int, columns: int) -> Image:
 
 
 def strong(across: Image, down: Image, square: float) -> tuple[Image, Image]:
-    """Set gradients to zero in place whose squared length is below `square`; return them."""
+    """Set to zero, in place, the gradients whose squared length is below `square`; return all."""
     length = across * across
     length += down * down
     keep = length >= np.float32(square)

@@ -8,9 +8,9 @@ The steps approach the sharp photo f that minimises
 with the symbols of `sparse_gradients`. A variable w approximates s D f, at a cost of rho / 2 |.|^2;
 it has a closed form, pixel by pixel [1]. With a denoiser, its result v approximates s f, at a cost
 of alpha / 2 |.|^2 [2]. The rest is a quadratic form in f: f moves one step of exact length along
-its preconditioned gradient. The preconditioner is the blur's approximate inverse between divisions
-by s, since data and edges have the same weights. f_N, if given, is another photo of the scene:
-sharp, but noisy.
+its preconditioned gradient. The preconditioner divides by s, applies the blur's approximate
+inverse, and divides by s again, since data and edges have the same weights. f_N, if given, is
+another photo of the scene: sharp, but noisy.
 
 References
 ----------
@@ -64,15 +64,15 @@ class HalfQuadratic:
     g : (C, h, w) array of float32
         The photo, linear.
     inverse : FourierInverse or PatchInverse
-        Of the blur A.
+        Approximate inverse of the blur A.
     m : (h, w) array of float32
-        How far each pixel is trusted, 0..1.
+        Trust in each pixel, 0..1.
     s : (H, W) array of float32
         1 / sigma of the noise; changes slowly.
     f_N : (C, H, W) array of float32, optional
-        The second photo, with the blur's margin, where q is 0.
+        The second photo, with the blur's margin. Pixels where q is 0 do not count.
     q : (H, W) array of float32, optional
-        How far each pixel of f_N is trusted, in units of s^2: the precision of f_N over s^2.
+        Trust in each pixel of f_N, in units of s^2: the precision of f_N over s^2.
     tau : float, optional
         Weight of the prior, > 0; by default 0.26 times the root of the number of planes.
     run : Run, optional
@@ -201,14 +201,14 @@ class HalfQuadratic:
         reflect(part)
 
     def _product(self, gradient: Image, d: Image, rows: slice) -> float:
-        """Multiply the two, set colours and s back into the second."""
+        """Return the product of gradient and d; undo the reflection of d and divide it by s."""
         product = float(np.sum(gradient[:, rows] * d[:, rows], dtype=np.float64))
         reflect(d[:, rows])
         d[:, rows] /= self.s[:, rows]
         return product
 
     def _prior_power(self, d: Image, rho: float, alpha: float, rows: slice) -> float:
-        """Square s D d, colour weighed, and s d; times rho and alpha."""
+        """Return rho |s D d|_k^2 + |sqrt(alpha + q) s d|^2, summed over some rows."""
         below = d[:, rows.start : rows.stop + 1]
         here = below[:, : rows.stop - rows.start]
         s = np.float32(rho) * np.square(self.s[0, rows])
@@ -222,7 +222,7 @@ class HalfQuadratic:
         return float(total)
 
     def _seen_power(self, Ad: Image, rows: slice) -> float:
-        """Square sqrt(m) s A d."""
+        """Return |sqrt(m) s A d|^2, summed over some rows."""
         m = self.margin
         part = np.square(Ad[:, rows] * self.s[:, rows.start + m : rows.stop + m, m:-m])
         part *= self.m[rows]
@@ -237,6 +237,6 @@ class HalfQuadratic:
         return float(np.sum(np.square(np.minimum(part, 0) * self.s[:, rows]), dtype=np.float64))
 
     def _each_band(self, height: int, work: Callable[[slice], T]) -> list[T]:
-        """Do some work on all rows, band by band; the results are in the order of the bands."""
+        """Do the work on all rows, band by band; the results are in the order of the bands."""
         step = max(8, _BAND_PIXELS // (self.f.shape[2] * len(self.f)))
         return [done for _, done in in_order(work, bands(height, step), self.run)]

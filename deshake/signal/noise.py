@@ -96,7 +96,7 @@ def tone_noise(plane: Image) -> float:
 
 
 def pair_means(image: Image) -> Image:
-    """Means of 2 x 2 pixels of an image (h, w); an odd last row or column is left out."""
+    """Return means of 2 x 2 pixels of an image (h, w), without an odd last row or column."""
     height, width = image.shape[0] // 2 * 2, image.shape[1] // 2 * 2
     rows = image[:height:2] + image[1:height:2]
     means: Image = (rows[:, :width:2] + rows[:, 1:width:2]) * np.float32(0.25)
@@ -151,7 +151,7 @@ def noise_variance(g: Image, margin: int, unexplained: Image | None = None) -> I
     """Estimate the variance of the noise at each place: it grows with the light.
 
     The light is averaged over the reach of the blur first. A weight that changes slowly nearly
-    commutes with the blur, and the errors of a model at bright edges do not become detail in the
+    commutes with the blur. So the errors of a model at bright edges do not become detail in the
     dark beside them.
 
     Parameters
@@ -224,7 +224,7 @@ def _by_level(g: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def smoothed(image: Image, reach: int) -> Image:
-    """Average an image (h, w) under a tent that reaches twice as many pixels each way."""
+    """Average an image (h, w) with a tent that reaches 2 `reach` pixels to each side."""
     once = uniform_filter(image, 2 * reach + 1, mode="nearest")
     twice: Image = uniform_filter(once, 2 * reach + 1, mode="nearest")
     return twice

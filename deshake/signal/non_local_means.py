@@ -3,9 +3,9 @@
     v(x) = sum_d w(x, d) u(x + d) / sum_d w(x, d),
     w(x, d) = exp(-mean |u(y + d) - u(y)|^2 / (2 sigma^2)),
 
-with the mean over all colours and the patch of pixels y around x. Of patches that differ by noise
-alone the exponent is near -1, and 0 for a patch and itself: faint detail that nothing near is like
-keeps a share of itself.
+with the mean over all colours and the patch of pixels y around x. For patches that differ by noise
+alone the exponent is near -1; for a patch and itself it is 0. So faint detail that resembles
+nothing near it keeps a share of itself.
 
 References
 ----------

@@ -6,7 +6,7 @@ weight k in place of 1, the squared length of a vector x is
 
     |x|_k^2 = k^2 |x|^2 - (k^2 - 1) (u . x)^2,    u = (1, ..., 1) / sqrt(C).
 
-Of a grey image, C = 1, nothing is colour.
+A grey image, C = 1, has no colour.
 """
 
 from __future__ import annotations

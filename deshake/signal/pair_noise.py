@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["fitted_noise", "noise_of_pair"]
 
 _LEVELS = 12  # levels of brightness
-_FLAT = 0.3  # share of each level, the flattest, that is used
+_FLAT = 0.3  # share of each level's samples that is used: the flattest
 _FEWEST = 64  # usable samples: with fewer, the result is the least variance
 _MEDIAN = 0.4549  # median of the squares of standard normal numbers
 _FLATNESS_PX = 5  # means of 2 x 2 pixels: side of the window that measures flatness
@@ -33,8 +33,8 @@ _LEAST = 1e-8  # least variance
 def noise_of_pair(f_N: Image, g: Image, valid: Image) -> tuple[float, float]:
     """Estimate how the variance of noise in f_N grows with the light: ``slope x + floor``.
 
-    The noise is that of means of 2 x 2 pixels, times four: interpolation and compression, which
-    take away the finest noise, change it little.
+    The noise is that of means of 2 x 2 pixels, times four. Interpolation and compression, which
+    remove the finest noise, change it little.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def fitted_noise(light: Image, variance: Image) -> tuple[float, float]:
     Returns
     -------
     slope, floor : float
-        Slope >= 0, floor > 0, nearest in proportion over parts of equal count.
+        Slope >= 0, floor > 0. They minimise the relative errors over parts of equal count.
 
     """
     parts = np.array_split(np.argsort(light, kind="stable"), min(_LEVELS, light.size))

@@ -1,8 +1,8 @@
 """A photo at every scale of a pyramid, from its own pixels to about 48 px on the shorter side.
 
 Each scale is smaller than the one before by the square root of two. A pixel is the mean of linear
-light over its area. The contrast of all scales is one number: thresholds of gradients are absolute,
-so that pictures must come with one contrast.
+light over its area. All scales have the same contrast, because thresholds of gradients are
+absolute.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Scale(NamedTuple):
     Parameters
     ----------
     picture : (h, w) array of float32
-        Luminance in linear light, or its root where the pyramid has a gamma.
+        Luminance in linear light to the power of ``1 / gamma``.
     camera : Camera
         The camera of a photo of this size.
     usable : (h, w) array of bool, optional
@@ -62,7 +62,7 @@ class Scale(NamedTuple):
 
 
 class Pyramid:
-    """The scales of a photo, made when they are first asked for.
+    """The scales of a photo, each made at its first use.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ class Pyramid:
 
     @property
     def coarsest(self) -> int:
-        """Number of the coarsest scale, whose shorter side has about 48 pixels."""
+        """Index of the coarsest scale, whose shorter side has about 48 pixels."""
         shorter = min(self.camera.shape)
         return max(int(np.log(shorter / _COARSEST_SIDE) / np.log(RATIO) + _ROUNDING), 0)
 
@@ -124,7 +124,7 @@ class Pyramid:
         return value
 
     def level_of(self, pixels: float) -> int:
-        """Number of the finest scale with at most so many pixels."""
+        """Return the index of the finest scale with at most so many pixels."""
         return max(int(np.ceil(np.log2(max(np.prod(self.camera.shape) / pixels, 1)))), 0)
 
     def _linear(self, level: int) -> tuple[Image, Mask | None, Camera]:

@@ -35,8 +35,8 @@ def lengths(down: Image, across: Image) -> Image:
 def shrunk(n: Image, threshold: float, p: float) -> Image:
     """Return the share of lengths n that minimising ``threshold u^p + (u - n)^2 / 2`` leaves.
 
-    Below some length nothing is left, above it ever more: the larger root of the derivative, by
-    a fixed-point iteration from n.
+    The share is 0 below some length, and rises above it. There u is the larger root of the
+    derivative; a fixed-point iteration from n computes it.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def shrunk(n: Image, threshold: float, p: float) -> Image:
     Returns
     -------
     (h, w) array of float32
-        0..1.
+        The shares u / n, 0..1.
 
     """
     t = float(threshold)

@@ -133,7 +133,7 @@ def random_path(camera: Camera, blur_px: float, *, seed: int = 0, samples: int =
     """Draw a smooth path about all three axes, such as a hand's tremor makes in half a second.
 
     Each axis is noise whose power falls as 1/f^2 (its angular velocity is white) and ends near
-    12 Hz, where hands do. All have the same strength on average.
+    12 Hz: hands hardly move faster. All have the same strength on average.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def random_path(camera: Camera, blur_px: float, *, seed: int = 0, samples: int =
     spectrum = np.pad((phases[:, 0] + 1j * phases[:, 1]) * amplitude, ((0, 0), (1, 0)))
     theta = np.fft.irfft(spectrum, period)[:, :samples].T
     theta *= 1e-3 / np.abs(theta).max()
-    for _ in range(4):  # displacements are all but linear in the angles
+    for _ in range(4):  # displacements are nearly linear in the angles
         theta *= blur_px / CameraPath(theta).extent_px(camera)
         theta -= theta.mean(0)
     return CameraPath(theta)

@@ -141,8 +141,8 @@ def shake(
     kernel = path.kernel(camera)
     if not lens.is_pinhole:
         bent = _bent_camera(camera, lens)
-        there = LensWarp(bent, camera)
-        blurred, sharp = there.bend(blurred), there.bend(sharp)
+        lens_warp = LensWarp(bent, camera)
+        blurred, sharp = lens_warp.bend(blurred), lens_warp.bend(sharp)
         kernel = kernel.for_camera(bent)
     expose(blurred, gain=gain, photons=photons, noise_sigma=noise_sigma, seed=seed)
     offset = (margin, margin) if crop else (0, 0)
@@ -182,17 +182,17 @@ def shake_photo(photo: Photo, camera: Camera, path: CameraPath, **options: Any) 
     top, left = result.offset
     height, width = result.pixels.shape[:2]
     inside = slice(top, top + height), slice(left, left + width)
-    camera_then = result.kernel.camera
+    frame_camera = result.kernel.camera
     alpha = None if photo.alpha is None else np.ascontiguousarray(photo.alpha[inside])
-    if alpha is not None and not camera_then.is_pinhole:
+    if alpha is not None and not frame_camera.is_pinhole:
         whole = camera.cropped(left, top, width, height)
-        alpha = LensWarp(camera_then, replace(whole, distortion=np.zeros(0))).bend_codes(alpha)
+        alpha = LensWarp(frame_camera, replace(whole, distortion=np.zeros(0))).bend_codes(alpha)
     framed = replace(
         photo,
         pixels=result.pixels,
         clipped=_at_white(result.pixels),
         alpha=alpha,
-        metadata=reframed(photo.metadata, height, width, camera_then.focal_px),
+        metadata=reframed(photo.metadata, height, width, frame_camera.focal_px),
         frame=None,
         sha256=None,
     )

@@ -55,7 +55,7 @@ __all__ = ["deblur", "deblur_file"]
 
 _log = logging.getLogger(__name__)
 
-_REGISTERED = 0.1  # share of the time
+_REGISTERED = 0.1  # share of the time for the registration
 
 
 def deblur(
@@ -204,26 +204,26 @@ def deblur_file(
     check_output(path, *inputs, overwrite=overwrite or keep_result)
     finish.check(path, source, *inputs, overwrite=overwrite_others)
     content = read_kernel(kernel_file)
-    known = None if registration is None else known_registration(registration)
+    given = None if registration is None else known_registration(registration)
     other: Photo | None = None
     if noisy is None:
         photo = read_photo(source, transfer=transfer)
     else:
         photo, other = read_pair(source, noisy, transfer=transfer)
     photo = prepared(photo, path, finish)
-    if known is not None:
-        check_registration(known.camera, photo, registration)
+    if given is not None:
+        check_registration(given.camera, photo, registration)
     photo, mask = finish.prepare(photo)
     if other is not None and finish.preview:
         other = preview_photo(other)
-        known = None if known is None else replace(known, camera=known.camera.scaled(*photo.shape))
+        given = None if given is None else replace(given, camera=given.camera.scaled(*photo.shape))
     kernel = fitting_kernel(content, photo, kernel_file)
     result = deblur(
         photo,
         kernel,
         restoration,
         noisy=other,
-        registration=known,
+        registration=given,
         search_angle=search_angle,
         keep_geometry=finish.keep_geometry,
         run=run,
@@ -234,7 +234,7 @@ def deblur_file(
         restoration,
         transfer=transfer,
         noisy=other,
-        registration=known,
+        registration=given,
         finish=finish,
         mask=mask,
     )

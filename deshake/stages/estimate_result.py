@@ -1,4 +1,4 @@
-"""An estimate: a kernel as it goes to its file, and what the user should know of it."""
+"""An estimate: the content of a kernel file, and notes for the user."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TRUSTED: Final = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """A kernel as it goes to its file, and what the user should know of it.
+    """The content of a kernel file, and notes for the user.
 
     Parameters
     ----------
@@ -31,13 +31,13 @@ class Estimate:
     camera : CameraFile
         The camera that the estimate used, and where its focal length comes from.
     notes : list of str
-        In plain words.
+        Notes for the user, in plain words.
     latent : (2, h, w) array of float32, optional
         Gradients of the sharp photo, or region, as in `BlindEstimate`; a pair gives none.
     noise : float, optional
         Standard deviation of the photo's noise at a mid grey (18 % of white), in linear light.
     registration : Registration, optional
-        How the noisy photo lies to the blurred one, if there is a noisy one.
+        The registration of the noisy photo to the blurred one, if there is a noisy one.
     scale : float
         The photometric factor of a pair, fitted together with the kernel.
 
@@ -58,7 +58,7 @@ class Estimate:
 
     @property
     def confidence(self) -> float:
-        """How far the kernel is to be trusted, 0..1."""
+        """The confidence of the kernel, 0..1."""
         return self.content.confidence
 
     @property

@@ -95,11 +95,11 @@ def estimate_file(
     if noisy is not None:
         if pictures:
             raise ValueError("only a blind estimate has a latent picture and tiles")
-        known = None if registration is None else known_registration(registration)
+        given = None if registration is None else known_registration(registration)
         estimate = estimate_pair(
             *read_pair(source, noisy, transfer=options.transfer),
             options,
-            registration=known,
+            registration=given,
             run=run,
         )
         with joint_outputs(source, noisy) as add:
@@ -114,15 +114,15 @@ def estimate_file(
     estimate = estimate_blind(photo, options, run=run)
     with joint_outputs(source) as add:
 
-        def keep(path: Path, picture: Photo) -> None:
+        def add_picture(path: Path, picture: Photo) -> None:
             data = encode_photo(picture, _picture_format(path, photo))
             add(path, data, overwrite=overwrite_others)
 
         if latent is not None and estimate.latent is not None:
-            keep(latent, latent_photo(photo, estimate.latent, options.region))
+            add_picture(latent, latent_photo(photo, estimate.latent, options.region))
         if tiles is not None:
             kernel, camera = estimate.content.kernel, estimate.camera.camera
-            keep(tiles, tile_photo(photo, kernel, camera, options.region))
+            add_picture(tiles, tile_photo(photo, kernel, camera, options.region))
         if not keep_result:
             add(output, kernel_bytes(estimate.content), overwrite=overwrite)
     return estimate

@@ -1,4 +1,4 @@
-"""Wishes for a result beside the deblurring: a preview, a part of the result, a sheet.
+"""Options of a result beside the deblurring: a preview, a part of the result, a sheet.
 
 Every command that makes a result calls the methods `prepare`, `before` and `blend` of
 `FinishingOptions`.
@@ -28,7 +28,7 @@ __all__ = ["AS_IT_IS", "FinishingOptions"]
 
 @dataclass(frozen=True)
 class FinishingOptions:
-    """Wishes for a result beside the deblurring.
+    """Options of a result beside the deblurring.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class FinishingOptions:
     with_provenance : bool
         Whether to write the provenance into the metadata of the result.
     file : ResultFile
-        Wishes for the file of the result.
+        Options of the file of the result.
 
     Raises
     ------
@@ -157,4 +157,4 @@ class FinishingOptions:
 
 
 AS_IT_IS: Final = FinishingOptions()
-"""No wishes: only the whole result."""
+"""The defaults: only the whole result."""

@@ -1,4 +1,4 @@
-"""Fit a kernel, a camera or a region to a photo, which may be a resized one."""
+"""Fit a kernel or a camera to a photo, which may be resized; check registrations and regions."""
 
 from __future__ import annotations
 

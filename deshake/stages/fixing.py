@@ -79,7 +79,7 @@ def fix_file(
     restoration : RestorationOptions, optional
         Method of the deblurring and its options; by default the default method.
     finish : FinishingOptions
-        Wishes beside the deblurring; the sheet, too, appears only together with the result.
+        Options beside the deblurring; the sheet, too, appears only together with the result.
     observer : callable, optional
         Receives the photo, its result and the kernel, before they are written.
     overwrite, overwrite_others : bool

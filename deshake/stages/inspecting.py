@@ -1,7 +1,7 @@
-"""What a file is, without any work on it: the work of ``inspect``.
+"""Report what a file is: the work of ``inspect``.
 
-A photo is sharp, shaken, soft or out of focus; a kernel, camera or registration file, and a photo
-that deshake made, say how they were made.
+For a photo, the report says whether it is sharp, shaken, soft or out of focus. For a kernel, camera
+or registration file, and for a photo that deshake made, it says how the file was made.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _FAINT: Final = 0.01  # share of the largest weight; smaller weights do not coun
 
 
 def inspect_file(path: Path) -> dict[str, Any]:
-    """Say what a file is, as JSON data.
+    """Report what a file is, as JSON data.
 
     Returns
     -------
@@ -58,7 +58,7 @@ def inspect_file(path: Path) -> dict[str, Any]:
     PhotoError, EstimationError
         If it is a photo that cannot be read, or one without texture.
     KernelFileError
-        If it is a file of deshake's that is damaged.
+        If it is a damaged file of deshake.
 
     """
     if not is_artifact(path):
@@ -73,7 +73,7 @@ def inspect_file(path: Path) -> dict[str, Any]:
 
 
 def photo_blur(path: Path, *, transfer: TransferName | None = None) -> BlurKind:
-    """Say what blurs a photo; this takes a second or two.
+    """Detect what blurs a photo; this takes a second or two.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def _photo(path: Path) -> dict[str, Any]:
 
 
 def _blur(photo: Photo) -> BlurKind:
-    """Say what blurs a photo, from its luminance."""
+    """Detect what blurs a photo, from its luminance."""
     camera = camera_for(photo, CameraChoice())[0].camera
     try:
         check_size(*photo.shape, 1.0)

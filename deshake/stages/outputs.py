@@ -42,7 +42,7 @@ def prepared(photo: Photo, output: Path, finish: FinishingOptions) -> Photo:
     output : Path
         Path of its result.
     finish : FinishingOptions
-        Wishes for the result.
+        Options of the result.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def write_result(
     kernel : RotationKernel
         The blur that was removed.
     finish : FinishingOptions
-        Wishes beside the deblurring.
+        Options beside the deblurring.
     provenance : mapping or None
         Provenance of the result.
     kept : (Path, KernelFile), optional

@@ -38,8 +38,8 @@ __all__ = ["estimate_pair"]
 
 _log = logging.getLogger(__name__)
 
-_REGISTERED: Final = 0.3  # share of the time
-_ALL_BUT: Final = 0.01  # unexplained share of the edges; with more, tone curves are tried
+_REGISTERED: Final = 0.3  # share of the time for the registration
+_UNEXPLAINED: Final = 0.01  # unexplained share of the edges; with more, tone curves are tried
 
 
 def estimate_pair(
@@ -92,18 +92,18 @@ def estimate_pair(
             )
     half = (start + 1) / 2
     straight, other, pinhole = straight_pair(blurred, noisy, registration.camera)
-    lies = replace(registration, camera=pinhole)
+    aligned = replace(registration, camera=pinhole)
     linear = straight.is_sensors and other.is_sensors
     try:
-        lying = registered(unclipped_mean(other.pixels), lies)
-        pair = RegisteredPair(straight, other, lies, *lying)
+        resampled = registered(unclipped_mean(other.pixels), aligned)
+        pair = RegisteredPair(straight, other, aligned, *resampled)
         common: dict[str, Any] = {
             "uniform": options.uniform,
             "blur_size": largest_blur(pinhole, options),
         }
         fit = pair.kernel(**common, run=run.part(start, half))
         curved = False
-        if fit.unexplained > _ALL_BUT and not linear:
+        if fit.unexplained > _UNEXPLAINED and not linear:
             with contextlib.suppress(EstimationError):  # without tone curves the one factor is kept
                 second = pair.on_curves().kernel(**common, run=run.part(half, 1))
                 curved = second.unexplained < fit.unexplained

@@ -61,14 +61,14 @@ def photo_provenance(
     registration : Registration, optional
         The given registration; recorded if it differs from the kernel's.
     finish : FinishingOptions
-        Wishes beside the deblurring.
+        Options beside the deblurring.
     mask : Mask, optional
         Share of the photo that is kept.
 
     """
     if not finish.with_provenance:
         return None
-    known = photo_origin(
+    record = photo_origin(
         restoration,
         transfer=transfer,
         finish=finish,
@@ -77,15 +77,15 @@ def photo_provenance(
         mask_sha256=None if mask is None else mask.sha256,
     )
     if is_straightened(photo) or not (content.kernel.camera.is_pinhole or finish.keep_geometry):
-        known["straightened"] = True
-    other_one = registration_origin(registration, content.provenance)
-    if other_one is not None:
-        known["registration"] = other_one
+        record["straightened"] = True
+    other = registration_origin(registration, content.provenance)
+    if other is not None:
+        record["registration"] = other
     return {
         "deshake": __version__,
         "command": "deblur",
         "kernel": _short(content.provenance),
-    } | known
+    } | record
 
 
 def photo_origin(

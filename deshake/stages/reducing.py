@@ -27,8 +27,8 @@ _BAND: Final = 256  # rows whose colours are converted at once
 def reduced(photo: Photo, side: float) -> Photo:
     """Reduce the longer side of a photo to `side` pixels, if it is longer.
 
-    A new pixel counts as clipped if one of its pixels is clipped. Where opacity varies, transparent
-    pixels count as little as they show. Format, depth and metadata do not change.
+    A new pixel counts as clipped if one of its pixels is clipped. If the opacity varies, pixels
+    count in proportion to it. Format, depth and metadata do not change.
     """
     height, width = photo.shape
     factor = max(photo.shape) / side
@@ -47,7 +47,7 @@ def reduced(photo: Photo, side: float) -> Photo:
 def within_white(photo: Photo) -> Photo:
     """Return a photo whose light is cut off at black and white, as in its file.
 
-    The mean of a lamp and its dark surroundings then is that of the picture as it is seen. The
+    The mean over a lamp and its dark surroundings is then the mean of the displayed picture. The
     colours of a RAW photo become those of its file.
     """
     encoding, pixels = photo.encoding, photo.pixels

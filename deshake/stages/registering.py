@@ -103,7 +103,7 @@ def search_range(degrees: float | None) -> float:
 
 
 def register_options(options: EstimateOptions) -> dict[str, Any]:
-    """Return the options that affect a registration; its file has the camera beside them."""
+    """Return the options that affect a registration; the provenance has the camera beside them."""
     return {"transfer": options.transfer, "search_angle": options.search_angle}
 
 
@@ -183,7 +183,7 @@ def register_file(
     options : EstimateOptions
         Options; only the camera, `transfer` and `search_angle` count.
     preview : Path, optional
-        Path of a checkerboard of both photos, which appears only together with the file.
+        Path of a checkerboard of both photos. It appears only together with the registration file.
     overwrite, overwrite_others : bool
         Whether an existing registration file, or an existing preview, may be replaced.
     keep_result : bool
@@ -194,9 +194,9 @@ def register_file(
     Raises
     ------
     PhotoError
-        If a photo cannot be read, or for the reasons of `find_registration`.
-    CalibrationError, KernelFileError, EstimationError
-        For those reasons.
+        If a photo cannot be read.
+    PhotoError, CalibrationError, KernelFileError, EstimationError
+        For the reasons of `find_registration`.
     OutputError
         If an output cannot be written.
 

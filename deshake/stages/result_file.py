@@ -1,4 +1,4 @@
-"""Wishes for the file of a result: its format, its quality, its size, its time."""
+"""Options of the file of a result: its format, its quality, its size, its time."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["AS_THE_PHOTO", "ResultFile"]
 
 @dataclass(frozen=True)
 class ResultFile:
-    """Wishes for the file of a result.
+    """Options of the file of a result.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class ResultFile:
         return (self.form or SUFFIXES.get(output.suffix.lower())) == "JPEG"
 
     def called(self, output: Path) -> ResultFile:
-        """Return the wishes that concern a file of this name: the quality is for JPEGs alone."""
+        """Return the options that apply to a file of this name: the quality is for JPEGs alone."""
         return self if self.is_jpeg(output) else replace(self, jpeg_quality=None)
 
     def format_of(self, output: Path, photo: Photo) -> Format:
@@ -88,10 +88,10 @@ class ResultFile:
         return replace(small, metadata=small.metadata.scaled(across, down))
 
     def provenance(self) -> dict[str, Any]:
-        """Return the wishes that change the picture, for the provenance of the result."""
+        """Return the options that change the picture, for the provenance of the result."""
         options = {"jpeg_quality": self.jpeg_quality, "max_size": self.max_size}
         return {name: value for name, value in options.items() if value is not None}
 
 
 AS_THE_PHOTO: Final = ResultFile()
-"""No wishes: the file is as that of the photo."""
+"""The defaults: the file is like that of the photo."""

@@ -1,4 +1,4 @@
-"""How alike two kernels are, whatever turn of the camera lies between them."""
+"""The likeness of two kernels, up to a turn of the camera between them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The bare FFTs of an operator's blocks: what the cost of operators is held against."""
+"""The bare FFTs of an operator's blocks, to compare the cost of operators with."""
 
 from __future__ import annotations
 

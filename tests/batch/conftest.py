@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-# What it does with a photo stands in the photo.
+# The content of a photo says what the work does with it.
 WORK = """
 import logging, os, signal, time
 from pathlib import Path

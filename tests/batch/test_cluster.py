@@ -106,7 +106,7 @@ def test_a_killed_worker_loses_no_photo(start, photos, tmp_path, deshake):
     assert not [path for path in there.rglob(".*") if path.suffix != ".part"]
 
 
-def test_what_does_not_work_is_said(start, photos, tmp_path, monkeypatch):
+def test_what_does_not_work_is_reported(start, photos, tmp_path, monkeypatch):
     folder, kernel = photos
     monkeypatch.setattr(cluster, "_TIMEOUT", 1.0)
     job = Job(folder / "0.png", tmp_path / "out.png", needs={"kernel": kernel})

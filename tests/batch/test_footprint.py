@@ -107,7 +107,7 @@ def test_predictions_are_near_what_was_measured(measured, options, more):
     assert 0.95 * measured < needed < 1.6 * measured
 
 
-def test_the_kernel_tells_the_blur(photo, tmp_path):
+def test_the_kernel_gives_the_blur(photo, tmp_path):
     job = photo("RGB")
     camera = Camera.from_focal(1500, 1000, 1500)
     needs = []

@@ -12,10 +12,10 @@ def test_processors_are_shared_out():
     processors = available_threads()
     assert Resources().shared(1, None) == (1, processors)
     assert Resources().shared(1000, None) == (processors, 1)
-    assert Resources(jobs=2).shared(1000, None) == (2, max(1, processors // 2))
+    assert Resources(photos_at_once=2).shared(1000, None) == (2, max(1, processors // 2))
     assert Resources().shared(1000, processors) == (1, processors)
-    assert Resources(jobs=3).shared(1000, 5) == (3, 5)
-    assert Resources(jobs=3).shared(2, None)[0] == 2
+    assert Resources(photos_at_once=3).shared(1000, 5) == (3, 5)
+    assert Resources(photos_at_once=3).shared(2, None)[0] == 2
 
 
 def test_one_photo_is_worked_on_here(trial, jobs):
@@ -27,11 +27,11 @@ def test_one_photo_is_worked_on_here(trial, jobs):
     assert reports == [(0.5, "half")]
 
 
-def test_many_are_not_and_how_far_they_are_adds_up(trial, jobs):
+def test_several_photos_run_elsewhere_and_their_progress_adds_up(trial, jobs):
     made = jobs("x", "x", "skipped", "x", existing="skip")
     made[2].output.touch()
     reports = []
-    resources = Resources(jobs=1)
+    resources = Resources(photos_at_once=1)
     results = list(run_jobs(made, trial(), resources, Run(1, lambda *word: reports.append(word))))
     assert [result.status for result in results] == ["done", "done", "skipped", "done"]
     assert os.getpid() not in {result.figures.get("pid") for result in results}

@@ -27,7 +27,7 @@ def groups(tmp_path, monkeypatch):
     return write
 
 
-def test_the_system_tells_where_nothing_else_does(groups):
+def test_the_system_gives_the_memory_where_nothing_else_does(groups):
     groups("0::/\n")
     assert 0.5 < available_memory() / psutil.virtual_memory().available < 2
 

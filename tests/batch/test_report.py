@@ -122,7 +122,7 @@ def test_pictures_beside_the_page(tmp_path, jobs):
     text = (tmp_path / "a.html").read_text("utf-8")
     assert "data:image" not in text
     assert all(f"a-pictures/{name}" in text for name in first)
-    # The same once more replaces nothing; other pictures take the place of the first.
+    # The same pictures again replace nothing; other pictures replace the first.
     again = ReportPlace(tmp_path / "a.html", beside=True, overwrite=True)
     made(again, jobs, [Result(jobs[0], "done", 1, IMPROVED, pictures=drawn())])
     assert sorted(names(tmp_path / "a-pictures")) == first
@@ -172,7 +172,7 @@ def test_a_full_disk_is_an_error_of_the_report(tmp_path, jobs):
     assert "--report" in caught.value.hint
 
 
-def test_what_stands_in_the_way_is_seen_before(tmp_path, jobs):
+def test_what_prevents_a_report_is_found_before_the_work(tmp_path, jobs):
     page = tmp_path / "a.html"
     page.write_text("mine")
     with pytest.raises(OutputError, match="exists already") as caught:
@@ -203,7 +203,7 @@ def test_no_photo_and_no_result_is_replaced(tmp_path):
     assert photo.read_text() == "a photo"
 
 
-def test_the_folder_is_made_unless_nothing_is_to_be_done(tmp_path, jobs):
+def test_the_folder_is_made_except_in_a_dry_run(tmp_path, jobs):
     ReportPlace(tmp_path / "new").check(jobs, dry=True)
     assert names(tmp_path) == []
     ReportPlace(tmp_path / "new").check(jobs)

@@ -67,7 +67,7 @@ def test_what_this_work_made_is_not_doubted(job):
         (replace(FIX, finish=FinishingOptions(linear=True)), "linear by default, now True"),
     ],
 )
-def test_other_options_are_said(job, work, words):
+def test_other_options_are_reported(job, work, words):
     reason = doubt(job, work)
     assert f"{job.output} exists already, but was made with other options (" in reason
     assert words in reason
@@ -78,7 +78,7 @@ def test_other_options_are_said(job, work, words):
     assert job.output.read_bytes() == before
 
 
-def test_another_input_and_another_kernel_are_said(job, tmp_path):
+def test_another_input_and_another_kernel_are_reported(job, tmp_path):
     kernel = job.others["kernel"]
     Image.new("L", (100, 80), 99).save(job.source)
     assert "made from another input" in doubt(job, FIX)
@@ -91,7 +91,7 @@ def test_another_input_and_another_kernel_are_said(job, tmp_path):
     assert doubt(replace(job, output=kernel), EstimateKernel(OPTIONS)).endswith("another input")
 
 
-def test_what_tells_nothing_is_not_doubted(job):
+def test_a_result_without_provenance_is_not_doubted(job):
     Image.new("L", (100, 80), 99).save(job.output)
     assert doubt(job, FIX) is None
     job.others["kernel"].write_bytes(b"damaged")

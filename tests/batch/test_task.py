@@ -26,7 +26,7 @@ def test_what_came_of_a_photo(trial, jobs):
     assert job.output.read_text() == "done"
 
 
-def test_an_error_is_told_and_has_no_trace(trial, jobs):
+def test_an_error_is_reported_without_a_trace(trial, jobs):
     [job] = jobs("fail")
     result = run_job(job, trial())
     assert result.status == "failed"
@@ -35,7 +35,7 @@ def test_an_error_is_told_and_has_no_trace(trial, jobs):
     assert result.report()["hint"] == "drop it"
 
 
-def test_a_bug_is_called_one_and_has_its_trace(trial, jobs):
+def test_a_bug_is_reported_with_its_trace(trial, jobs):
     [job] = jobs("bug")
     result = run_job(job, trial())
     assert result.error == f"{job.source}: ZeroDivisionError: by zero"
@@ -80,7 +80,7 @@ def test_warnings_of_other_threads_are_not_this_photos(jobs):
     assert run_job(job, work).warnings == ()
 
 
-def test_notes_are_told_where_warnings_are_not_wanted(jobs, caplog):
+def test_notes_are_among_the_warnings_once(jobs, caplog):
     [job] = jobs("")
 
     def work(*_, **__):

@@ -37,7 +37,7 @@ def test_a_camera_that_stood_still_leaves_the_photo_for_a_reason(notes, reason):
     assert verdict_figures(STILL, 0.9, notes) == {"verdict": "left", "reason": reason}
 
 
-def test_words_for_how_sure_it_is():
+def test_words_for_the_confidence():
     words = [confidence_words(each) for each in (1.0, 0.9, 0.85, 0.8, 0.79, 0.0)]
     expected = ["confident", "confident", "fairly confident", "fairly confident"]
     assert words == [*expected, "doubtful", "doubtful"]

@@ -69,7 +69,7 @@ def test_wrong_usage(bench, args, said):
 
 
 @pytest.mark.parametrize("table", ["pair", "focal", "restoration"])
-def test_missing_recordings_are_said_in_one_line(bench, table, tmp_path):
+def test_missing_recordings_are_reported_in_one_line(bench, table, tmp_path):
     done = bench(table, "--data", tmp_path)
     assert done.returncode == 1
     said = f"error: {tmp_path}: no orientation logs (*.txt); --data names their folder\n"

@@ -46,7 +46,7 @@ def test_a_turn_and_a_shift_are_forgiven_but_no_blur(picture):
     assert aligned_psnr(cv2.GaussianBlur(picture, (0, 0), 3), picture, 12) < 27
 
 
-def test_what_nothing_fits_stays_as_it_is(picture):
+def test_a_flat_picture_is_not_aligned(picture):
     flat = np.full_like(picture, 0.5)
     assert aligned(flat, picture) is flat
 

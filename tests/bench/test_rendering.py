@@ -53,7 +53,7 @@ def test_a_case_is_the_mean_of_its_scene_over_the_path(places, tmp_path):
     assert difference < 0.3 * np.abs(photo.pixels - light)[inner].mean()
 
 
-def test_what_is_missing_is_said(places):
+def test_what_is_missing_is_reported(places):
     with pytest.raises(MissingDataError, match=r"VID_20150510_204827.*--data names its folder"):
         places.check(CASE._replace(hand=1), "tune")
     with pytest.raises(MissingDataError, match=r"Debian's lomiri.*--scenes names its folder"):

@@ -20,7 +20,7 @@ def test_disks_are_round_and_keep_the_light(across):
     assert 1 / kernel.max() == pytest.approx(np.pi * across**2 / 4, rel=0.02)
 
 
-def test_sharp_photos_are_theirs_to_the_code(tmp_path):
+def test_sharp_photos_have_the_codes_of_their_truth(tmp_path):
     path, truth = prepare(CASES["text"], None, tmp_path / "a")
     codes = np.asarray(Image.open(path))
     assert np.array_equal(codes, SHIPPED["text"]())
@@ -55,7 +55,7 @@ def test_a_line_says_whether_the_photo_became_worse(name, result, passed):
     assert cells[6] == passed
 
 
-def test_what_is_not_at_hand_is_an_error(tmp_path):
+def test_a_missing_photo_is_an_error(tmp_path):
     for folder in (None, tmp_path):
         with pytest.raises(MissingDataError, match=r"no houses.jpg; --data names its folder"):
             prepare(CASES["houses"], folder, tmp_path / "a")

@@ -1,4 +1,4 @@
-"""A photograph that was shaken by a known kernel, exactly, and what a race makes of it."""
+"""A photograph that was shaken exactly by a known kernel, and the result of its race."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ NOISE = 0.003
 
 @dataclass(frozen=True)
 class Shaken:
-    """A photo, what it shows, and how it was shaken.
+    """A shaken photo, its sharp picture and its kernel.
 
     The sharp picture lies around the photo: it is larger by a margin on every side.
     """

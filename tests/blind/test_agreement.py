@@ -46,7 +46,7 @@ def test_agreement_is_symmetric_and_less_for_others(one, other) -> None:
 
 
 @pytest.mark.parametrize("turn", [[0.0, 7, 0], [-3.5, 2.25, 0], [20, -30, 5]])
-def test_nobody_knows_where_the_camera_pointed(turn) -> None:
+def test_a_shift_of_the_camera_changes_nothing(turn) -> None:
     curve = KERNELS["curve"]
     turned = replace(curve, theta=curve.theta + np.array(turn) * STEPS)
     assert agreement(turned, curve) > 0.99
@@ -72,7 +72,7 @@ def test_the_more_a_kernel_is_off_the_less_it_agrees() -> None:
     assert agreements[1] > 0.9
 
 
-def test_smoothing_forgives() -> None:
+def test_more_smoothing_gives_more_agreement() -> None:
     agreements = [
         agreement(KERNELS["curve"], KERNELS["mirrored"], smoothing=s) for s in (0.1, 0.3, 1.0)
     ]

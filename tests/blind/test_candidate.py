@@ -26,7 +26,7 @@ def finished(pyramid) -> Candidate:
     return run(Candidate(pyramid, 3))
 
 
-def test_a_known_shake_is_found(finished, shaken) -> None:
+def test_a_known_shake_is_estimated(finished, shaken) -> None:
     assert finished.level == 0
     assert agreement(finished.kernel, shaken.kernel) > 0.9
     assert finished.kernel.camera is shaken.camera
@@ -40,7 +40,7 @@ def test_a_thin_path_reaches_the_known_shake_too(finished, pyramid, shaken) -> N
     assert thin.kernel.weights.tobytes() != finished.kernel.weights.tobytes()
 
 
-def test_a_wide_roll_is_found(shake) -> None:
+def test_a_wide_roll_is_estimated(shake) -> None:
     rolled = shake(path=np.array([[-1.0, -2, -9], [0, 0, 0], [2, 1, 4], [1, 2, 12]]))
     kernels = run(Candidate(rolled.pyramid, 3)).kernel, rolled.kernel
     deviations = [np.sqrt(np.diag(np.cov(k.theta.T, aweights=k.weights))) for k in kernels]

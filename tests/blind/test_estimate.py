@@ -38,7 +38,7 @@ def result(shaken, progress) -> BlindEstimate:
     return estimate_kernel(shaken.grey, shaken.camera, quick=True, run=Run(1, progress))
 
 
-def test_a_known_shake_is_found_and_trusted(result, shaken) -> None:
+def test_a_known_shake_is_estimated_and_trusted(result, shaken) -> None:
     assert agreement(result.kernel, shaken.kernel) > 0.88
     assert result.kernel.camera is shaken.camera
     assert result.confidence > 0.5
@@ -75,7 +75,7 @@ def test_progress_rises_from_nothing_to_one(result, progress) -> None:
     assert len(set(progress.shares)) >= 5
 
 
-def test_a_part_of_the_photo_tells_of_the_whole(shaken) -> None:
+def test_a_part_of_the_photo_gives_the_kernel_of_the_whole(shaken) -> None:
     spoilt = shaken.grey.copy()
     spoilt[:, 200:] = np.random.default_rng(0).random((200, 40))
     part = estimate_kernel(spoilt, shaken.camera, region=(10, 5, 186, 190), quick=True, run=Run(1))
@@ -84,7 +84,7 @@ def test_a_part_of_the_photo_tells_of_the_whole(shaken) -> None:
     assert part.latent.shape == (2, 190, 186)
 
 
-def test_clipped_pixels_are_not_believed(shaken) -> None:
+def test_clipped_pixels_are_ignored(shaken) -> None:
     most = np.quantile(shaken.grey, 0.97)
     result = estimate_kernel(
         np.minimum(shaken.grey, most).astype(np.float32),
@@ -129,7 +129,7 @@ def test_a_sharp_photo_is_left_as_it_is(shaken) -> None:
     ],
     ids=["flat", "small", "small region", "wide"],
 )
-def test_photos_that_tell_nothing_are_errors_with_a_hint(estimator, grey, how, says) -> None:
+def test_photos_without_detail_are_errors_with_a_hint(estimator, grey, how, says) -> None:
     camera = Camera.from_focal(200.0, *grey.shape)
     with pytest.raises(EstimationError, match=says) as error:
         estimate_kernel(grey, camera, estimator=estimator, **how)

@@ -45,11 +45,11 @@ def test_the_better_kernel_is_preferred(plain) -> None:
     assert plain["true"] > 0.05
 
 
-def test_a_still_camera_betters_nothing(plain) -> None:
+def test_a_still_camera_has_no_margin(plain) -> None:
     assert plain["still"] == pytest.approx(0, abs=1e-9)
 
 
-def test_no_kernel_betters_a_photo_that_was_not_shaken(shaken, kernels) -> None:
+def test_no_kernel_improves_a_photo_that_was_not_shaken(shaken, kernels) -> None:
     by_kernel = margins(shaken.still, shaken, kernels, "true", "short", "wrong")
     assert max(by_kernel.values()) < 0
     assert by_kernel["true"] < by_kernel["short"]

@@ -61,7 +61,7 @@ def test_bounds_are_pixels_of_the_photo_at_any_size() -> None:
     assert faults(large, blur_px=48) == [TOUCHING]
 
 
-def test_specks_all_over_are_noise() -> None:
+def test_scattered_weights_are_noise() -> None:
     rng = np.random.default_rng(0)
     specks = rng.integers(-20, 21, (30, 3)) * (1, 1, 0)
     assert faults(kernel(specks)) == [SCATTERED]

@@ -30,8 +30,9 @@ def thick(shaken) -> Entry:
 def test_a_kernel_that_is_too_wide_comes_nearer_to_the_truth(thick, pyramid, shaken) -> None:
     shares: list[float] = []
     run = Run(1, lambda share, _: shares.append(share))
-    (best,) = polished(pyramid, [thick], [thick], ALL_AXES, run)
-    before, after = Comparison(pyramid).side_by_side([thick, best])
+    comparison = Comparison(pyramid)
+    best = polished(comparison, [thick], [thick], ALL_AXES, run)
+    before, after = comparison.scores([thick, best])
     assert after > before + 0.01
     truth = shaken.kernel
     near = agreement(best.kernel, truth, smoothing=FINE)
@@ -41,11 +42,18 @@ def test_a_kernel_that_is_too_wide_comes_nearer_to_the_truth(thick, pyramid, sha
     assert shares[-1] <= 1
 
 
-def test_the_best_kernel_of_each_of_two_starts(thick, pyramid) -> None:
+def test_the_better_one_of_two_starts_wins(thick, pyramid) -> None:
     point = thick._replace(name="point", start=4, kernel=RotationKernel.delta(thick.kernel.camera))
-    third = point._replace(name="third", start=6)
-    ranked = [point, point._replace(name="second"), thick, third]
-    lines = polished(pyramid, ranked, [thick, point, third], (True, True, False), Run())
-    assert [entry.start for entry in lines] == [4, 2]
-    assert lines[0] is point  # a point is not refined
-    assert lines[1].name == "thick, polished"
+    ranked = [point, point._replace(name="second"), thick]
+    best = polished(Comparison(pyramid), ranked, [thick, point], ALL_AXES, Run())
+    assert best.name == "thick, polished"
+
+
+def test_a_point_stays_a_point(thick, pyramid) -> None:
+    point = thick._replace(name="point", kernel=RotationKernel.delta(thick.kernel.camera))
+    assert polished(Comparison(pyramid), [point], [point], ALL_AXES, Run()) is point
+
+
+def test_a_kernel_without_roll_gets_none(thick, pyramid) -> None:
+    flat = thick._replace(kernel=thick.kernel.resampled(thick.kernel.steps, (True, True, False)))
+    assert not polished(Comparison(pyramid), [flat], [flat], ALL_AXES, Run()).rolls

@@ -19,7 +19,7 @@ def test_a_known_shake_wins(ended, shaken) -> None:
     assert not ended.at_rest
 
 
-def test_what_is_told_of_a_winner_speaks_for_it(ended) -> None:
+def test_the_margin_and_the_agreement_of_a_winner_are_high(ended) -> None:
     assert ended.margin > 0.05
     assert 0.8 < ended.agreement <= 1 + 1e-6
 
@@ -39,7 +39,7 @@ def test_progress_rises_to_one(ended, shares) -> None:
     assert len(set(shares)) > 5
 
 
-def test_it_is_called_off_for_a_sharp_photo(still) -> None:
+def test_it_stops_early_for_a_sharp_photo(still) -> None:
     ended = race(still)
     assert ended.at_rest
     assert is_spot(ended.winner.kernel)

@@ -38,7 +38,7 @@ def inner(tiles: Tiles) -> tuple[slice, ...]:
 
 
 def energy(tiles: Tiles, picture: np.ndarray, lam: float = LAM) -> float:
-    """``|A S - g|^2 + lam #{grad S != 0}``; what is next to nothing counts as nothing."""
+    """``|A S - g|^2 + lam #{grad S != 0}``; tiny gradients count as zero."""
     across, down = differences(picture)
     edges = across**2 + down**2 > lam / 16
     misfit = tiles.blurred(picture) - tiles.filled
@@ -118,7 +118,7 @@ def test_strong_edges_are_worth_their_price_and_split_ones_those_of_the_picture(
     assert length[length > 0].min() >= np.float32(LAM)
 
 
-def test_latent_edges_fill_in_what_is_not_believed(shaken) -> None:
+def test_latent_edges_fill_in_unknown_pixels(shaken) -> None:
     usable = np.ones(shaken.grey.shape, bool)
     usable[40:46, 40:50] = False
     spoilt = np.where(usable, shaken.grey, np.float32(1))

@@ -63,7 +63,7 @@ def test_what_is_flat_in_some_direction_is_not_sharp() -> None:
     assert not looks_sharp(of(noise))
 
 
-def test_of_a_large_photo_the_tiles_in_focus_tell() -> None:
+def test_of_a_large_photo_the_tiles_in_focus_count() -> None:
     """A background out of focus is no shake; a shake spares no tile."""
     rng = np.random.default_rng(0)
     sharp = np.kron(rng.random((60, 80)), np.ones((10, 10))).astype(np.float32)

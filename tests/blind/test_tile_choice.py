@@ -24,7 +24,7 @@ def texture(height: int, width: int, cell: int = 10, seed: int = 0) -> np.ndarra
 
 
 def middles(corners: list[tuple[int, int]], size: int = SIZE) -> np.ndarray:
-    """Middles (y, x)."""
+    """Centres (y, x)."""
     return np.array(corners) + size / 2
 
 
@@ -78,7 +78,7 @@ def test_an_edge_of_another_direction_is_taken_soon() -> None:
     assert not across.all()
 
 
-def test_tiles_far_from_the_middle_tell_of_the_roll() -> None:
+def test_tiles_far_from_the_middle_determine_the_roll() -> None:
     for seed in range(3):
         places = middles(chosen(of(texture(320, 320, seed=seed)), 0, SIZE, 4, width=6.0))
         away = np.abs(places - 160).max(1)

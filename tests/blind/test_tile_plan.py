@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from deshake.blind.tiles import Tiles
 
 PARTS = ("fitted", "apart", "all")
-CHOSEN = Budget(0.2e6, 0)  # as for a large photo, of which not all is looked at
+CHOSEN = Budget(0.2e6, 0)  # as for a large photo, which tiles do not cover
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def test_a_small_frame_is_covered(photo, kernel, level) -> None:
 
 
 def fields(tiles: Tiles) -> set[tuple[int, int]]:
-    """Fields of the chessboard that the middles lie on."""
+    """Fields of the chessboard that the centres lie on."""
     middles = (tiles.corners + tiles.size / 2) / tiles.camera.shape
     return {tuple(field) for field in (middles * tile_plan._FIELDS).astype(int).tolist()}
 

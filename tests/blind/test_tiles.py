@@ -120,7 +120,7 @@ def test_the_power_is_that_of_blur_and_transpose(tiles) -> None:
     )
 
 
-def test_what_is_believed_is_the_photo_about_its_mean(tiles, shaken) -> None:
+def test_known_pixels_are_the_photo_about_its_mean(tiles, shaken) -> None:
     middle = tiles.g[inner(tiles)]
     photo = middles(shaken.grey)
     offset = (photo - middle).mean((1, 2), keepdims=True)
@@ -129,7 +129,7 @@ def test_what_is_believed_is_the_photo_about_its_mean(tiles, shaken) -> None:
     assert np.abs((tiles.g * known).sum((1, 2))).max() < 0.05 * known.sum((1, 2)).max()
 
 
-def test_clipped_pixels_and_all_beyond_the_frame_are_not_believed(tiles, shaken) -> None:
+def test_clipped_pixels_and_all_beyond_the_frame_are_unknown(tiles, shaken) -> None:
     first = tiles.first
     assert not tiles.belief[0, first + 16 : first + 24, first + 16 : first + 28].any()
     assert not tiles.inside[0, first + 16 : first + 24, first + 16 : first + 28].any()
@@ -148,7 +148,7 @@ def test_clipped_pixels_and_all_beyond_the_frame_are_not_believed(tiles, shaken)
         assert part[0, first, first + 20] > 0
 
 
-def test_what_is_not_believed_is_filled_in_from_the_latent_picture(tiles) -> None:
+def test_unknown_pixels_are_filled_in_from_the_latent_picture(tiles) -> None:
     before = tiles.filled
     latent = noise(tiles, 0)
     blurred = tiles.fill(latent)
@@ -161,7 +161,7 @@ def test_what_is_not_believed_is_filled_in_from_the_latent_picture(tiles) -> Non
     tiles.filled = before
 
 
-def test_a_kernel_fills_at_first_and_afresh(shaken) -> None:
+def test_a_kernel_fills_at_first_and_on_request(shaken) -> None:
     tiles = cut(shaken.grey, shaken.camera, 10)
     tiles.bind(shaken.kernel)
     first = tiles.filled

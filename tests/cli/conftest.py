@@ -131,7 +131,7 @@ def contents() -> Callable[[Path], dict[Path, tuple[int, bytes]]]:
 
 @pytest.fixture
 def refused(deshake: Callable, contents: Callable, tmp_path: Path, pan: Path) -> Callable[..., str]:
-    """Run a command on a photo in the test's folder, where it must fail and leave all as it is."""
+    """Run a command on a photo in the test's folder, where it must fail and change nothing."""
 
     def run(command: str, path: Path, *args: object, kernel: Path = pan) -> str:
         before = contents(tmp_path)

@@ -1,4 +1,4 @@
-"""What is wrong with a file is said in one line, and nothing is left behind."""
+"""What is wrong with a file is reported in one line, and no file is left."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ PHOTOS = {
         "an animated WebP",
     ),
 }
-"""Files that are no photos, and what is said of them."""
+"""Files that are no photos, and their errors."""
 
 UNUSABLE = {
     "dot.png": (encoded(noise(size=(1, 1)), "PNG"), "1x1 pixels are too few"),
@@ -194,7 +194,7 @@ def test_a_full_disk_leaves_nothing(deshake, shaken, pan, contents, command):
     assert contents(folder) == before
 
 
-def test_bad_photos_in_a_folder_are_each_told(deshake, contents, tmp_path):
+def test_bad_photos_in_a_folder_are_each_reported(deshake, contents, tmp_path):
     for name, (data, _) in PHOTOS.items():
         (tmp_path / name).write_bytes(data)
     before = contents(tmp_path)

@@ -1,4 +1,4 @@
-"""Files that are no kernels are refused in one line, at once, and without eating memory."""
+"""Files that are no kernels are refused in one line, at once, and with little memory."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ KERNELS = {
     ),
     "photo": (lambda: b"\xff\xd8\xff\xe0 and so on", ""),
 }
-"""Files that are no kernels, and what is said of them."""
+"""Files that are no kernels, and their errors."""
 
 
 @pytest.mark.parametrize("name", KERNELS)
@@ -141,7 +141,7 @@ def test_a_huge_kernel_eats_no_memory(shaken, tmp_path):
     assert float(took) < 3
 
 
-def test_a_photo_that_is_stored_turned_is_said_to_be(deshake, shaken, pan, tmp_path):
+def test_a_photo_that_is_stored_turned_is_reported(deshake, shaken, pan, tmp_path):
     photo, mask = shaken("a.jpg"), tmp_path / "mask.png"
     with Image.open(photo) as picture:
         turned = picture.getexif()

@@ -50,7 +50,7 @@ def test_jobs_and_threads_do_not_change_a_byte(deshake, folder, tmp_path):
     assert made[0] == made[1]
 
 
-def test_a_dry_run_tells_and_does_nothing(deshake, folder, tmp_path, contents):
+def test_a_dry_run_prints_and_does_nothing(deshake, folder, tmp_path, contents):
     (folder / "p2.deshaken.jpg").touch()
     before = contents(tmp_path)
     outcome = deshake("fix", folder, "-r", "--dry-run", "--skip-existing")
@@ -102,7 +102,7 @@ def test_a_folder_is_not_deblurred_without_kernels(deshake, folder, pan, tmp_pat
     assert len(list(out.iterdir())) == 2
 
 
-def test_results_of_other_options_are_said_and_kept(deshake, folder, pan, tmp_path):
+def test_results_of_other_options_are_reported_and_kept(deshake, folder, pan, tmp_path):
     (folder / "p10.jpg").unlink()
     args = ("deblur", folder, "-r", "--kernel", pan, "-o", tmp_path / "out", "-j", 2)
     assert deshake(*args, "--method", "rl", "--iterations", 2).code == 0
@@ -149,7 +149,7 @@ def test_a_missing_sheet_is_made_again_and_the_result_stays(deshake, folder, pan
     assert sheet.read_bytes() != drawn
 
 
-def test_a_sheet_is_not_made_for_a_result_that_tells_nothing(deshake, folder, pan, tmp_path):
+def test_a_sheet_is_not_made_for_a_result_without_provenance(deshake, folder, pan, tmp_path):
     photo, out = folder / "p2.jpg", tmp_path / "p.jpg"
     shutil.copy(photo, out)
     args = ("deblur", photo, "--kernel", pan, "-o", out, "--compare", "--skip-existing")
@@ -160,7 +160,7 @@ def test_a_sheet_is_not_made_for_a_result_that_tells_nothing(deshake, folder, pa
     assert out.read_bytes() == photo.read_bytes()
 
 
-def test_too_little_memory_is_told_for_the_photo(deshake, folder):
+def test_too_little_memory_is_reported_for_the_photo(deshake, folder):
     outcome = deshake("fix", folder / "p2.jpg", "--memory", "20M", *FAST)
     assert outcome.code == 1
     assert "of memory, more than --memory 20 MB" in outcome.err

@@ -1,4 +1,4 @@
-"""Broken files through the real commands: what a crash costs a child process is its life alone."""
+"""Broken files through the real commands, in child processes that may crash."""
 
 from __future__ import annotations
 

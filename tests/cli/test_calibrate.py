@@ -66,7 +66,7 @@ def test_options_come_first(deshake, photo, tmp_path, option, focal):
     assert calibrated.source == f"{option[0]} {option[1]}"
 
 
-def test_nothing_to_go_by_is_an_error_with_a_hint(deshake, tmp_path):
+def test_no_source_is_an_error_with_a_hint(deshake, tmp_path):
     path = tmp_path / "bare.png"
     Image.new("L", (40, 30)).save(path)
     outcome = deshake("calibrate", path)
@@ -128,7 +128,7 @@ def test_standard_output_takes_one_thing(deshake, photo):
     assert deshake("calibrate", photo, "-o", "-", "--json").code == 2
 
 
-def test_verbose_tells_all_that_was_looked_at(deshake, photo):
+def test_verbose_shows_all_sources_that_were_considered(deshake, photo):
     outcome = deshake("calibrate", photo, "-v", "--json")
     assert outcome.code == 0
     assert f"{photo}: its EXIF does not say how large it was taken" in outcome.err
@@ -136,7 +136,7 @@ def test_verbose_tells_all_that_was_looked_at(deshake, photo):
     assert deshake("calibrate", photo, "--json").err == ""
 
 
-def test_a_crop_is_told(deshake, tmp_path):
+def test_a_crop_is_noted(deshake, tmp_path):
     exif = Image.Exif()
     exif.get_ifd(0x8769).update({0xA405: 35, 0xA002: 400, 0xA003: 300})
     path = tmp_path / "crop.jpg"
@@ -149,7 +149,7 @@ def test_a_crop_is_told(deshake, tmp_path):
     assert "taken to be a crop" in outcome.err
 
 
-def test_an_anamorphic_lens_asks(deshake, tmp_path):
+def test_an_anamorphic_lens_is_an_error(deshake, tmp_path):
     exif = Image.Exif()
     exif.get_ifd(0x8769).update({0xA405: 35, 0xA434: "Anamorphic 50mm 1.33x"})
     path = tmp_path / "wide.jpg"
@@ -169,7 +169,7 @@ def board_files(boards, tmp_path):
     return folder
 
 
-def test_a_chessboard_tells_the_camera(deshake, boards, board_files, tmp_path):
+def test_a_chessboard_gives_the_camera(deshake, boards, board_files, tmp_path):
     out = tmp_path / "camera.npz"
     by = ("--chessboard", "--board", "7x5")
     outcome = deshake("calibrate", *by, board_files, "-o", out)

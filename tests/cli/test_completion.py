@@ -1,4 +1,4 @@
-"""The shells' completion: scripts that are produced, and what they are answered."""
+"""The shells' completion: the scripts, and the answers that they get."""
 
 from __future__ import annotations
 

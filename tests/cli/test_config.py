@@ -269,7 +269,7 @@ def test_an_option_of_a_preset_goes_to_each_command_that_has_it(real, config):
         (("--method", "rl"), "method", "quality"),
     ],
 )
-def test_what_is_typed_puts_aside_what_the_file_says_against_it(
+def test_a_typed_option_cancels_contrary_ones_of_the_file(
     real, config, monkeypatch, *, typed, name, other
 ):
     path = config(
@@ -280,7 +280,7 @@ def test_what_is_typed_puts_aside_what_the_file_says_against_it(
     after = real("fix", "a.jpg", *typed, config=path)
     assert after[name]
     assert after[other] in {None, False, "default"}
-    # The environment comes before the file, too, and after what is typed.
+    # The environment has priority over the file, and the command line over both.
     monkeypatch.setenv(f"DESHAKE_FIX_{name.upper()}", "1" if len(typed) == 1 else typed[1])
     assert real("fix", "a.jpg", config=path)[other] in {None, False, "default"}
 
@@ -316,7 +316,7 @@ def test_what_the_file_says_counts_only_where_it_has_a_use(
     assert real("fix", "a.jpg", *needs, config=path)[key] == value
 
 
-def test_what_is_typed_puts_aside_what_the_file_says_in_the_commands_too(
+def test_a_typed_option_cancels_contrary_ones_in_all_commands(
     deshake, config, pair, boards, tmp_path
 ):
     path = config(

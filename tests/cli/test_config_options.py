@@ -30,7 +30,7 @@ def test_the_users_own_file_is_read_and_v_says_so(deshake, own, seen):
     assert deshake("trial", "-v").err == f"options are read from {path}\n"
 
 
-def test_without_that_file_nothing_is_said(deshake, own, seen):  # noqa: ARG001
+def test_without_that_file_nothing_is_reported(deshake, own, seen):  # noqa: ARG001
     assert deshake("trial", "-v").err == ""
     assert seen["blur_size"] is None
 
@@ -53,7 +53,7 @@ def test_no_file_is_read_where_none_is_wanted(deshake, own, seen, tmp_path, monk
     assert seen["blur_size"] is None
     other = tmp_path / "other.toml"
     other.write_text("[trial]\nblur-size = 20\n", "utf-8")
-    deshake("--config", other, "trial")  # what is typed comes first
+    deshake("--config", other, "trial")  # the command line has priority
     assert seen["blur_size"] == 20
     monkeypatch.delenv("DESHAKE_NO_CONFIG")
     monkeypatch.setenv("DESHAKE_CONFIG", str(other))

@@ -31,7 +31,7 @@ def shown(capsys, fractions):
     return err, [int(share) for share in re.findall(r"(\d+)%", err)]
 
 
-def test_the_bar_tells_what_and_how_far(capsys):
+def test_the_bar_shows_the_step_and_the_share(capsys):
     err, percent = shown(capsys, [0.1, 0.5, 1.0])
     assert {10, 50, 100} <= set(percent)
     assert "deblurring" in err

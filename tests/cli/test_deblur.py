@@ -71,7 +71,7 @@ def test_metadata_stay(deshake, shaken, kernel, tmp_path):
 
 
 @pytest.mark.parametrize("ending", ["jpg", "png", "tif", "webp"])
-def test_the_result_tells_how_it_came_about(deshake, shaken, kernel, tmp_path, ending):
+def test_the_result_has_its_provenance(deshake, shaken, kernel, tmp_path, ending):
     photo = shaken(f"a.{ending}")
     how = ("--method", "rl", "--iterations", 1)
     assert deshake("deblur", photo, kernel, *how).code == 0
@@ -225,7 +225,7 @@ def test_another_ending_is_another_format(deshake, shaken, kernel, tmp_path):
         assert what in outcome.err
 
 
-def test_what_a_format_cannot_hold_is_told_before_the_work(deshake, kernel, tmp_path):
+def test_what_a_format_cannot_hold_is_reported_before_the_work(deshake, kernel, tmp_path):
     photo = tmp_path / "a.png"
     Image.new("RGBA", (100, 80), (9, 99, 9, 99)).save(photo)
     outcome = deshake("-v", "deblur", photo, kernel, "-o", tmp_path / "a.jpg")
@@ -272,7 +272,7 @@ def test_a_noisy_photo_helps(deshake, pair, kernel, tmp_path):
     assert result < 0.7 * min(others)
 
 
-def test_a_registration_of_its_own_is_told_and_noticed(deshake, pair, kernel, tmp_path):
+def test_a_registration_of_its_own_is_recorded_and_compared(deshake, pair, kernel, tmp_path):
     blurred, noisy, registration = pair
     out = tmp_path / "out.png"
     args = (blurred, kernel, "--noisy", noisy, "-o", out, "--iterations", 1)

@@ -73,7 +73,7 @@ def test_a_camera_file_stands_for_the_options(deshake, shaken, tmp_path):
     assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
 
 
-def test_an_assumed_lens_is_said(deshake, shaken, tmp_path):
+def test_an_assumed_lens_is_reported(deshake, shaken, tmp_path):
     photo = shaken("a.jpg")
     outcome = deshake("estimate-blind", photo, *EDGES)
     assert outcome.code == 0
@@ -201,7 +201,7 @@ def test_the_tiles_are_drawn_on_the_photo(deshake, tmp_path):
     assert colours.max() > 240  # a filter's light
 
 
-def test_a_raw_photo_has_tiles_at_rest(deshake, make_dng, sharp, tmp_path):
+def test_tiles_are_drawn_on_a_sharp_raw_photo(deshake, make_dng, sharp, tmp_path):
     (tmp_path / "raw.dng").write_bytes(make_dng(np.dstack([0.8 * sharp] * 3)))
     args = (*EDGES, "--uniform", "--tiles", tmp_path / "t.png", "--json")
     outcome = deshake("estimate-blind", tmp_path / "raw.dng", *args)
@@ -257,13 +257,13 @@ def test_only_one_thing_goes_to_standard_output(deshake, shaken, option, args):
 
 
 @pytest.mark.parametrize("other", [("--focal-px", 90), ("--camera", "c.npz"), ("--lens",)])
-def test_a_focal_length_is_known_or_found(deshake, shaken, other):
+def test_a_focal_length_is_known_or_estimated(deshake, shaken, other):
     outcome = deshake("estimate-blind", shaken("a.png"), "--focal", "auto", *other)
     assert outcome.code == 2
     assert "cannot both be given" in outcome.err
 
 
-def test_a_pair_tells_no_focal_length(deshake, pair):
+def test_a_pair_estimates_no_focal_length(deshake, pair):
     outcome = deshake("fix", pair[0], "--noisy", pair[1], "--focal", "auto")
     assert outcome.code == 2
     assert "--focal does not go with --noisy" in outcome.err

@@ -142,7 +142,7 @@ def test_two_photos_are_needed(deshake, pair):
     assert "NOISY" in outcome.err
 
 
-def test_the_frame_is_that_of_all_commands(deshake, pair, tmp_path):
+def test_dry_run_json_and_skip_existing_work_as_in_all_commands(deshake, pair, tmp_path):
     args = ("estimate-pair", *pair, *FASTER, "--json")
     out = tmp_path / "blurred.kernel.npz"
     dry = deshake(*args, "--dry-run")
@@ -160,7 +160,7 @@ def test_the_frame_is_that_of_all_commands(deshake, pair, tmp_path):
     assert "exists already" in json.loads(failed.out)["error"]
 
 
-def test_a_search_angle_is_remembered(deshake, pair, tmp_path):
+def test_a_search_angle_is_in_the_provenance(deshake, pair, tmp_path):
     assert deshake("estimate-pair", *pair, *FAST, "--search-angle", 5).code == 0
     provenance = read_kernel(tmp_path / "blurred.kernel.npz").provenance
     assert provenance["options"]["search_angle"] == 5
@@ -187,7 +187,7 @@ def test_a_dry_run_and_the_run_refuse_the_same(deshake, pair, contents, args, wh
 
 
 @pytest.mark.parametrize("which", [0, 1])
-def test_a_dry_run_misses_a_photo(deshake, pair, which):
+def test_a_dry_run_reports_a_missing_photo(deshake, pair, which):
     pair[which].unlink()
     dry = deshake("estimate-pair", *pair, "--dry-run")
     assert (dry.code, dry.out) == (1, "")

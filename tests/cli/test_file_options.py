@@ -506,7 +506,7 @@ def test_the_configuration_file_and_the_environment_have_all_of_them(
     with Image.open(result) as picture:
         assert picture.size == (40, 32)
     assert deshake("--config", config, "deblur", photo, pan, "-o", tmp_path / "b.png").code == 0
-    with Image.open(tmp_path / "b.png") as picture:  # what is typed comes first
+    with Image.open(tmp_path / "b.png") as picture:  # the command line has priority
         assert (picture.format, picture.size) == ("PNG", (40, 32))
     monkeypatch.setenv("DESHAKE_DEBLUR_FORMAT", "webp")
     assert deshake("deblur", photo, pan, "-o", tmp_path).code == 0

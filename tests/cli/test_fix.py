@@ -49,7 +49,7 @@ def test_the_method_is_that_of_deblur(deshake, shaken, tmp_path):
     assert out.read_bytes() == (tmp_path / "a.deshaken.png").read_bytes()
 
 
-def test_the_photo_tells_of_its_kernel_or_nothing_at_all(deshake, shaken, tmp_path):
+def test_the_photo_has_the_provenance_of_its_kernel_or_none(deshake, shaken, tmp_path):
     photo, out = shaken("a.jpg"), tmp_path / "a.deshaken.jpg"
     assert deshake("fix", photo, *FAST).code == 0
     provenance = read_provenance(out)["kernel"]
@@ -204,7 +204,7 @@ def test_no_photo_is_wrong_usage(deshake):
     assert deshake("fix").code == 2
 
 
-def test_the_progress_bar_tells_the_photo_and_the_time_left(deshake, shaken):
+def test_the_progress_bar_shows_the_photo_and_the_time_left(deshake, shaken):
     outcome = deshake("fix", shaken("a.jpg"), *FAST, "--progress")
     assert outcome.code == 0
     # the bar is drawn now and then: of two quick steps one may not be shown

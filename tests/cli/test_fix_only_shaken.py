@@ -42,7 +42,7 @@ def test_the_result_is_that_without_the_option(deshake, folder, tmp_path):
     assert deshake("fix", photo, "-o", one, *FAST).code == 0
     assert deshake("fix", photo, "-o", two, "--only-shaken", *FAST).code == 0
     assert one.read_bytes() == two.read_bytes()
-    # What exists already is skipped as ever.
+    # What exists already is skipped as always.
     outcome = deshake("fix", photo, "-o", two, "--only-shaken", "--skip-existing", "--json", *FAST)
     report = json.loads(outcome.out)
     assert (report["status"], "verdict" in report) == ("skipped", False)

@@ -157,7 +157,7 @@ def test_a_search_needs_two_photos_that_are_not_registered(deshake, args):
     assert "--search-angle" in outcome.err
 
 
-def test_all_stages_search_as_far(deshake, pair, tmp_path, monkeypatch):
+def test_all_stages_search_the_same_range(deshake, pair, tmp_path, monkeypatch):
     blurred, noisy = pair
     ranges = []
 

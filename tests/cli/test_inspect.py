@@ -146,7 +146,7 @@ def test_describes_camera_and_registration_files(deshake, folder, tmp_path):
 
 
 @pytest.mark.parametrize("more", [(), ("--json",)])
-def test_bad_files_fail_and_the_others_go_on(deshake, folder, more):
+def test_bad_files_fail_and_the_others_continue(deshake, folder, more):
     (folder / "broken.jpg").write_bytes((folder / "sharp.jpg").read_bytes()[:900])
     (folder / "broken.npz").write_bytes(b"PK\x03\x04")
     Image.new("L", (90, 80), 100).save(folder / "flat.png")

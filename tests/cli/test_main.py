@@ -228,7 +228,7 @@ def test_warnings_of_libraries_need_vv(deshake, trial):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs RLIMIT_AS and Linux's loader")
-def test_too_little_memory_for_the_libraries_is_said(shaken):
+def test_too_little_memory_for_the_libraries_is_reported(shaken):
     code = (
         "import resource, sys\n"
         "from deshake.cli.main import main\n"

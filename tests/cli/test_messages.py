@@ -94,7 +94,7 @@ def test_a_log_line_passes_above_a_progress_bar(capsys):
         ),
     ],
 )
-def test_every_error_is_told_in_a_line(error, message, hint):
+def test_every_error_is_printed_in_a_line(error, message, hint):
     assert describe(error) == (message, hint)
 
 

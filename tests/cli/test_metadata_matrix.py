@@ -44,7 +44,7 @@ DOCUMENT = (Path(__file__).parents[2] / "docs" / "formats.md").read_text("utf-8"
 
 
 def table(head: str) -> list[dict[str, str]]:
-    """Read the table of docs/formats.md that begins so."""
+    """Read the table of docs/formats.md whose header begins with `head`."""
     lines = DOCUMENT[DOCUMENT.index(f"| {head} |") :].splitlines()
     rows = [
         [cell.strip() for cell in line.strip("|").split("|")]

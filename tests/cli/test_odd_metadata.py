@@ -1,4 +1,4 @@
-"""Metadata that other programs trip over: they survive, or what is lost is said in one line."""
+"""Metadata that other programs trip over: they survive, or one line reports what is lost."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LONG = 80_000
 
 @pytest.fixture
 def deblurred(deshake, tmp_path):
-    """Deblur a photo by a kernel that does nothing; return what was said, and the result."""
+    """Deblur a photo by a kernel that does nothing; return the messages and the result."""
     still = RotationKernel.from_path([(0, 0, 0)], Camera.from_focal(40, HEIGHT, WIDTH))
     write_kernel(tmp_path / "still.npz", KernelFile(still))
 
@@ -136,7 +136,7 @@ def test_of_two_profiles_the_first_is_kept(deblurred):
         ("a.png", in_png(chunk(b"tEXt", b"Title\0A title")), "jpg"),
     ],
 )
-def test_texts_that_are_lost_are_said_to_be(deblurred, name, data, ending):
+def test_texts_that_are_lost_are_reported(deblurred, name, data, ending):
     said, _ = deblurred(name, data, ending)
     assert ["texts" in line for line in said] == [True]
     said, out = deblurred(f"again-{name}", data, name[2:])
@@ -153,7 +153,7 @@ def test_xmp_that_is_none_stays_and_takes_no_provenance(deblurred):
         assert picture.info["xmp"] == packet
 
 
-def test_a_maker_note_deep_in_a_tiff_is_moved_and_that_is_said(deblurred):
+def test_a_maker_note_deep_in_a_tiff_is_moved_and_that_is_reported(deblurred):
     data = bytearray(photo("TIFF", 8, 3, ("maker note",), 6))
     at = data.index(b"NOTE")
     note = data[at : at + 40]

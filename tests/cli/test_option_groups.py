@@ -102,7 +102,7 @@ def test_the_help_names_every_method(deshake):
     assert set(METHODS) <= set(words)
 
 
-def test_metavars_speak(deshake):
+def test_metavars_name_the_unit_or_the_kind(deshake):
     text = deshake("fix", "--help").out
     for words in ("--blur-size PIXELS", "--strength SHARE", "--noisy PHOTO", "--focal-px PIXELS"):
         assert words in text

@@ -134,7 +134,7 @@ def test_raw_files_in_a_folder_are_photos(deshake, raw, tmp_path):
 def test_a_pair_of_raw_files(deshake, make_dng, raw, scene, tmp_path):
     sharp, _, turned = scene
     noisy = turned / 4 + 0.004 * np.random.default_rng(0).normal(size=turned.shape)
-    balance = {50728: ("r", (0.45, 1, 0.65))}  # the camera had another idea of the light
+    balance = {50728: ("r", (0.45, 1, 0.65))}  # the camera had another white balance
     dark = tmp_path / "dark.dng"
     dark.write_bytes(make_dng(noisy, exif=EXIF, extra=balance))
     out = tmp_path / "out.tif"

@@ -72,7 +72,7 @@ def test_writes_a_registration_with_its_provenance(deshake, pair, tmp_path):
     assert str(tmp_path) not in json.dumps(provenance)
 
 
-def test_says_what_it_found_in_one_line(deshake, pair, tmp_path):
+def test_reports_the_registration_in_one_line(deshake, pair, tmp_path):
     outcome = deshake("register", *pair, *NEAR, "-o", tmp_path / "r.npz")
     assert outcome.code == 0
     [line] = outcome.out.splitlines()
@@ -89,7 +89,7 @@ def test_a_camera_file_stands_for_the_options(deshake, pair, tmp_path):
     assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
 
 
-def test_an_assumed_lens_is_said(deshake, pair):
+def test_an_assumed_lens_is_reported(deshake, pair):
     outcome = deshake("register", *pair, *NARROW)
     assert outcome.code == 0
     assert f"warning: {pair[0]}: no focal length in its metadata; a 50 mm-equ" in outcome.err

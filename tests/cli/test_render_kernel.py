@@ -93,7 +93,7 @@ def test_from_stdin_to_stdout(kernel):
     assert done.stderr == b""
 
 
-def test_stdin_has_no_name_to_go_by(kernel):
+def test_stdin_has_no_name_for_the_output(kernel):
     done = subprocess.run(
         [sys.executable, "-m", "deshake", "render-kernel", "-"],
         input=kernel.read_bytes(),

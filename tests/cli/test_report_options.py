@@ -157,7 +157,7 @@ def test_pictures_of_a_report_are_no_photos_of_the_folder(deblur, folder):
         assert "2 photos: 2 done" in deblur(*words).err
 
 
-def test_photos_that_fail_or_are_left_are_told_apart(deblur, folder, tmp_path):
+def test_photos_that_fail_or_are_left_are_distinguished(deblur, folder, tmp_path):
     kernel = tmp_path / "kernels" / "plain.kernel.npz"
     (tmp_path / "kernels" / "other.kernel.npz").write_bytes(kernel.read_bytes())
     still = RotationKernel.delta(read_kernel(kernel).kernel.camera)
@@ -179,7 +179,7 @@ def test_photos_that_fail_or_are_left_are_told_apart(deblur, folder, tmp_path):
     assert lines["other.png"]["error"].removeprefix(f"{folder / 'other.png'}: ") in page.words
 
 
-def test_an_existing_page_is_kept_before_any_work(deblur, tmp_path):
+def test_an_existing_page_is_refused_before_any_work(deblur, tmp_path):
     (tmp_path / "look.html").write_text("mine")
     outcome = deblur("--report", tmp_path / "look.html")
     assert (outcome.code, outcome.out) == (1, "")

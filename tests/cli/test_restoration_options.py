@@ -60,7 +60,7 @@ def test_other_methods_have_one_quality(parse, method):
     assert f"--quality does not go with --method {method}" in text
 
 
-def test_the_help_tells_both_defaults():
+def test_the_help_shows_both_defaults():
     command = click.Command("c", params=restoration_options(lambda: None).__click_params__)
     text = " ".join(CliRunner().invoke(command, ["--help"]).output.split())
     assert "[default: sparse; with --noisy, fusion]" in text

@@ -95,7 +95,7 @@ def test_the_words_where_nothing_failed(deshake, shaken, pan, printed, contents,
     assert contents(tmp_path) == before
 
 
-def test_a_failed_photo_that_is_not_given_is_warned_of(deshake, shaken, pan, printed):
+def test_a_failed_photo_that_is_not_given_gives_a_warning(deshake, shaken, pan, printed):
     photo = shaken("a.png")
     path = printed(line(photo), line("elsewhere.png"))
     words = ("deblur", photo, pan, "--method", "rl", "--iterations", 2, "--retry-failed", path)

@@ -111,7 +111,7 @@ def test_says_that_a_focal_length_is_assumed(deshake, photo):
     assert kernel.camera.focal_px == pytest.approx(50 * 200 / 43.27, rel=1e-3)
 
 
-def test_goes_by_a_camera_file(deshake, photo, tmp_path):
+def test_takes_the_camera_of_a_file(deshake, photo, tmp_path):
     file = tmp_path / "camera.npz"
     write_camera(file, CameraFile(Camera.from_focal(333, 120, 160), "measured"))
     assert deshake("simulate", photo, "--camera", file, "--blur-size", 4).code == 0

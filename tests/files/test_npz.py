@@ -131,7 +131,7 @@ def test_a_header_that_claims_more_than_there_is() -> None:
             unpack(member(lying), {"n": Field("f", (None, None), 300)})
 
 
-def test_a_lying_directory_does_not_help() -> None:
+def test_a_directory_that_states_a_wrong_size_is_refused() -> None:
     data = bytearray(member(npy(np.array(5)) + bytes(5 << 20), method=zipfile.ZIP_DEFLATED))
     at = data.rindex(b"PK\1\2")
     struct.pack_into("<I", data, at + 24, 136)  # claim the size that is expected

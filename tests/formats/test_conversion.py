@@ -30,7 +30,7 @@ def test_the_ending_decides_unless_it_is_the_sources():
             output_format(name, png.source, png.encoding)
 
 
-def test_the_quality_of_a_jpeg_goes_along():
+def test_the_quality_of_a_jpeg_is_kept():
     heic = Encoding("HEIF", depth=16, bits=10, quality=70)
     assert converted(heic, "JPEG").quality == 70
     assert converted(Encoding("PNG"), "JPEG").quality == 95

@@ -64,7 +64,7 @@ def test_no_distortion_leaves_the_camera() -> None:
 
 
 @pytest.mark.parametrize("lens", [np.array([-3.0, 0, 0, 0]), np.array([-1.2, 0, 0, 0])])
-def test_of_a_picture_that_folds_the_middle_is_shown(lens: np.ndarray) -> None:
+def test_the_middle_of_a_picture_that_folds_is_shown(lens: np.ndarray) -> None:
     with pytest.raises(ValueError, match=r"folds|too strong"):
         pinhole(CAMERA.with_lens(lens), whole=True)
     straight_camera = pinhole(CAMERA.with_lens(lens))  # a longer lens: what folds lies outside
@@ -98,7 +98,7 @@ def test_a_curve_of_the_model_is_fitted() -> None:
     np.testing.assert_allclose(bent_points[:, 0, 0], r * above / below, atol=1e-5)
 
 
-def test_a_curve_of_odd_powers_is_met() -> None:
+def test_a_curve_of_odd_powers_is_fitted() -> None:
     """PTLens has odd powers: r (a r^3 + b r^2 + c r + 1 - a - b - c)."""
     r = np.linspace(0.03, 1.8, 60)
     bent = r * (0.01 * r**3 - 0.03 * r**2 + 0.005 * r + 1.015)

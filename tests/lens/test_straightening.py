@@ -69,7 +69,7 @@ def psnr_of_corners(light: np.ndarray, sharp: np.ndarray) -> float:
     return float(-10 * np.log10(np.square(error)[far].mean()))
 
 
-def test_undoing_the_lens_betters_the_corners_by_a_decibel(shaken):
+def test_removing_the_distortion_improves_the_corners_by_a_decibel(shaken):
     photo, simulated = shaken
     kernel = simulated.kernel
     camera = kernel.camera
@@ -124,7 +124,7 @@ def test_clipped_pixels_and_opacity_follow(scene, tmp_path):
     assert (straight.alpha == 255).all()
 
 
-def test_regions_grow_around_what_they_held():
+def test_a_straight_region_contains_all_of_the_region():
     camera = Camera.from_focal(250.0, 240, 360).with_lens(BARREL)
     warp = LensWarp(camera, straightened_camera := _straight_camera(camera))
     part = np.zeros((240, 360), bool)
@@ -147,7 +147,7 @@ def _straight_camera(camera: Camera) -> Camera:
     return straightened(blank, camera)[1]
 
 
-def test_kernels_go_there_and_back():
+def test_bending_a_kernel_is_undone():
     camera = Camera.from_focal(250.0, 240, 360).with_lens(BARREL)
     straight_camera = _straight_camera(camera)
     turn = RotationKernel.from_path([(0, -0.02, 0.01), (0.01, 0.02, 0)], straight_camera)

@@ -86,7 +86,7 @@ def test_is_linear_and_takes_channels_one_by_one() -> None:
     np.testing.assert_allclose(blur.adjoint(g[:1] - 3 * g[1:]), back[:1] - 3 * back[1:], atol=1e-4)
 
 
-def test_one_pixel_changes_nothing() -> None:
+def test_a_filter_of_one_pixel_changes_nothing() -> None:
     f = noise(1, 44, 61)
     blur = Convolution(np.ones((1, 1), np.float32), (40, 57), 2)
     np.testing.assert_allclose(blur.forward(f), f[:, 2:-2, 2:-2], atol=1e-6)

@@ -58,7 +58,7 @@ def test_patches_fade_from_filter_to_filter() -> None:
 
 
 def counted_filters(grid: PatchGrid, budget: int) -> tuple[LocalFilters, list[Strip]]:
-    """The same filters, with a list of the strips that they were worked out for."""
+    """The same filters, with a list of the strips that they were computed for."""
     calls: list[Strip] = []
     plain = random_filters(grid)
 

@@ -110,7 +110,7 @@ def rolled(camera: Camera, roll: float) -> RotationKernel:
     return RotationKernel(theta, np.full(6, 1 / 6), grid_steps(camera), camera)
 
 
-def test_the_frame_has_one_filter_where_that_will_do() -> None:
+def test_the_frame_has_one_filter_where_that_is_enough() -> None:
     camera = Camera.uniform(90, 120)
     shifted = blur_filters(rolled(camera, 0.0), run=Run(1))
     assert isinstance(shifted, Convolution)

@@ -25,7 +25,7 @@ def filtered(blocks: np.ndarray, spectrum: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("least", LENGTHS)
-def test_there_and_back_again(kind, least: int) -> None:
+def test_transforms_are_undone(kind, least: int) -> None:
     fourier = kind(least)
     n = fourier.length
     assert n >= least

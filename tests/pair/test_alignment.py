@@ -40,7 +40,7 @@ def test_a_little_gain_does_not_matter(pair):
     assert distance_px(CAMERA, one, other) < 0.05
 
 
-def test_a_blur_draws_it_to_its_centroid_not_its_heavy_end(pair):
+def test_alignment_finds_the_centroid_of_a_blur_not_its_heavy_end(pair):
     a, b = pair
     weights = np.zeros((1, 9), np.float32)
     weights[0, :3] = 0.28

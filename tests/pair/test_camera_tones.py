@@ -52,7 +52,7 @@ def developed(light):
     return light_of(0.6 * tone + 0.4 * tone * tone * (3 - 2 * tone))
 
 
-def test_curves_are_called_for_only_where_a_factor_does_not_do(pair):
+def test_curves_are_needed_only_where_a_factor_does_not_fit(pair):
     blur, _, g, noisy = pair
     for f, curved in ((noisy, False), (3 * developed(noisy), True)):
         Af = blurred_planes(np.moveaxis(f, -1, 0), blur)
@@ -72,7 +72,7 @@ def test_the_tones_and_the_noise_become_those_of_the_blurred_photo(pair):
     assert 0.02 < deviation < 0.06  # more than there is: a camera leaves most of it near edges
 
 
-def test_wrong_colours_give_way_to_those_of_the_blurred_photo(pair):
+def test_wrong_colours_become_those_of_the_blurred_photo(pair):
     blur, sharp, g, noisy = pair
     f_N = developed(noisy)
     f_N[..., 0] = cv2.GaussianBlur(f_N[::-1, ::-1, 0], (0, 0), 8)

@@ -76,7 +76,7 @@ def test_better_than_either_photo_alone_and_than_residuals(name, sigma, lab, pai
     assert result.pixels.dtype == np.float32
 
 
-def test_a_wrong_kernel_is_not_believed(lab, pair):
+def test_a_wrong_kernel_is_not_trusted(lab, pair):
     case = pair(0.02)
     frame, f, f_D = case.frame, fused(case, RotationKernel.delta(lab.camera)).pixels, case.noisy
     inside = np.s_[:, 12:]
@@ -113,7 +113,7 @@ def test_the_noisy_photo_shows_the_scene_beyond_the_border(lab):
     assert lab.psnr(further[rim], frame[rim]) > lab.psnr(within[rim], frame[rim]) + 0.2
 
 
-def test_where_the_noisy_photo_clipped_it_is_not_gone_by(lab, pair):
+def test_clipped_pixels_of_the_noisy_photo_are_not_used(lab, pair):
     frame, g, f_N, valid, _ = pair(0.02)
     clipped = frame.max(-1) > 0.55
     low = np.where(clipped[..., None], np.minimum(f_N, 0.5), f_N)

@@ -135,7 +135,7 @@ def test_the_size_of_the_blur_need_not_be_known(photo, camera):
     assert likeness(result.kernel, truth) > 0.95
 
 
-def test_a_bound_that_is_too_small_is_said(photo, camera):
+def test_a_bound_that_is_too_small_is_reported(photo, camera):
     g, f_reg, twins, _ = shaken(photo, camera, 3 * PATH, sigma=0.0)
     result = estimate(g, f_reg, camera, noise=twins, blur_size=3)
     assert (
@@ -150,7 +150,7 @@ def test_a_camera_that_stood_still(photo, camera):
     assert "no shake was found: the kernel is a single point" in result.notes
 
 
-def test_photos_of_two_scenes_are_not_believed(photo, camera):
+def test_photos_of_two_scenes_are_not_trusted(photo, camera):
     g, _, _, _ = shaken(photo, camera)
     _, f_reg, twins, _ = shaken(np.ascontiguousarray(photo[::-1, ::-1]), camera, sigma=0.02)
     result = estimate(g, f_reg, camera, noise=twins)
@@ -194,7 +194,7 @@ def test_large_photos_are_worked_on_where_the_blur_is_wide_enough(photo, camera,
         ({"blur_size": 81.0}, "a blur of 81 px does not fit"),
     ],
 )
-def test_what_cannot_be_estimated_is_said(photo, camera, change, what):
+def test_what_cannot_be_estimated_is_reported(photo, camera, change, what):
     g, f_reg, _, _ = shaken(photo, camera)
     case = {"g": g, "f_reg": f_reg, "valid": np.ones(SHAPE), "camera": camera} | change
     with pytest.raises(EstimationError, match=what):
@@ -227,7 +227,7 @@ def test_sizes_must_agree(photo, camera):
 
 
 def test_the_frame_is_that_of_the_registered_photo(photo, camera):
-    """What the kernel says of f_reg is g, pixel by pixel."""
+    """The kernel applied to f_reg gives g, pixel by pixel."""
     g, f_reg, _, _ = shaken(photo, camera, offset=(1, 2, -1))
     result = estimate(g, f_reg, camera)
     used = result.kernel

@@ -112,7 +112,7 @@ def test_few_are_drawn_of_many(monkeypatch):
         (np.random.default_rng(0).random(SHAPE, np.float32), 0, "too few pixels"),
     ],
 )
-def test_what_cannot_be_drawn_is_said(image, count, what):
+def test_what_cannot_be_drawn_is_reported(image, count, what):
     usable = (np.arange(SHAPE[0] * SHAPE[1]) < count).reshape(SHAPE)
     with pytest.raises(EstimationError, match=what):
         drawn_pixels(derivatives(image), usable, 0)

@@ -36,7 +36,7 @@ def test_the_scale_is_exact_without_blur(light, ratio):
     assert scale == pytest.approx(ratio, rel=1e-4)
 
 
-def test_neither_blur_nor_noise_nor_a_stranger_moves_the_scale_much(light):
+def test_neither_blur_nor_noise_nor_a_new_object_moves_the_scale_much(light):
     rng = np.random.default_rng(0)
     blurred = cv2.blur(light, (7, 1))
     blurred[20:35, 20:35] = 0  # someone walked in
@@ -52,7 +52,7 @@ def test_only_the_mask_counts(light):
     assert photometric_scale(light, dark, mask) == pytest.approx(4, rel=1e-3)
 
 
-def test_without_usable_pixels_the_quantiles_tell(light):
+def test_without_usable_pixels_the_quantiles_give_the_scale(light):
     nothing = np.zeros(light.shape, bool)
     assert photometric_scale(light, light / 4, nothing) == pytest.approx(4, rel=1e-3)
 
@@ -97,7 +97,7 @@ def test_curves_rise_whatever_the_data(light):
     assert np.diff(fitted.values).min() > 0
 
 
-def test_curves_go_on_straight():
+def test_curves_continue_straight():
     fitted = ToneCurve(np.array([0.0, 0.5, 1.0]), np.array([0.0, 0.2, 1.0]))
     x = np.array([[-1, -0.5], [0.25, 2]], np.float32)
     assert fitted(x) == pytest.approx(np.array([[-0.4, -0.2], [0.1, 2.6]]), abs=1e-6)

@@ -131,7 +131,7 @@ def test_the_same_kernel_gives_the_same_bytes(kernel_file, tmp_path):
     assert one.read_bytes() == two.read_bytes()
 
 
-def test_an_existing_picture_is_kept_unless_told(kernel_file, tmp_path):
+def test_an_existing_picture_is_kept_without_overwrite(kernel_file, tmp_path):
     out = tmp_path / "out.png"
     out.write_bytes(b"mine")
     with pytest.raises(OutputError, match="exists already"):

@@ -31,7 +31,7 @@ def test_pictures_lie_side_by_side_below_their_caption():
     red, blue = (
         np.full((30, w, 3), c, np.uint8) for w, c in ((40, (255, 0, 0)), (60, (0, 0, 255)))
     )
-    page = sheets.sheet([sheets.Line(["one"], [red, blue]), sheets.Line(["two"], [blue])])
+    page = sheets.sheet([sheets.Row(["one"], [red, blue]), sheets.Row(["two"], [blue])])
     assert page.width == 40 + 60 + 3 * sheets.GAP
     pixels = np.asarray(page)
     assert (pixels == (255, 0, 0)).all(-1).sum() == red.size // 3
@@ -39,7 +39,7 @@ def test_pictures_lie_side_by_side_below_their_caption():
 
 
 def test_a_page_may_be_wider_than_its_pictures():
-    assert sheets.sheet([sheets.Line(["none"], [])], 300).width == 300
+    assert sheets.sheet([sheets.Row(["none"], [])], 300).width == 300
     assert isinstance(sheets.sheet([], 10), Image.Image)
 
 

@@ -81,7 +81,7 @@ def test_clipped_pixels_do_not_count_as_residual(lab):
 
 
 @pytest.mark.parametrize("fastest", [0.0, 0.75])
-def test_colours_do_not_know_of_each_other(fastest, lab):
+def test_colours_do_not_affect_each_other(fastest, lab):
     g = lab.noisy(lab.shaken(lab.all_axes, lab.colours()), 0.01)
     g[..., 1:] = g[..., :1]  # three alike: the extrapolation is as long as that of one
     together, alone = (descent(part, lab.all_axes, fastest=fastest) for part in (g, g[..., 0]))

@@ -15,7 +15,7 @@ SIGMA = 0.01
 
 @pytest.fixture(scope="module")
 def start(lab):
-    """Make a descent from the default's estimate; the sharp scene is in hand."""
+    """Make a descent from the default's estimate; the sharp scene is known."""
     kernel = lab.all_axes
     sharp = lab.colours()
     g = lab.noisy(lab.shaken(kernel, sharp), SIGMA)

@@ -19,7 +19,7 @@ def cost(f, u, spread, weight):
 
 @pytest.fixture
 def picture():
-    """Noisy steps in three colours, and how willingly they change, 1 : 60."""
+    """Noisy steps in three colours, and their spreads, 1 : 60."""
     rng = np.random.default_rng(2)
     u = np.repeat(np.repeat(rng.uniform(0.2, 0.8, (3, 5, 6)), 8, 1), 7, 2)
     u += rng.normal(0, 0.05, u.shape)

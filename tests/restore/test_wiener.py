@@ -52,7 +52,7 @@ def test_the_point_spread_blurs_as_the_operator_does(uniform):
     point[60 + r, 80 + r] = 1
     spread_point = blur.forward(point)[60 - r : 61 + r, 80 - r : 81 + r]
     np.testing.assert_allclose(spread_point, h, atol=2e-3)
-    assert np.abs(h - h[::-1, ::-1]).max() > 0.02  # it is no matter which way round
+    assert np.abs(h - h[::-1, ::-1]).max() > 0.02  # its direction matters
 
 
 @pytest.mark.parametrize("method", METHODS)

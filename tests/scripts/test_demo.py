@@ -68,7 +68,7 @@ def test_small_pictures_have_a_sheet_too(demo, picture, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["coffee", "flower"])
-def test_shipped_photos_bear_their_lens(demo, tmp_path, name):
+def test_shipped_photos_state_their_focal_length(demo, tmp_path, name):
     demo.save_with_lens(demo.shipped_photo(name), tmp_path / "a.png")
     photo = read_photo(tmp_path / "a.png")
     assert photo.metadata.tags().focal_35mm == demo.FILM_MM

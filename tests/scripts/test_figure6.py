@@ -32,7 +32,7 @@ def sharp():
 
 @pytest.fixture(scope="module")
 def smear():
-    """Return a kernel that no flip and no turn leaves as it is, its centroid off the middle."""
+    """Return a kernel that every flip and turn changes, its centroid off the middle."""
     kernel = np.zeros((5, 7))
     kernel[0, 1:4], kernel[1:3, 4], kernel[3, 6] = (0.1, 0.2, 0.1), 0.2, 0.2
     return kernel

@@ -131,7 +131,7 @@ def test_the_residual_leaves_clipped_pixels_out(problem, lab):
     assert descent.residual(clipped) == pytest.approx(np.sqrt(squares.mean()), rel=1e-5)
 
 
-def test_blurred_estimate_keeps_step(problem):
+def test_the_blurred_estimate_follows_the_estimate(problem):
     descent = problem()
     for rho in (0.03, 0.3, 1.0):
         descent.step(rho)

@@ -129,7 +129,7 @@ def test_planes_and_steps_are_no_noise() -> None:
     assert noise_level((x > 40).astype(np.float32)) < 1e-5
 
 
-def test_of_a_large_picture_a_part_says_as_much() -> None:
+def test_a_part_of_a_large_picture_gives_its_noise() -> None:
     assert noise_level(white((1100, 900), 0.05)) == pytest.approx(0.05, rel=0.02)
     assert noise_level(white((4, 300_000), 0.05)) == pytest.approx(0.05, rel=0.02)
     assert noise_level(white((300_000, 4), 0.05)) == pytest.approx(0.05, rel=0.1)

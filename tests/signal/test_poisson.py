@@ -9,7 +9,7 @@ SHAPES = [(37, 50), (64, 64), (1, 23), (17, 1), (2, 2), (1, 1)]
 
 
 def gradients(picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Differences to the right and lower neighbour; what has no neighbour is nonsense."""
+    """Differences to the right and lower neighbour; values without a neighbour are arbitrary."""
     across, down = np.full(picture.shape, 7.0), np.full(picture.shape, -7.0)
     across[:, :-1], down[:-1] = np.diff(picture, axis=1), np.diff(picture, axis=0)
     return across, down

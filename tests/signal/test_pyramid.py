@@ -57,7 +57,7 @@ def test_scales_are_the_same_in_any_order_and_made_once(sharp) -> None:
 @pytest.mark.parametrize(
     ("shape", "coarsest"), [((48, 60), 0), ((67, 400), 0), ((68, 70), 1), ((194, 194), 4)]
 )
-def test_the_coarsest_scale_shows_something_yet(shape, coarsest) -> None:
+def test_the_coarsest_scale_has_about_48_pixels(shape, coarsest) -> None:
     noise = np.random.default_rng(0).random(shape).astype(np.float32)
     pyramid = of(noise)
     assert pyramid.coarsest == coarsest

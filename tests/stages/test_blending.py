@@ -122,7 +122,7 @@ def test_what_is_no_mask_of_the_photo_is_refused(photo, mask_file, codes, says):
     assert caught.value.hint
 
 
-def test_a_turned_mask_is_told(photo, mask_file):
+def test_a_turned_mask_is_an_error(photo, mask_file):
     with pytest.raises(PhotoError) as caught:
         read_mask(mask_file(np.zeros((96, 64))), photo)
     assert "upright" in caught.value.hint

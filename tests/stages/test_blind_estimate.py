@@ -62,7 +62,7 @@ def test_the_estimate_finds_the_pan(tmp_path):
     assert estimate.report()["rotations"] == len(kernel.weights)
 
 
-def test_an_angle_means_its_pixels(shaken):
+def test_an_angle_bounds_the_blur_as_its_pixels_do(shaken):
     photo, truth, _ = shaken
     camera = CameraFile(truth.camera, "made up")
     angle = 4.0

@@ -29,7 +29,7 @@ def bare(tmp_path):
     return read_photo(path)
 
 
-def test_a_calibration_tells_its_source_and_what_was_cropped(photo):
+def test_a_calibration_has_its_source_and_what_was_cropped(photo):
     calibration = calibrate(read_photo(photo))
     assert calibration.camera.focal_px == pytest.approx(28 * np.hypot(100, 80) / np.hypot(36, 24))
     assert calibration.camera.matrix[:2, 2].tolist() == [39.5, 34.5]
@@ -40,7 +40,7 @@ def test_a_calibration_tells_its_source_and_what_was_cropped(photo):
     assert calibration.report()["focal_35mm"] == pytest.approx(33.7319, abs=1e-3)
 
 
-def test_an_option_is_sure(photo):
+def test_an_option_has_full_confidence(photo):
     calibration = calibrate(read_photo(photo), focal_35mm=35)
     assert (calibration.source, calibration.confidence, calibration.notes) == (
         "--focal-35mm 35",

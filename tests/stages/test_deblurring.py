@@ -84,7 +84,7 @@ def test_makes_a_sharper_photo(pair, method):
     assert done.encoding == blurred.encoding
 
 
-def test_a_factor_that_is_a_little_off_is_found_again(pair):
+def test_a_factor_that_is_a_little_off_is_corrected(pair):
     folder, kernel, _ = pair
     blurred, noisy = read(folder / "g.png"), read(folder / "n.png")
     restored = [
@@ -129,7 +129,7 @@ def test_from_file_to_file(pair, tmp_path):
         assert image.size == (WIDTH, HEIGHT)
 
 
-def test_the_photos_are_registered_if_nothing_tells_how_they_lie(pair):
+def test_the_photos_are_registered_if_no_registration_is_given(pair):
     folder, kernel, sharp = pair
     blurred, noisy = read(folder / "g.png"), read(folder / "n.png")
     reports = []

@@ -19,7 +19,7 @@ def test_the_largest_blur_is_given_or_an_angle_or_unknown():
     assert bound == pytest.approx(blur_bound(CAMERA, 0.0174533), rel=1e-4)
 
 
-def test_provenance_tells_what_is_not_by_default():
+def test_provenance_has_what_differs_from_the_default():
     plain = EstimateOptions().provenance()
     assert plain == {
         "transfer": None,

@@ -45,7 +45,7 @@ def test_a_preview_reduces_photo_and_mask(photo, mask):
     assert not mixed[:, :320].any()
 
 
-def test_provenance_tells_what_is_not_by_default(mask):
+def test_provenance_has_what_differs_from_the_default(mask):
     provenance = FinishingOptions(0.5, mask, preview=True, compare=True).provenance("ab12")
     assert provenance == {"strength": 0.5, "mask_sha256": "ab12", "preview": True}
     assert FinishingOptions(linear=True, with_provenance=False).provenance() == {"linear": True}

@@ -66,7 +66,7 @@ def test_outputs_are_checked_before_any_work(photo, kernel, tmp_path, name, what
     assert reports == []
 
 
-def test_a_format_that_cannot_hold_the_photo_is_told_before_any_work(kernel, tmp_path):
+def test_a_format_that_cannot_hold_the_photo_fails_before_any_work(kernel, tmp_path):
     path, reports = tmp_path / "clear.png", []
     Image.new("RGBA", (80, 64), (1, 2, 3, 4)).save(path)
     keywords = {"run": Run(progress=lambda share, _: reports.append(share))}

@@ -107,7 +107,7 @@ def test_the_kernel_is_no_photo(pair, tmp_path, name):
         )
 
 
-def test_what_cannot_be_written_is_told_before_the_work(pair, tmp_path, monkeypatch):
+def test_what_cannot_be_written_fails_before_the_work(pair, tmp_path, monkeypatch):
     def fail(*_, **__):
         raise AssertionError
 
@@ -135,7 +135,7 @@ def test_a_missing_photo_is_named(pair, tmp_path):
     assert error.value.file == str(gone)
 
 
-def test_an_assumed_lens_is_told_once(pair, tmp_path, caplog):
+def test_an_assumed_lens_is_noted_once(pair, tmp_path, caplog):
     options = replace(OPTIONS, camera=CameraChoice())
     estimate = fix_file(
         pair[0], tmp_path / "out.png", None, options, noisy=pair[1], restoration=QUICK, run=Run(1)

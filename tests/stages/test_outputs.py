@@ -74,7 +74,7 @@ def test_sheet_and_kernel_go_if_the_photo_cannot_be_written(photo, tmp_path, mon
         assert {path.read_text() for path in others} == {"an older one"}
 
 
-def test_what_the_result_will_lack_is_said_and_linear_light_is_for_raw_files(
+def test_what_the_result_will_lack_is_reported_and_linear_light_is_for_raw_files(
     photo, tmp_path, caplog
 ):
     assert prepared(photo, tmp_path / "out.png", AS_IT_IS) is photo

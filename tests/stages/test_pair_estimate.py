@@ -104,7 +104,7 @@ def test_where_the_photos_agree_badly_the_photo_is_left_as_it_is(pair):
     assert any("is left as it is" in note for note in estimate.notes)
 
 
-def test_the_kernel_file_tells_how_it_came_about(pair, tmp_path):
+def test_the_kernel_file_has_its_provenance(pair, tmp_path):
     folder, _ = pair
     blurred, noisy = folder / "blurred.tif", folder / "noisy.tif"
     estimate_file(blurred, tmp_path / "k.npz", options(uniform=True), noisy=noisy, run=Run(1))
@@ -124,7 +124,7 @@ def test_the_kernel_file_tells_how_it_came_about(pair, tmp_path):
     assert str(tmp_path) not in str(provenance)
 
 
-def test_a_registration_is_gone_by(pair, tmp_path):
+def test_a_given_registration_is_used(pair, tmp_path):
     folder, _ = pair
     blurred, noisy = folder / "blurred.tif", folder / "noisy.tif"
     file = tmp_path / "r.npz"
@@ -135,7 +135,7 @@ def test_a_registration_is_gone_by(pair, tmp_path):
     )
     np.testing.assert_array_equal(estimate.registration.theta, off)
     assert estimate.camera.source == "the registration"
-    # what it is wrong by has gone into the kernel
+    # the kernel has absorbed its error
     centroid = estimate.content.kernel.centroid / STEPS
     np.testing.assert_allclose(np.abs(centroid), [0, 2, 0], atol=0.5)
 

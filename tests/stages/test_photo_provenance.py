@@ -32,7 +32,7 @@ def content(provenance):
     return KernelFile(kernel, 1.0, provenance)
 
 
-def test_it_tells_what_was_done_to_what(photo):
+def test_it_has_the_options_and_the_inputs(photo):
     written = photo_provenance(
         photo,
         content({"camera": "EXIF", "scales": [1, 2]}),
@@ -64,7 +64,7 @@ def test_a_pair_names_both_photos(photo, tmp_path):
     assert written["options"]["method"] == "fusion"
 
 
-def test_a_registration_is_told_where_the_kernel_does_not_tell_it(photo):
+def test_a_registration_is_recorded_if_the_kernel_does_not_record_it(photo):
     camera = Camera.from_focal(10, 8, 12)
     one, other = (Registration(np.array([0, y, 0.0]), 2.0, 0.9, camera) for y in (0.1, 0.2))
     kernel_file = content({"registration": one.report()})
@@ -78,7 +78,7 @@ def test_a_registration_is_told_where_the_kernel_does_not_tell_it(photo):
     assert written[2]["registration"] == {"theta": [0, 0.2, 0], "scale": 2, "confidence": 0.9}
 
 
-def test_a_straightened_photo_says_so_for_good(photo):
+def test_a_straightened_photo_says_so_in_each_later_result(photo):
     pinhole = content({})
     lens = Camera.from_focal(10, 8, 12).with_lens(np.array([-0.1, 0, 0, 0]))
     bent = KernelFile(pinhole.kernel.for_camera(lens))
@@ -99,14 +99,14 @@ def test_a_kernel_of_many_words_does_not_swell_the_photo(photo):
     assert written["kernel"] == {}
 
 
-def test_no_path_is_told(photo, tmp_path):
+def test_no_path_is_recorded(photo, tmp_path):
     written = photo_provenance(photo, content({}), RestorationOptions())
     write_photo(tmp_path / "out.png", with_photo_provenance(photo, written))
     assert read_provenance(tmp_path / "out.png") == written
     assert str(tmp_path).encode() not in (tmp_path / "out.png").read_bytes()
 
 
-def test_damaged_xmp_is_said_to_be(photo, caplog):
+def test_damaged_xmp_is_reported(photo, caplog):
     damaged = with_photo_provenance(photo, {"deshake": "1"})
     object.__setattr__(damaged.metadata, "xmp", b"<rubbish/>")
     assert with_photo_provenance(damaged, {"deshake": "2"}).metadata.xmp == b"<rubbish/>"

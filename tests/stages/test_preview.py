@@ -58,7 +58,7 @@ def test_what_is_in_pixels_is_scaled(photo):
     assert (reduced.blur_size, reduced.estimator) == (1, "variational")
 
 
-def test_a_region_beyond_the_photo_is_told_in_its_pixels(photo):
+def test_a_region_beyond_the_photo_is_reported_in_its_pixels(photo):
     with pytest.raises(PhotoError, match="2720 x 1360"):
         preview_options(EstimateOptions(region=(0, 0, 3000, 10)), photo, preview_photo(photo))
 

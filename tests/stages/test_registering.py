@@ -40,7 +40,7 @@ def test_registrations_are_named_after_the_blurred_photo(tmp_path):
     assert registration_name(tmp_path / "a.b.jpg") == "a.b.registration.npz"
 
 
-def test_a_shift_is_found_and_written(pair, tmp_path):
+def test_a_shift_is_estimated_and_written(pair, tmp_path):
     options = replace(OPTIONS, transfer="linear")
     match = register_file(*pair, tmp_path / "r.npz", options, run=Run(1))
     read = read_registration(tmp_path / "r.npz")
@@ -99,7 +99,7 @@ def with_focal_length(path, millimetres, target):
     return target
 
 
-def test_a_zoom_between_the_two_is_told(pair, tmp_path):
+def test_a_zoom_between_the_two_is_an_error(pair, tmp_path):
     g = with_focal_length(pair[0], 35, tmp_path / "g.jpg")
     same = with_focal_length(pair[1], 35, tmp_path / "same.jpg")
     zoomed = with_focal_length(pair[1], 50, tmp_path / "zoomed.jpg")

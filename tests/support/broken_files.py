@@ -71,7 +71,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of it: exit code (None: none), stderr, processor time, peak memory in bytes."""
+    """The outcome: exit code (None: none), stderr, processor time, peak memory in bytes."""
 
     case: Case
     code: int | None
@@ -191,7 +191,7 @@ def _forget_peak() -> None:
 
 
 def _peak() -> float:
-    """Return the most memory that was resident since it was forgotten, in bytes."""
+    """Return the most memory that was resident since the last reset, in bytes."""
     status = Path("/proc/self/status").read_text("ascii")
     return 1024.0 * int(status.split("VmHWM:")[1].split()[0])
 

@@ -1,4 +1,4 @@
-"""A scene, shakes of every kind, and the photos that they make: the truth is in hand."""
+"""A scene, shakes of every kind, and the photos that they make, with known truth."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def _kernels() -> dict[str, RotationKernel]:
 
 @dataclass(frozen=True)
 class Laboratory:
-    """What shaken photos are made of, and how they are judged."""
+    """Makes shaken photos, and measures results."""
 
     shape: tuple[int, int] = (HEIGHT, WIDTH)
     camera: Camera = CAMERA
@@ -70,7 +70,7 @@ class Laboratory:
 
     @staticmethod
     def colours() -> Image:
-        """A scene whose three colours have nothing to do with each other."""
+        """A scene of three independent colours."""
         return np.stack([Laboratory.scene(seed) for seed in (5, 6, 7)], -1)
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""What other programs find in a photo's metadata, by kind of it."""
+"""The metadata of a photo as other programs read them, by their kinds."""
 
 from __future__ import annotations
 

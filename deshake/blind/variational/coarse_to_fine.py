@@ -142,11 +142,11 @@ def turn(image: Image, camera: Camera, theta: NDArray[np.float64]) -> Image:
 
 
 def latent_differences(f: Image, level: Level, theta: NDArray[np.float64]) -> Image:
-    """Make a scale's latent gradients the differences of its own pixels, turned by `theta`.
+    """Return the latent gradients as differences of the scale's own pixels, turned by `theta`.
 
-    Gradients are reduced to a scale as pictures are. They stay those of the finest pixels, and lie
-    half a finest pixel to the right of, or below, the middle of the coarser ones; differences lie
-    half a pixel of their own from it.
+    A scale's gradients `f` are reduced as a picture is: they are differences of the finest pixels.
+    They lie half a finest pixel right of, or below, the centre of a coarse pixel. Differences of
+    coarse pixels lie half a coarse pixel from it.
     """
     coarser = RATIO**level.index
     ahead = (1 - 1 / coarser) / 2
@@ -156,9 +156,9 @@ def latent_differences(f: Image, level: Level, theta: NDArray[np.float64]) -> Im
 def turned_gradients(
     gradients: Image, camera: Camera, theta: NDArray[np.float64], *, ahead: float = 0.0
 ) -> Image:
-    """Turn the gradients (2, h, w) of a picture by a little; no gradients lie beyond the frame.
+    """Turn the gradients (2, h, w) of a picture by a small rotation; beyond the frame they are 0.
 
-    Those to the right are then taken `ahead` pixels further right, those downward further down.
+    Gradients across are sampled `ahead` pixels further right, gradients down further down.
     """
     h = homographies(camera, theta)
     size = (camera.width, camera.height)

@@ -23,7 +23,7 @@ Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 BLUR_SHARES = (0.015, 0.025, 0.04, 0.06)
-"""Bounds of the blur that are tried where none is given, in longer sides of the photo."""
+"""Bounds of the blur to try if none is given, as shares of the photo's longer side."""
 
 
 def estimate_variational(
@@ -49,8 +49,8 @@ def estimate_variational(
     clipped : (h, w) array of bool, optional
         Pixels that are not used.
     blur_px : float, optional
-        Bound of the blur in pixels of the photo. By default the smallest of `BLUR_SHARES` whose
-        bounds the kernel does not touch at a coarse scale, or the one that it touches least.
+        Bound of the blur in pixels of the photo. By default the smallest of `BLUR_SHARES` that the
+        kernel does not touch at a coarse scale; if it touches all, the one that it touches least.
     region : (x, y, width, height), optional
         The part of the photo that the estimate uses; by default all of it.
     uniform : bool
@@ -59,8 +59,8 @@ def estimate_variational(
         Continue to the finest scale at any width of the blur. By default the estimate ends at the
         scale where the blur is 22 px wide.
     roll_rate : float
-        Rate of the prior on turns about the optical axis, `priors.ROLL_RATE`; 0 for none, where
-        the camera was not in a hand.
+        Rate of the prior on turns about the optical axis, as `priors.ROLL_RATE`; 0, no prior, for
+        a camera that was not in a hand.
     run : Run, optional
         Threads to use, and who receives the progress.
 

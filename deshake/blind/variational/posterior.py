@@ -56,7 +56,7 @@ class Posterior:
 
 
 def start(f: Image, w: ArrayLike, *, f_var: float = 1e-4, w_var: float = 1e-8) -> Posterior:
-    """Begin a scale with certain means: the blurred gradients or those of the scale before."""
+    """Return the first posterior of a scale: given means of small variance."""
     mean = np.asarray(w, np.float64)
     entropy = np.full(mean.shape, -0.5 * log(2 * pi * np.e * w_var))
     return Posterior(
@@ -95,8 +95,8 @@ def rectified_moments(x1: float, x2: float) -> tuple[float, float, float]:
 def gradient_precision(second: Image, prior: GaussianMixture) -> tuple[Image, float]:
     """Expected prior precision of each gradient, and the prior's part of C_KL.
 
-    The responsibilities are ``lam_ja ~ pi_a sqrt(gamma_a) exp(-gamma_a <f_j^2> / 2)``; returned are
-    ``Gam_j = sum_a lam_ja gamma_a`` and
+    The responsibilities are ``lam_ja ~ pi_a sqrt(gamma_a) exp(-gamma_a <f_j^2> / 2)``. The results
+    are ``Gam_j = sum_a lam_ja gamma_a`` and
     ``sum_ja lam_ja [ln lam_ja - ln pi_a - ln(gamma_a / 2 pi) / 2 + gamma_a <f_j^2> / 2]``.
     """
     gamma = prior.gamma.astype(np.float32)

@@ -121,5 +121,5 @@ borders. A true roll of tens of pixels outweighs it.
 
 
 def gradients(level: int) -> GaussianMixture:
-    """Prior of the gradients at a level of the pyramid: 0 finest, one a factor of sqrt(2)."""
+    """Return the prior of the gradients at a scale: 0 is the finest, one more a factor sqrt(2)."""
     return _GRADIENTS[min(level, len(_GRADIENTS) - 1)]

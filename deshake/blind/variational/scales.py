@@ -41,7 +41,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class ScaleReport:
-    """The result of one scale: its size, rotations, noise (of 0..256) and C_KL per gradient."""
+    """The result of one scale: size, rotations, noise (scaled photo, 0..256), C_KL per gradient."""
 
     height: int
     width: int
@@ -200,11 +200,11 @@ class ScaleByScale:
         )
 
     def _mask(self, level: Level, active: RotationKernel) -> Image:
-        """Observed pixels: they saw only the frame, and no clipped pixel is near."""
+        """Return the observed pixels: their light is from the frame, and none near is clipped."""
         mask = observation_mask(level.camera, active.theta)
         if not self.usable.all():
             usable = resize(self.usable.astype(np.float32)[None], level.camera.shape)[0] > 1 - 1e-3
-            # a difference needs both its pixels; further away the linear model holds
+            # a difference needs both its pixels; a clipped pixel further away does no harm
             mask *= cv2.erode(usable.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1)
         if mask.mean() < SETTINGS.least_observed:
             msg = "too few pixels are left that are neither clipped nor near the border"

@@ -113,7 +113,7 @@ class VariationalModel:
         d2 = squares.adjoint(self.mask[None])
         x2 = beta * np.maximum(d1 + d2, 0) + gam
         spread = self._kernel_spread(q.w_var)
-        # the part of the kernel's variances has D2 as its diagonal, and stays symmetric
+        # approximate the part of the kernel's variances: symmetric, with D2 as its diagonal
         root = np.sqrt(np.maximum(d2, 0) / max(float(spread[1, 1]), 1e-30))[0]
 
         def system(f: Image) -> Image:
@@ -141,9 +141,9 @@ class VariationalModel:
     def update_kernel(self, q: Posterior, problem: KernelProblem, *, sweeps: int = 10) -> Posterior:
         """Update q(w) by Gauss-Seidel sweeps, each weight's factor exactly in turn.
 
-        ``x2_k = beta G_kk`` and ``x1_k = beta (h_k - sum_{l != k} G_kl W_l) - R_k``, where R_k
-        counts the rate of the roll's prior too. The Gram
-        matrix is approximate, the gradient is not: ``h = B^T r + B^T B W``.
+        ``x2_k = beta G_kk`` and ``x1_k = beta (h_k - sum_{l != k} G_kl W_l) - R_k``. R_k includes
+        the rate of the roll's prior. The Gram matrix is approximate, the gradient is not:
+        ``h = B^T r + B^T B W``.
         """
         residual = np.moveaxis(self._residual(q), 0, -1)
         gram = problem.gram

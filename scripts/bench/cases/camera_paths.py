@@ -48,7 +48,7 @@ def exposed(times: Angles, turned: Angles, start: float, exposure: float) -> Ang
 
 
 def extents(theta: Angles, focal: float, diagonal: float) -> Angles:
-    """Return what turns about X, Y and Z move at the most, in pixels."""
+    """Return the largest displacements by turns about X, Y and Z, in pixels."""
     turned: Angles = np.ptp(theta, axis=0) * [focal, focal, diagonal / 2]
     return turned
 
@@ -102,7 +102,7 @@ def sampled(theta: Angles, count: int) -> Angles:
 
 
 def warps_for(theta: Angles, frame: tuple[float, int, int], extent: float) -> int:
-    """Return how many warps a path takes: one every half pixel, as far as it is worth the time."""
+    """Return how many warps a path takes: one every half pixel, up to a limit."""
     place = moved(theta, *frame)
     length = np.linalg.norm(np.diff(place, axis=0), axis=-1).max(1).sum()
     most = MOST_WARPS

@@ -2,7 +2,7 @@
 
 A mosaic of a photo in colour, which a development dependency ships, is blurred along a random path
 about all three axes and gets white noise; nothing clips. A kernel has the rotations of the camera's
-grid that lie nearest to such a path, which is longer the fewer they are, so that the extent is the
+grid that lie nearest to such a path. The fewer rotations, the longer the path: the extent is the
 same.
 """
 

@@ -43,7 +43,7 @@ BRIGHTEST = np.float32(0.95)
 
 
 class ToneCurve(NamedTuple):
-    """What a camera makes of light: a gain, the strength of its S, and the black that it cuts."""
+    """A camera's tone curve: a gain, the strength of its S, and the black that it cuts off."""
 
     gain: float
     contrast: float

@@ -3,9 +3,9 @@
 Each photo, which a development dependency ships, is enlarged twice and blurred along a path about
 all three axes by an exact warp every half pixel; then it is reduced and cropped, so that neither
 what lies beyond its border nor the operator is known. Some paths are those of recorded hands, some
-are drawn at random. Some photos are kept as they are but for white noise; others get the noise of
-their photons and of the readout and become 8-bit JPEGs. Night scenes are exposed until their lights
-clip; two of them get lamps that are a hundred times as bright as white.
+are drawn at random. Some photos get only white noise. Others get the noise of their photons and of
+the readout, and become 8-bit JPEGs. Night scenes are exposed until their lights clip; two of them
+get lamps that are a hundred times as bright as white.
 """
 
 from __future__ import annotations
@@ -156,7 +156,7 @@ def lit(scene: Image, lamps: int, rng: np.random.Generator) -> Image:
 def hand_path(logs: Sequence[Path], rng: np.random.Generator) -> NDArray[np.float64]:
     """Cut a window as long as an exposure out of a log.
 
-    Returned are orientations (T, 3) of the camera against its middle one.
+    The result is the orientations (T, 3) of the camera against its middle one.
     """
     times, matrices = read_recording(logs[rng.integers(len(logs))])
     exposure = rng.uniform(*EXPOSURES)
@@ -172,7 +172,7 @@ def path_of(case: Shake, camera: Camera, logs: Sequence[Path]) -> CameraPath:
         return random_path(camera, case.extent, seed=case.seed).centred(camera)
     theta = hand_path(logs, np.random.default_rng(case.seed))
     theta = theta - theta.mean(0)
-    for _ in range(3):  # displacements are all but linear in the angles
+    for _ in range(3):  # displacements are nearly linear in the angles
         theta *= case.extent / CameraPath(theta).extent_px(camera)
     return CameraPath(theta).centred(camera)
 

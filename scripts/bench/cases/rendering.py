@@ -1,9 +1,9 @@
 """Render the cases of `bench.cases.shakes`.
 
-Nothing of deshake is used here, so that no error of its own can hide. A scene is reduced in linear
-light to the size that is wanted, with a margin; a recorded hand turns the camera, and exact warps
-are averaged at about every half pixel of its path. Pixels that lack a part of it are cropped. The
-noise of photons and readout comes on top, and a JPEG with EXIF, or a 16-bit PNG, is written.
+Nothing of deshake is used here, so that no error of deshake can hide. A scene is reduced in linear
+light to the wanted size, with a margin. A recorded hand turns the camera, and exact warps are
+averaged at about every half pixel of its path. Pixels that lack a part of the path are cropped. The
+noise of photons and readout is added, and a JPEG with EXIF, or a 16-bit PNG, is written.
 """
 
 from __future__ import annotations

@@ -109,10 +109,10 @@ def await_more(folder: Path, process: subprocess.Popen[bytes]) -> None:
 def kills(
     folder: Path, photos: int, broken: int, times: int, words: Sequence[str], *, spread: float = 0.5
 ) -> bool:
-    """Kill a run time and again, resume it, and compare with one that was left alone.
+    """Kill a run again and again, resume it, and compare with one that nobody disturbed.
 
-    Most kills come once a result was begun, and up to a part of a run's time later: all
-    those parts together are the spread.
+    Most kills come after a result was begun, at a random time within `spread` / (`times` + 1) of
+    the time of a run.
     """
     source, alone, killed = (folder / name for name in ("in", "alone", "killed"))
     write_photos(source, photos, broken)

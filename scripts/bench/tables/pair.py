@@ -1,4 +1,4 @@
-"""Deblur photos with the help of noisy ones, on pairs that are made here with the truth in hand.
+"""Deblur photos with the help of noisy ones, on pairs that are made here with known truth.
 
     python scripts/bench.py pair --data DIR
     python scripts/bench.py pair --data DIR --cases "coffee*; *0.06" --blind --crops out

@@ -4,7 +4,7 @@
     python scripts/bench.py pair-cost --rotations 300 3000 20000 --megapixels
 
 The blurred photos are mosaics (`bench.cases.mosaics`). The other one is the mosaic itself with
-noise, a sixteenth as bright and in the same frame, which is searched for all the same. Stages run
+noise, a sixteenth as bright and in the same frame, which the registration does not know. Stages run
 one after the other in a process of their own. Memory is the peak of this process by the end of the
 stage, with its libraries and both photos.
 

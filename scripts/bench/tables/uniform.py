@@ -68,7 +68,7 @@ class Level(NamedTuple):
 
 
 class Truth:
-    """The sharp photo that a deblurred one is held against.
+    """The sharp photo that a deblurred one is compared with.
 
     Parameters
     ----------

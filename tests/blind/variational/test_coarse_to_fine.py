@@ -158,7 +158,7 @@ def differences(picture: np.ndarray) -> np.ndarray:
 
 
 def misfit(ours: np.ndarray, want: np.ndarray) -> float:
-    """Of gradients away from the border, as a share of those that are wanted."""
+    """Error of gradients away from the border, as a share of the wanted ones."""
     inner = np.s_[:, 4:-4, 4:-4]
     return float(np.linalg.norm((ours - want)[inner]) / np.linalg.norm(want[inner]))
 

@@ -94,7 +94,7 @@ def watched(shots: dict[str, Shot]) -> dict[str, Watched]:
 
 @pytest.fixture
 def few_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let estimates take a few iterations at each scale: enough where others prove how good."""
+    """Let estimates take a few iterations at each scale; other tests prove the quality."""
     monkeypatch.setattr(scales, "SETTINGS", replace(SETTINGS, iterations=4))
 
 
@@ -206,7 +206,7 @@ def test_a_region_speaks_for_the_whole_photo(shot: Shot) -> None:
 
 
 @pytest.mark.usefixtures("few_iterations")
-def test_clipped_pixels_are_not_believed(shot: Shot) -> None:
+def test_clipped_pixels_are_ignored(shot: Shot) -> None:
     clipped = np.zeros(shot.photo.shape, bool)
     clipped[24:40, 40:60] = True
     photo = np.where(clipped, np.float32(1), shot.photo)
@@ -275,13 +275,13 @@ def test_photos_and_bounds_must_fit(shape: tuple[int, int], blur: float, words: 
 
 
 @pytest.mark.parametrize("value", [0.0, 0.5, 1.0])
-def test_a_flat_photo_has_nothing_to_go_by(value: float) -> None:
+def test_a_flat_photo_is_an_error(value: float) -> None:
     photo = np.full((100, 120), value, np.float32)
     with pytest.raises(EstimationError, match="no detail"):
         estimate_variational(photo, Camera.from_focal(120.0, 100, 120), blur_px=8)
 
 
-def test_a_photo_all_clipped_has_nothing_to_go_by(shot: Shot) -> None:
+def test_a_photo_all_clipped_is_an_error(shot: Shot) -> None:
     clipped = np.ones(shot.photo.shape, bool)
     with pytest.raises(EstimationError, match="clipped"):
         estimate_variational(shot.photo, CAMERA, clipped=clipped, blur_px=BOUND)
