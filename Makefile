@@ -12,11 +12,12 @@ STAMP := $(VENV)/.installed
 CODE := deshake scripts tests
 
 # Two to four files of tests at a time, so that what the tests of a file share is made once; each
-# of them uses one thread for its linear algebra. Files marked as long begin first.
+# of them uses one thread for its linear algebra. Files marked as long begin first. Python keeps what
+# it compiled, whatever the environment says: tests start many programs.
 WORKERS ?= $(shell n=$$(getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2); \
 	if [ "$$n" -lt 2 ]; then n=2; fi; if [ "$$n" -gt 4 ]; then n=4; fi; echo $$n)
 
-PYTEST = OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PY) -m pytest -n $(WORKERS) \
+PYTEST = PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PY) -m pytest -n $(WORKERS) \
 	--dist loadfile --no-loadscope-reorder
 
 export PHOTO

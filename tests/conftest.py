@@ -163,13 +163,20 @@ def _no_file_of_the_developer(tmp_path_factory: pytest.TempPathFactory) -> Itera
 
 
 @pytest.fixture
-def deshake(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> Callable[..., Outcome]:
-    """Run the command line in this process, as its entry point does."""
+def environment(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    """Take the developer's settings out of the environment; what a test sets stays for it."""
     for name in list(os.environ):
         if name == "NO_COLOR" or name.startswith("DESHAKE_"):
             monkeypatch.delenv(name)
+    return monkeypatch
+
+
+@pytest.fixture
+def deshake(
+    capsys: pytest.CaptureFixture[str],
+    environment: pytest.MonkeyPatch,  # noqa: ARG001 - without the developer's settings
+) -> Callable[..., Outcome]:
+    """Run the command line in this process, as its entry point does."""
 
     def run(*args: object) -> Outcome:
         capsys.readouterr()

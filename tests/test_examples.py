@@ -11,6 +11,8 @@ import pytest
 
 import deshake
 
+pytestmark = pytest.mark.long
+
 WALK = Path(__file__).parent.parent / "docs" / "python.md"
 RESULTS = {"Estimate", "KernelFile", "Registration", "Simulation"}
 """Types that a user receives and never makes: the examples of the functions show them."""

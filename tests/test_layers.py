@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -118,6 +119,34 @@ def test_imports_run_downward(module: Path) -> None:
 
 def test_rules_run_downward() -> None:
     assert circle(ALLOWED) == []
+
+
+def test_the_floors_are_those_of_the_drawing() -> None:
+    """The rooms by what they import in fact; `pytest -s` draws the floors."""
+    rooms: dict[str, set[str]] = {room: set() for room in ALLOWED}
+    for module in MODULES:
+        if (room := module.parts[0]) in rooms:
+            source = (PACKAGE / module).read_text("utf-8")
+            rooms[room] |= imported_rooms(source, home_of(module)) & set(rooms) - {room}
+    order = TopologicalSorter(rooms)
+    order.prepare()
+    floors: list[tuple[str, ...]] = []
+    while ready := order.get_ready():
+        floors.append(ready)
+        order.done(*ready)
+    for floor in reversed(floors):
+        lines = [f"{room} -> {' '.join(sorted(rooms[room]))}" for room in sorted(floor)]
+        print(*lines, "-" * 40, sep="\n")  # noqa: T201 - the drawing
+    assert set(floors[0]) == {"geometry", "metadata"}
+    assert set(floors[-1]) == {"api", "cli"}
+    design = (TESTS.parent / "DESIGN.md").read_text("utf-8")
+    [first] = re.findall(r"^    (cli -> .*)$", design, re.MULTILINE)
+    drawn = [re.findall(r"[a-z]+", floor) for floor in first.split("->")]
+    assert len(drawn) == 6
+    for number, floor in enumerate(drawn):
+        above = {room for higher in drawn[:number] for room in higher}
+        for room in floor:
+            assert not rooms[room] & above, room
 
 
 def test_every_room_has_its_rule() -> None:

@@ -15,7 +15,10 @@ from PIL import Image
 MAKEFILE = Path(__file__).parent.parent / "docs" / "Makefile.example"
 FAST = "--focal-35mm 40 --blur-size 3 --uniform --estimator edges"
 
-pytestmark = pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
+pytestmark = [
+    pytest.mark.skipif(shutil.which("make") is None, reason="needs make"),
+    pytest.mark.long,
+]
 
 
 @pytest.fixture

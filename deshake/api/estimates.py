@@ -31,7 +31,7 @@ __all__ = ["estimate_blind", "estimate_pair", "register"]
 
 _log = logging.getLogger(__name__)
 
-_WIDEST_DEGREES = 45.0
+_WIDEST_DEGREES = 45.0  # degrees: a larger angle is an error
 
 
 def estimate_blind(

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
     from multiprocessing.context import BaseContext
     from multiprocessing.process import BaseProcess
-    from types import TracebackType
 
     from deshake.batch.memory import Budget
     from deshake.batch.plan import Job
@@ -148,12 +147,7 @@ class _Pool:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         workers = [*self._idle, *self._busy.values()]
         for worker in workers:
             worker.process.terminate()

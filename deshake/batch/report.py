@@ -24,7 +24,6 @@ from deshake.pictures.report_pictures import room_for
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from types import TracebackType
 
     from deshake.batch.plan import Job
     from deshake.batch.task import Result
@@ -151,12 +150,7 @@ class Report:
         self._waiting = tempfile.TemporaryFile(dir=self._place.page.parent)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._waiting is not None:
             self._waiting.close()
         for path in self._made:  # a page that was not written leaves no pictures

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 __all__ = ["command"]
 
-_BLUR_PX = 20.0
+_BLUR_PX = 20.0  # px: extent of a random blur, if none is given
 
 
 @click.command(

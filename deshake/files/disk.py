@@ -234,7 +234,7 @@ def _reading(name: str, error: type[DeshakeError]) -> Iterator[None]:
         raise error(_reason(cause), file=name) from cause
 
 
-_PIECE = 1 << 20
+_PIECE = 1 << 20  # bytes that are read at once
 
 
 def _read_at_most(stream: BinaryIO, limit: int) -> bytes | None:

@@ -48,8 +48,8 @@ __all__ = [
 MAX_WEIGHTS: Final = 2_000_000
 """Rotations of the largest kernel that is read."""
 
-_MAX_BYTES: Final = 32 * MAX_WEIGHTS + 4 * MAX_TEXT + (1 << 20)
-_SUM_TOLERANCE: Final = 1e-6
+_MAX_BYTES: Final = 32 * MAX_WEIGHTS + 4 * MAX_TEXT + (1 << 20)  # a larger file is an error
+_SUM_TOLERANCE: Final = 1e-6  # weights whose sum differs from 1 by more are an error
 _ROUNDING: Final = 1e-12  # a sum this close to 1 counts as 1: a division would only add noise
 _KERNEL_FIELDS: Final = {
     "theta": Field("f", (None, 3), 3 * MAX_WEIGHTS),

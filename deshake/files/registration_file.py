@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
 __all__ = ["RegistrationFile", "read_registration", "registration_bytes", "write_registration"]
 
-_MAX_BYTES: Final = 4 * MAX_TEXT + (1 << 20)
-_SCALE_RANGE: Final = (1e-6, 1e6)
+_MAX_BYTES: Final = 4 * MAX_TEXT + (1 << 20)  # a larger file is an error
+_SCALE_RANGE: Final = (1e-6, 1e6)  # of photometric factors; beyond it is an error
 _FIELDS: Final = {
     **CAMERA_FIELDS,
     "theta": Field("f", (3,)),

@@ -46,7 +46,7 @@ CAMERA_FIELDS: Final = {
 }
 """The arrays of a camera."""
 
-_MAX_SIDE: Final = 1_000_000
+_MAX_SIDE: Final = 1_000_000  # px: a larger side of a picture is an error
 _FOCAL_RANGE: Final = (1e-2, 1e5)  # in longer sides of the photo; the uniform model has 1000
 
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 __all__ = ["decode_avif", "encode_avif"]
 
-_QUALITY: Final = 95
+_QUALITY: Final = 95  # of 100, for 8 bits without opacity; others are lossless
 _LOSSLESS: Final = 100
 _SUBSAMPLING: Final = ("4:4:4", "4:2:2", "4:2:0")
 _GAIN_MAP: Final = b"tmap"

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["Item", "canon_exif", "item_properties", "metadata_items", "read_boxes"]
 
 _CANON: Final = bytes.fromhex("85c0b687820f11e08111f4ce462b6a48")
-_MAX_BOXES: Final = 4096
+_MAX_BOXES: Final = 4096  # boxes, or items, of one list; further ones are ignored
 
 
 class Item(NamedTuple):

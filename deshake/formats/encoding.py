@@ -83,9 +83,9 @@ MAX_PIXELS = 300_000_000
 """Pixels of the largest picture that is decoded: 1.5 times those of a 200 MP camera."""
 
 _LARGE = 16_000_000  # pixels
-_PIXELS_A_BYTE = 100
-_MEGAPIXEL = 1_000_000
-_STATED_A_BYTE = 500
+_PIXELS_A_BYTE = 100  # more, in a large picture, are an error
+_MEGAPIXEL = 1_000_000  # pixels
+_STATED_A_BYTE = 500  # of a file of boxes: more, in a large picture, are an error
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 __all__ = ["profile_transfer"]
 
 _HEADER = 128
-_MAX_TAGS = 256
+_MAX_TAGS = 256  # further tags are ignored
 _PARAMETERS = ("g", "gab", "gabc", "gabcd", "gabcdef")  # of the function types 0 to 4
 _SAMPLES = 4096  # number, for a parametric curve that is neither sRGB nor a power
 _TOLERANCE = 5e-4  # in linear light: profiles hold sRGB as a table or as rounded numbers

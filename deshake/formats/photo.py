@@ -51,7 +51,7 @@ __all__ = [
 
 _log = logging.getLogger(__name__)
 
-_MAX_BYTES = 4 << 30
+_MAX_BYTES = 4 << 30  # a larger file is an error
 _DECODERS: dict[Format, Callable[[bytes], Decoded]] = {
     "JPEG": decode_jpeg,
     "PNG": decode_png,

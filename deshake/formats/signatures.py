@@ -42,7 +42,7 @@ _DNG_VERSION: Final = 50706
 _COMPRESSION, _PHOTOMETRIC, _SUB_IFDS = 259, 262, 330
 _MOSAICS: Final = {32803, 34892}  # colour filter array, and the linear light of a DNG
 _SENSOR_CODES: Final = {32767, 32769, 32770, 34713, 65000, 65535}  # makers' own compression
-_MAX_DIRECTORIES: Final = 16
+_MAX_DIRECTORIES: Final = 16  # further ones are ignored
 
 
 def photo_format(data: bytes, suffix: str = "") -> Format:

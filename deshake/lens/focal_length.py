@@ -42,7 +42,7 @@ __all__ = ["FULL_FRAME_DIAGONAL", "FocalLength", "assumed_focal_length", "focal_
 FULL_FRAME_DIAGONAL: Final = math.hypot(36, 24)
 """Diagonal of the 35 mm frame in millimetres, 43.27."""
 
-_ASSUMED_35MM: Final = 50.0
+_ASSUMED_35MM: Final = 50.0  # mm on 35 mm film, where nothing is known
 _RANGE: Final = (0.1, 100.0)  # sensible focal lengths, in diagonals of the picture
 _HINT: Final = (
     "give the focal length with --focal-35mm MM (35 mm equivalent) or --focal-px PIXELS, or find "

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from deshake.blind.variational.coarse_to_fine import turn
 from deshake.geometry.rotations import compose, grid_steps
+from deshake.pair.registration_settings import SETTINGS
 
 if TYPE_CHECKING:
     from deshake.geometry.camera import Camera
@@ -25,16 +26,7 @@ __all__ = ["align", "likeness", "seen_in_frame", "smooth"]
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-_SMOOTH_PX = 2.5  # sigma before fitting
-_SLOW_PX = 12.0  # sigma: slower variations are removed
-_ITERATIONS = 12  # Gauss-Newton steps at most
-_ENOUGH_PX = 0.01  # px at the frame's edge: a shorter step ends the iteration
-_LONGEST_STEP_PX = 2.0  # px at the frame's edge: longer steps are shortened to it
-_HUBER = 2.0  # sigmas: larger residuals get less weight
 _MAD = 1.4826  # standard deviation per median absolute deviation of normal noise
-_LEAST_PIXELS = 100  # shared pixels: with fewer, there is no fit and no likeness
-_BLOCKS = 4  # blocks down and across the frame; each gives a likeness of its own
-_FINE_PX, _COARSE_PX = 0.75, 8.0  # sigmas of the details that likeness compares
 
 
 def align(
@@ -62,13 +54,13 @@ def align(
     """
     steps = grid_steps(camera)
     fields = _turning_fields(camera) * steps[:, None, None, None]
-    smooth_a = smooth(a, _SMOOTH_PX, _SLOW_PX)
+    smooth_a = smooth(a, SETTINGS.smooth_px, SETTINGS.slow_px)
     best, best_score = theta, -1.0
-    for _ in range(_ITERATIONS):
+    for _ in range(SETTINGS.iterations):
         turned, mask = seen_in_frame(a, b, camera, theta)
-        turned = smooth(turned, _SMOOTH_PX, _SLOW_PX)
-        mask = _within(mask, _SMOOTH_PX)
-        if mask.sum() < _LEAST_PIXELS:
+        turned = smooth(turned, SETTINGS.smooth_px, SETTINGS.slow_px)
+        mask = _within(mask, SETTINGS.smooth_px)
+        if mask.sum() < SETTINGS.least_pixels:
             break
         score = _correlation(smooth_a[mask], turned[mask])
         if score > best_score:
@@ -78,8 +70,10 @@ def align(
         fit = _robust_fit(np.stack([column[mask] for column in columns], 1), smooth_a[mask])
         step = fit[:3] / max(fit[3], 0.2)  # pixels at the frame's edge
         longest = float(np.abs(step).max())
-        theta = compose(step * steps * min(1.0, _LONGEST_STEP_PX / max(longest, 1e-9)), theta)
-        if longest < _ENOUGH_PX:
+        theta = compose(
+            step * steps * min(1.0, SETTINGS.longest_step_px / max(longest, 1e-9)), theta
+        )
+        if longest < SETTINGS.enough_px:
             break
     return best, best_score
 
@@ -95,13 +89,13 @@ def likeness(a: Image, b: Image, camera: Camera, theta: NDArray[np.float64]) -> 
 
     """
     turned, mask = seen_in_frame(a, b, camera, theta)
-    mask = _within(mask, 2 * _FINE_PX)
-    if mask.sum() < _LEAST_PIXELS:
+    mask = _within(mask, 2 * SETTINGS.fine_px)
+    if mask.sum() < SETTINGS.least_pixels:
         return 0.0
-    details = smooth(a, _FINE_PX, _COARSE_PX)
+    details = smooth(a, SETTINGS.fine_px, SETTINGS.coarse_px)
     # The other picture is the sharper one.
-    others = smooth(turned, 2 * _FINE_PX, _COARSE_PX)
-    rows, columns = (np.linspace(0, side, _BLOCKS + 1).astype(int) for side in a.shape)
+    others = smooth(turned, 2 * SETTINGS.fine_px, SETTINGS.coarse_px)
+    rows, columns = (np.linspace(0, side, SETTINGS.blocks + 1).astype(int) for side in a.shape)
     blocks = []
     for top, bottom in pairwise(rows):
         for left, right in pairwise(columns):
@@ -154,7 +148,7 @@ def _robust_fit(A: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.fl
         p = np.linalg.solve(normal + np.diag(damping), A64.T @ (weights * b64))
         residual = np.abs(b64 - A64 @ p)
         sigma = _MAD * float(np.median(residual)) + 1e-12
-        weights = np.minimum(1, _HUBER * sigma / np.maximum(residual, 1e-12))
+        weights = np.minimum(1, SETTINGS.huber * sigma / np.maximum(residual, 1e-12))
     return np.asarray(p, np.float64)
 
 

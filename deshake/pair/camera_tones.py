@@ -11,6 +11,7 @@ dark, its tones are matched locally (`local_tones`).
 from __future__ import annotations
 
 import contextlib
+from dataclasses import dataclass
 from math import ceil
 from typing import TYPE_CHECKING, Final
 
@@ -37,19 +38,51 @@ __all__ = ["blurred_planes", "camera_pair", "fitted_factor", "needs_curves", "wi
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-_FARTHEST: Final = (0.8, 1.25)  # range of the factor, relative to the registration's; clipped to it
-_SMOOTH_PX: Final = 1.5  # px: sigma before curves, where both photos have the same blur
-_BROAD_PX: Final = 3.0  # px: sigma of the light before the test for curves
-_SMOOTHED_PX: Final = 0.5  # px: sigma before curves of light that is smooth already
-_BETTER: Final = 0.5  # share of the squared error left by curves: cameras 0.05 to 0.32, linear 0.7
-_SPREAD: Final = np.float32(1.5)  # noise near edges over noise in flat areas
-_WRONG: Final = (
-    0.2  # error over contrast of colours: simulated cameras 0.04 to 0.12, real 0.27 to 1.1
-)
-_MISFIT: Final = (
-    0.15  # `NoisyPhoto.misfit` for wrong colours: coarse noise looks like kernel errors
-)
-_EVEN: Final = 0.03  # least variance of the noise, in shares of its mean
+
+@dataclass(frozen=True)
+class _Settings:
+    """Thresholds of the tone matching.
+
+    `better` and `wrong` lie between what was measured on simulated and on real cameras, as said
+    below. No record says what the other values were tuned on.
+
+    Parameters
+    ----------
+    farthest : two floats
+        Range of the factor, relative to the registration's; others are clipped to it.
+    smooth_px : float
+        Px: sigma before curves, where both photos have the same blur.
+    broad_px : float
+        Px: sigma of the light before the test for curves.
+    smoothed_px : float
+        Px: sigma before curves of light that is smooth already.
+    better : float
+        Share of the squared error that curves leave: with more, one factor is used. Cameras
+        leave 0.05 to 0.32, linear photos 0.7.
+    spread : float32
+        Noise near edges over noise in flat areas.
+    wrong : float
+        Error over contrast of colours: with more, tones are matched locally. Simulated
+        cameras have 0.04 to 0.12, real ones 0.27 to 1.1.
+    misfit : float
+        `NoisyPhoto.misfit` for wrong colours: coarse noise looks like errors of the kernel.
+    even : float
+        Least variance of the noise, in shares of its mean.
+
+    """
+
+    farthest: tuple[float, float] = (0.8, 1.25)
+    smooth_px: float = 1.5
+    broad_px: float = 3.0
+    smoothed_px: float = 0.5
+    better: float = 0.5
+    spread: np.float32 = np.float32(1.5)
+    wrong: float = 0.2
+    misfit: float = 0.15
+    even: float = 0.03
+
+
+_SETTINGS: Final = _Settings()
 _STEP: Final = np.float32(1 / 512)  # display values: half the step of a difference quotient
 _DISPLAY: Final = Srgb()
 
@@ -69,7 +102,7 @@ def fitted_factor(g: Image, Af: Image, usable: Mask, blur: ShakeBlur) -> float:
         product += float(np.sum(one * other, where=inside, dtype=np.float64))
         power += float(np.sum(other * other, where=inside, dtype=np.float64))
     scale = product / power if power > 0 else 1.0
-    return float(np.clip(scale, *_FARTHEST))
+    return float(np.clip(scale, *_SETTINGS.farthest))
 
 
 def needs_curves(g: Image, Af: Image, mask: Mask) -> bool:
@@ -90,20 +123,20 @@ def needs_curves(g: Image, Af: Image, mask: Mask) -> bool:
         As `tone_curves` does.
 
     """
-    side = 2 * ceil(_BROAD_PX) + 1
+    side = 2 * ceil(_SETTINGS.broad_px) + 1
     inside = cv2.erode(mask.astype(np.uint8), np.ones((side, side), np.uint8), borderValue=0) > 0
     factor = curved = 0.0
     for plane, other in zip(channels_first(g), Af, strict=True):
         # averaged in linear light, where noise has no bias, then as display values
         x, y = (
-            _shown(np.asarray(cv2.GaussianBlur(light, (0, 0), _BROAD_PX), np.float32))
+            _shown(np.asarray(cv2.GaussianBlur(light, (0, 0), _SETTINGS.broad_px), np.float32))
             for light in (other, plane)
         )
-        [curve] = tone_curves(x, y, inside, smooth_px=_SMOOTHED_PX)
+        [curve] = tone_curves(x, y, inside, smooth_px=_SETTINGS.smoothed_px)
         x, y = x[inside], y[inside]
         factor += float(np.square(x - y).sum(dtype=np.float64))
         curved += float(np.square(curve(x) - y).sum(dtype=np.float64))
-    return curved < _BETTER * factor
+    return curved < _SETTINGS.better * factor
 
 
 def camera_pair(
@@ -125,7 +158,7 @@ def camera_pair(
         if needs_curves(g, Af, mask):
             noisy = with_tones_of(g, f_N, registration, blur, mask, run=run)
             Af = blurred_planes(noisy.denoised, blur)
-            strict = noisy.misfit == _MISFIT  # its colours were wrong
+            strict = noisy.misfit == _SETTINGS.misfit  # its colours were wrong
             return noisy, local_trust(g, Af, mask, blur.margin, strict=strict)
     return None, np.ones(mask.shape, np.float32)
 
@@ -180,7 +213,7 @@ def with_tones_of(
     for c, (curve, tone) in enumerate(zip(curves, shown, strict=True)):
         Af = blurred_planes(_light(curve(smooth[c]))[None], blur)[0]
         before = curve.inverse(_shown(Af))
-        curves[c] = tone_curves(before, tone, mask, smooth_px=_SMOOTH_PX)[0]
+        curves[c] = tone_curves(before, tone, mask, smooth_px=_SETTINGS.smooth_px)[0]
     variance = np.zeros(g.shape[:2], np.float32)
     for c, (curve, sigma) in enumerate(zip(curves, sigmas, strict=True)):
         steepness = _slope(curve, smooth[c])
@@ -188,18 +221,18 @@ def with_tones_of(
         noise = steepness * (noisy[c] - smooth[c])
         smooth[c] = _light(curve(smooth[c]))
         noisy[c] = smooth[c] + noise
-    variance *= _SPREAD**2 / np.float32(len(curves))
+    variance *= _SETTINGS.spread**2 / np.float32(len(curves))
     misfit = NoisyPhoto.misfit
     Af = blurred_planes(smooth, blur)
-    if wrong_colours(g, Af, mask, blur.margin) > _WRONG:
+    if wrong_colours(g, Af, mask, blur.margin) > _SETTINGS.wrong:
         tones = local_tones(g, Af, mask, blur.margin)
         noisy -= smooth
         noisy *= tones.gain
         smooth = tones(smooth)
         noisy += smooth
-        misfit = _MISFIT
+        misfit = _SETTINGS.misfit
     slope, floor = fitted_noise(smooth.mean(0)[mask], variance[mask])
-    least = _EVEN * float(variance[mask].mean(dtype=np.float64))
+    least = _SETTINGS.even * float(variance[mask].mean(dtype=np.float64))
     return NoisyPhoto(noisy, smooth, slope, max(floor, least), misfit)
 
 

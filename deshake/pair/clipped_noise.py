@@ -19,7 +19,8 @@ regression of J. Tobin, "Estimation of relationships for limited dependent varia
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -33,10 +34,32 @@ __all__ = ["unclipped_mean"]
 
 Image = NDArray[np.float32]
 
-_WINDOW = 11  # px: side of a window
-_INFORMATIVE = (0.1, 0.9)  # shares of zeros: windows outside this range do not estimate sigma
-_FEWEST = 0.003  # share of all windows: with fewer informative ones, nothing changes
-_LEAST_ZEROS, _MOST_ZEROS = 1e-4, 0.5  # shares of zeros are clipped to them: no mean is below 0
+
+@dataclass(frozen=True)
+class _Settings:
+    """Thresholds of the correction. No record says what the values were tuned on.
+
+    Parameters
+    ----------
+    window : int
+        Px: side of a window.
+    informative : two floats
+        Shares of zeros: windows outside this range do not estimate sigma.
+    fewest : float
+        Share of all windows: with fewer informative ones, nothing changes.
+    least_zeros, most_zeros : float
+        Shares of zeros are clipped to them: no mean is below 0.
+
+    """
+
+    window: int = 11
+    informative: tuple[float, float] = (0.1, 0.9)
+    fewest: float = 0.003
+    least_zeros: float = 1e-4
+    most_zeros: float = 0.5
+
+
+_SETTINGS: Final = _Settings()
 _BAND = 512  # rows that are processed at once
 
 
@@ -76,28 +99,31 @@ def _excess(plane: Image) -> Image:
     out = np.zeros(plane.shape, np.float32)
     parts = bands(len(plane), _BAND)
     sigmas = np.concatenate([_sigmas(_windows(plane, band)) for band in parts])
-    if len(sigmas) < max(_FEWEST * plane.size, 1):
+    if len(sigmas) < max(_SETTINGS.fewest * plane.size, 1):
         return out
     sigma = float(np.median(sigmas))
     for band in parts:
         window = _windows(plane, band)
-        a = -ndtri(np.clip(window.zeros, _LEAST_ZEROS, _MOST_ZEROS))
+        a = -ndtri(np.clip(window.zeros, _SETTINGS.least_zeros, _SETTINGS.most_zeros))
         excess = sigma * (_density(a) - a * ndtr(-a))
-        there = (window.zeros > _LEAST_ZEROS) & window.noise
+        there = (window.zeros > _SETTINGS.least_zeros) & window.noise
         out[band] = np.where(there, excess, 0)
     return out
 
 
 def _windows(plane: Image, band: slice) -> _Window:
     """Measure the window around each pixel of a band."""
-    around, own = with_halo(band, _WINDOW // 2, len(plane))
+    around, own = with_halo(band, _SETTINGS.window // 2, len(plane))
     rows = np.ascontiguousarray(plane[around], np.float32)
     zero = rows == 0  # below 0 nothing was clipped
     changes = np.zeros(rows.shape, np.float32)
     changes[:, 1:] = zero[:, 1:] != zero[:, :-1]
     light, zeros, differing = (
         np.asarray(
-            cv2.blur(part, (_WINDOW, _WINDOW), borderType=cv2.BORDER_REFLECT)[own], np.float32
+            cv2.blur(part, (_SETTINGS.window, _SETTINGS.window), borderType=cv2.BORDER_REFLECT)[
+                own
+            ],
+            np.float32,
         )
         for part in (rows, zero.astype(np.float32), changes)
     )
@@ -106,7 +132,11 @@ def _windows(plane: Image, band: slice) -> _Window:
 
 def _sigmas(window: _Window) -> NDArray[np.float64]:
     """Return the sigma of noise in every informative window."""
-    informative = (window.zeros > _INFORMATIVE[0]) & (window.zeros < _INFORMATIVE[1]) & window.noise
+    informative = (
+        (window.zeros > _SETTINGS.informative[0])
+        & (window.zeros < _SETTINGS.informative[1])
+        & window.noise
+    )
     a = -ndtri(window.zeros[informative].astype(np.float64))
     sigmas: NDArray[np.float64] = window.light[informative] / (a * ndtr(a) + _density(a))
     return sigmas

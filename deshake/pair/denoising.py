@@ -16,7 +16,7 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,9 +37,31 @@ __all__ = ["NoisyPhoto", "denoised_tones", "noisy_photo"]
 
 Image = NDArray[np.float32]
 
-_STRENGTH = 0.85  # strength of the non-local means, in standard deviations of the noise
-_TONE_STRENGTH = 1.2  # the same for display values, where cameras denoise flat areas
-_STEEPEST = 20.0  # floor over slope, at most: with less slope the root is nearly linear
+
+@dataclass(frozen=True)
+class _Settings:
+    """Strengths of the denoising.
+
+    No record says what the values were tuned on; `bench.py pair` measures them together.
+
+    Parameters
+    ----------
+    strength : float
+        Strength of the non-local means, in standard deviations of the noise; with more,
+        faint detail is lost.
+    tone_strength : float
+        The same for display values, where cameras denoise flat areas.
+    steepest : float
+        Floor over slope, at most: with less slope the root is nearly linear.
+
+    """
+
+    strength: float = 0.85
+    tone_strength: float = 1.2
+    steepest: float = 20.0
+
+
+_SETTINGS: Final = _Settings()
 _BAND = 256  # rows that are transformed at once
 
 
@@ -128,13 +150,13 @@ def _filled(planes: Image, g: Image, valid: Image) -> Image:
 def _denoised(f_N: Image, slope: float, floor: float, run: Run) -> Image:
     """Denoise a photo whose noise has the variance ``slope x + floor`` at the light x."""
     filled = channels_first(f_N)
-    a = max(slope, floor / _STEEPEST)
+    a = max(slope, floor / _SETTINGS.steepest)
     root = np.empty(filled.shape, np.float32)
     least = floor + 0.375 * a * a
     for rows in bands(filled.shape[1], _BAND):
         part = np.maximum(a * filled[:, rows] + np.float32(least), 0)
         root[:, rows] = np.sqrt(part, out=part) * np.float32(2 / a)
-    f_D = non_local_means(root, _STRENGTH, run=run)
+    f_D = non_local_means(root, _SETTINGS.strength, run=run)
     del root
     for rows in bands(f_D.shape[1], _BAND):
         part = np.square(f_D[:, rows] * np.float32(a / 2))
@@ -162,6 +184,6 @@ def denoised_tones(u: Image, *, run: Run = Run()) -> tuple[Image, Image]:
 
     """
     sigmas = np.array([tone_noise(plane) for plane in u], np.float32)
-    denoised = non_local_means(u / sigmas[:, None, None], _TONE_STRENGTH, run=run)
+    denoised = non_local_means(u / sigmas[:, None, None], _SETTINGS.tone_strength, run=run)
     denoised *= sigmas[:, None, None]
     return denoised, sigmas

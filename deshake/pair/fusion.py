@@ -25,8 +25,8 @@ have the term of the noisy photo.
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,19 +56,52 @@ __all__ = ["fuse"]
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
+
+@dataclass(frozen=True)
+class _Settings:
+    """Weights and thresholds of the fusion.
+
+    No record says what the values were tuned on; `bench.py pair` measures them together.
+
+    Parameters
+    ----------
+    rho : two floats
+        Rho of `half_quadratic` in the first and in the last stage.
+    tau : float
+        Weight of the prior; with more, the result is smoother.
+    denoised : float32
+        r_0: at sigma_g / sigma_N = r_0, f_M is half f_N and half f_D.
+    precision_px : int
+        Px: half side of the windows that average the noisy photo's precision for s.
+    white : float
+        Light: brighter clipped pixels of the noisy photo stay in use.
+    black : float
+        Light: darker pixels of the noisy photo may be shadows that a camera cut off.
+    clipped_px : int
+        Px: side of the windows that count clipped pixels.
+    clipped_share : float
+        Share of clipped pixels: a window with more is rejected.
+    beyond : float
+        Light: a clipped pixel that should be brighter is not trusted.
+    alone : int
+        Iterations of Richardson-Lucy where the noisy photo has no pixels.
+
+    """
+
+    rho: tuple[float, float] = (0.015, 1.0)
+    tau: float = 0.25
+    denoised: np.float32 = np.float32(0.08)
+    precision_px: int = 15
+    white: float = 0.9
+    black: float = 0.003
+    clipped_px: int = 5
+    clipped_share: float = 0.5
+    beyond: float = 1.05
+    alone: int = 6
+
+
+_SETTINGS: Final = _Settings()
 _STAGES = {"fast": 5, "default": 10, "high": 16}
-_RHO = (0.015, 1.0)  # rho of `half_quadratic` in the first and in the last stage
-_TAU = 0.25  # weight of the prior
-_DENOISED = np.float32(0.08)  # r_0: at sigma_g / sigma_N = r_0, f_M is half f_N and half f_D
-_PRECISION_PX = 15  # px: half side of the windows that average the noisy photo's precision for s
-_WHITE = 0.9  # light: brighter clipped pixels of the noisy photo stay in use
-_BLACK = 0.003  # light: darker pixels of the noisy photo may be shadows that a camera cut off
-_CLIPPED_PX, _CLIPPED_SHARE = (
-    5,
-    0.5,
-)  # px: side of a window; share of clipped pixels that rejects it
-_BEYOND = 1.05  # light: a clipped pixel that should be brighter is not trusted
-_ALONE = 6  # iterations of Richardson-Lucy where the noisy photo has no pixels
 _PREPARING = 8.0  # duration of the preparation for the progress bar, in stages
 
 
@@ -130,8 +163,8 @@ def fuse(
     blur = blur_filters(kernel, margin=margin, channels=len(noisy.pixels), run=run)
     v = np.array(valid, np.float32)
     if noisy_clipped is not None:
-        share = uniform_filter(noisy_clipped.astype(np.float32), _CLIPPED_PX)
-        v[(share > _CLIPPED_SHARE) & (noisy.denoised.max(0) < _WHITE)] = 0
+        share = uniform_filter(noisy_clipped.astype(np.float32), _SETTINGS.clipped_px)
+        v[(share > _SETTINGS.clipped_share) & (noisy.denoised.max(0) < _SETTINGS.white)] = 0
     latent = g.shape[0] + 2 * margin, g.shape[1] + 2 * margin
     v = fitted(v, latent, beyond=0)
     pixels, denoised = (fitted(planes, latent) for planes in (noisy.pixels, noisy.denoised))
@@ -140,14 +173,14 @@ def fuse(
         g,
         blur,
         clipped=clipped,
-        iterations=_ALONE,
+        iterations=_SETTINGS.alone,
         run=starting,
     )
     start = _start(g, noisy, v, alone, blur)
     del alone
     descent = _descent(g, noisy, start, blur, clipped, run=run)
     del noisy, start, v
-    for stage, rho in enumerate(np.geomspace(*_RHO[::-1], stages)[::-1], 1):
+    for stage, rho in enumerate(np.geomspace(*_SETTINGS.rho[::-1], stages)[::-1], 1):
         descent.step(float(rho))
         splitting.report(stage / stages, f"deblurring, stage {stage}")
     out = np.empty_like(g, np.float32, order="C")
@@ -171,7 +204,7 @@ def _start(g: Image, noisy: NoisyPhoto, v: Image, alone: Image, blur: Filters) -
     Af = blur.forward(f)
     noise = fitted(noisy.variance(), g.shape[:2])
     apart = 1 - agreement(g, Af, noise, (f.shape[1] - len(g)) // 2)
-    v = v * (1 - fitted(apart * (Af.max(0) < _BLACK), v.shape))
+    v = v * (1 - fitted(apart * (Af.max(0) < _SETTINGS.black), v.shape))
     doubt = 1 - v
     for c, plane in enumerate(alone):
         f[c] += doubt * (plane - f[c])
@@ -195,10 +228,10 @@ def _descent(
     variance = blurred_variance(g, Af, noisy, compared, blur=blur, margin=margin)
     noise = noisy.variance()
     r = np.sqrt(fitted(variance, latent) / noise)
-    b = r / (r + _DENOISED)
+    b = r / (r + _SETTINGS.denoised)
     if clipped is not None and clipped.any():
-        m *= trust(f, blur, clipped & (Af.max(0) > _BEYOND), variance)
-    known = smoothed(np.reciprocal(noise), _PRECISION_PX)
+        m *= trust(f, blur, clipped & (Af.max(0) > _SETTINGS.beyond), variance)
+    known = smoothed(np.reciprocal(noise), _SETTINGS.precision_px)
     known += fitted(np.reciprocal(variance), latent)  # s^2
     m /= variance * fitted(known, frame)
     q = v / (noise * (1 - b + b * denoising_error(noisy)) * known)
@@ -214,6 +247,6 @@ def _descent(
         s=np.sqrt(known),
         f_N=f_M,
         q=q,
-        tau=_TAU,
+        tau=_SETTINGS.tau,
         run=run,
     )

@@ -24,6 +24,7 @@ from deshake.errors import EstimationError
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
 from deshake.geometry.rotations import grid_steps
+from deshake.pair.kernel_settings import SETTINGS
 from deshake.pair.pair_pixels import (
     PairPictures,
     derivatives,
@@ -46,21 +47,6 @@ Indices = NDArray[np.int64]
 BLUR_SHARE = 0.06
 """Bound of the blur where none is given, in longer sides of the photo; twice as wide ones fit."""
 
-_ENOUGH_BLUR = 45.0  # px: width of the blur; finer scales, where it is wider, are not solved
-_COARSEST_BLUR = 6.0  # px: bound of the blur at the coarsest scale
-_SMALLEST_SIDE = 32  # px: least side of the coarsest scale
-_SPARE = 2  # grid steps beyond the bound, for the error of the registration
-_RIDGE = 0.01  # ridge, in shares of the mean diagonal of G
-_CUT = 0.03  # share of the largest weight: smaller weights do not pass to the next scale
-_MOST_PASSED = 160  # weights that pass to the next scale, at most
-_FINAL_CUT = 0.02  # share of the largest weight: smaller weights are removed at the end
-_TOUCHING = 0.05  # share of the weight on the faces of the cube: above it, the cube grows
-_FINE_SIDE = 400  # px: longer side; every scale up to it is solved
-_LEAST_LIGHT = 1e-7  # mean light of the noisy photo: less is an error
-_MOST_CHANGE = 2.0  # factor: the photometric factor changes by no more at one scale
-_STILL_PX = 2.0  # px at the finest scale: a smaller extent is no shake
-_EVEN_MISFIT = 0.22  # share of the edges left unexplained that gives a confidence of 0.5
-_MISFIT_RANGE = 0.25  # scale of the logarithm of that share
 _NOTHING = 1e-12  # mean square of edges: avoids division by 0
 
 
@@ -190,8 +176,8 @@ class _Scales:
         self.axes = (True, True, False) if uniform else ALL_AXES
         self._run = run
         self.blur = blur
-        room = int(log2(max(min(pictures.g.shape) / _SMALLEST_SIDE, 1)))
-        self.coarser = min(max(ceil(log2(self.blur / _COARSEST_BLUR)), 0), room)
+        room = int(log2(max(min(pictures.g.shape) / SETTINGS.smallest_side, 1)))
+        self.coarser = min(max(ceil(log2(self.blur / SETTINGS.coarsest_blur)), 0), room)
         self.kernel = RotationKernel.delta(camera)
         self.scale = 0.0
         self.bounds = np.zeros(3)
@@ -204,24 +190,28 @@ class _Scales:
         self._run.report(0.0, f"scale 1 of {count}")
         self._first()
         for level in range(self.coarser - 1, -1, -1):
-            fine = max(self.kernel.camera.shape) >= _FINE_SIDE
-            if fine and 2 * most_of(self.kernel).extent_px() > _ENOUGH_BLUR:
+            fine = max(self.kernel.camera.shape) >= SETTINGS.fine_side
+            if fine and 2 * most_of(self.kernel).extent_px() > SETTINGS.enough_blur:
                 break
             self._run.report(1 - 4.0 ** -(count - 1 - level), f"scale {count - level} of {count}")
-            active = strongest(without_strays(self.kernel.above(_CUT)), _MOST_PASSED)
+            active = strongest(
+                without_strays(self.kernel.above(SETTINGS.cut)), SETTINGS.most_passed
+            )
             start = RotationKernel.from_indices(
                 2 * active.indices, active.weights, self.kernel.steps / 2, self.whole
             ).dilated(self.axes)
             self._solve(level, start.indices, start.weights)
         self._run.report(1.0, "kernel estimated")
-        kernel = without_strays(self.kernel.above(_FINAL_CUT))
+        kernel = without_strays(self.kernel.above(SETTINGS.final_cut))
         energy, left, single = (max(part - self.noise, _NOTHING) for part in self.misfits)
-        confidence = 1 / (1 + exp(log(left / energy / _EVEN_MISFIT) / _MISFIT_RANGE))
+        confidence = 1 / (
+            1 + exp(log(left / energy / SETTINGS.even_misfit) / SETTINGS.misfit_range)
+        )
         notes = []
-        if most_of(kernel).extent_px() < _STILL_PX:
+        if most_of(kernel).extent_px() < SETTINGS.still_px:
             notes.append("no shake was found: the kernel is a single point")
         beyond = np.any(np.abs(kernel.theta) > self.bounds, 1)
-        if kernel.weights[beyond].sum() > _TOUCHING:
+        if kernel.weights[beyond].sum() > SETTINGS.touching:
             notes.append(
                 "the shake may be wider than what was looked for: try a larger --blur-size"
             )
@@ -237,7 +227,7 @@ class _Scales:
 
     def _first(self) -> None:
         """Solve for the cube at the coarsest scale."""
-        reach = ceil(self.blur / 2 ** (self.coarser + 1)) + _SPARE
+        reach = ceil(self.blur / 2 ** (self.coarser + 1)) + SETTINGS.spare
         box = [np.arange(-reach, reach + 1) if axis else np.zeros(1, int) for axis in self.axes]
         cube = np.stack(np.meshgrid(*box, indexing="ij"), -1).reshape(-1, 3)
         self._solve(self.coarser, cube, np.ones(len(cube)))
@@ -259,7 +249,7 @@ class _Scales:
         louder = a * np.float32(noise_excess(pictures) ** 0.5)
         f, noise = derivatives(pictures.f) * a, [derivatives(e) * louder for e in pictures.noise]
         rows = PairRows(camera, theta, f, edges, drawn.fitted, noise=noise, run=self._run)
-        w = least_on_simplex(rows, start, ridge=_RIDGE)
+        w = least_on_simplex(rows, start, ridge=SETTINGS.ridge)
         used = w > 0
         theta, w = theta[used], w[used]
         judge = PairRows(camera, theta, f, edges, drawn.held_out, noise=noise, run=self._run)
@@ -275,7 +265,7 @@ class _Scales:
             noise=[e[None] * louder for e in pictures.noise],
             run=self._run,
         )
-        self.scale *= min(max(light.scale(w), 1 / _MOST_CHANGE), _MOST_CHANGE)
+        self.scale *= min(max(light.scale(w), 1 / SETTINGS.most_change), SETTINGS.most_change)
         self.kernel = RotationKernel(theta, w / w.sum(), steps, camera)
         self.reports.append(PairScale(*shape, len(indices), len(w), self.scale))
 
@@ -283,6 +273,6 @@ class _Scales:
 def _brightness(g: Image, f: Image) -> float:
     """Return the ratio of the brightness of g to that of f."""
     light = float(f.mean(dtype=np.float64))
-    if not light > _LEAST_LIGHT:
+    if not light > SETTINGS.least_light:
         raise EstimationError("the noisy photo is black", hint="it must show the same scene")
     return float(g.mean(dtype=np.float64)) / light

@@ -8,6 +8,7 @@ A. Where the noisy photo, blurred, still explains little detail of the blurred o
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
@@ -23,15 +24,47 @@ __all__ = ["LocalTones", "local_tones", "local_trust", "wrong_colours"]
 
 Image = NDArray[np.float32]
 
-_LEAST_PX: Final = 8  # px: least reach of a part
-_CONTRAST: Final = np.float32(0.1)  # contrast over light: below it, the gain of a part tends to 1
-_GAINS: Final = (0.4, 2.5)  # range of gains; others are clipped to it
-_AROUND_PX: Final = 4  # px: half side of the windows that average squared detail
-_FAINT: Final = (np.float32(3.0), np.float32(1.0))  # median misfits that are ignored; if strict
-_TIMES: Final = 2.0  # of the usual share of unexplained detail, if strict: there the trust is 1/e
-_HALF: Final = (0.15, 0.5)  # range of that share; the upper end, if not strict
+
+@dataclass(frozen=True)
+class _Settings:
+    """Thresholds of local tones and of the trust.
+
+    No record says what the values were tuned on; `bench.py pair --camera-files` measures them
+    together.
+
+    Parameters
+    ----------
+    least_px : int
+        Px: least reach of a part.
+    contrast : float32
+        Contrast over light: below it, the gain of a part tends to 1.
+    gains : two floats
+        Range of gains; others are clipped to it.
+    around_px : int
+        Px: half side of the windows that average squared detail.
+    faint : two float32
+        Median misfits that are ignored; the second if strict.
+    times : float
+        Times the usual share of unexplained detail, if strict: there the trust is 1/e.
+    half : two floats
+        Range of that share; the upper end, if not strict.
+    darkest : float32
+        Light: least light of the ridge.
+
+    """
+
+    least_px: int = 8
+    contrast: np.float32 = np.float32(0.1)
+    gains: tuple[float, float] = (0.4, 2.5)
+    around_px: int = 4
+    faint: tuple[np.float32, np.float32] = (np.float32(3.0), np.float32(1.0))
+    times: float = 2.0
+    half: tuple[float, float] = (0.15, 0.5)
+    darkest: np.float32 = np.float32(0.002)
+
+
+_SETTINGS: Final = _Settings()
 _NOTHING: Final = 1e-9  # avoids division by 0
-_DARKEST: Final = np.float32(0.002)  # light: least light of the ridge
 
 
 class LocalTones(NamedTuple):
@@ -96,10 +129,10 @@ def local_tones(g: Image, Af: Image, mask: Mask, reach: int) -> LocalTones:
     gain, offset = np.empty_like(Af), np.empty_like(Af)
     for c, (y, x) in enumerate(zip(channels_first(g), Af, strict=True)):
         centre, light = mean(x), mean(y)
-        ridge = np.square(_CONTRAST * (np.maximum(light, 0) + _DARKEST))
+        ridge = np.square(_SETTINGS.contrast * (np.maximum(light, 0) + _SETTINGS.darkest))
         variance = np.maximum(mean(x * x) - centre * centre, 0)
         together = mean(x * y) - centre * light
-        gain[c] = np.clip((together + ridge) / (variance + ridge), *_GAINS)
+        gain[c] = np.clip((together + ridge) / (variance + ridge), *_SETTINGS.gains)
         offset[c] = light - gain[c] * centre
     return LocalTones(gain, offset)
 
@@ -115,20 +148,22 @@ def local_trust(g: Image, Af: Image, mask: Mask, reach: int, *, strict: bool = F
         Whether the noisy photo must explain as much as it does in most of the frame.
 
     """
-    reach = max(reach, _LEAST_PX)
+    reach = max(reach, _SETTINGS.least_px)
     weight = mask.astype(np.float32)
     shown, lost = np.zeros_like(weight), np.zeros_like(weight)
     for y, x in zip(channels_first(g), Af, strict=True):
         one, other = _detail(y, reach), _detail(x, reach)
-        lost += smoothed(np.square(one - other) * weight, _AROUND_PX)
-        shown += smoothed(np.square(one) * weight, _AROUND_PX)
+        lost += smoothed(np.square(one - other) * weight, _SETTINGS.around_px)
+        shown += smoothed(np.square(one) * weight, _SETTINGS.around_px)
     if not mask.any():
         return weight
     share = float(lost[mask].sum(dtype=np.float64)) / max(
         float(shown[mask].sum(dtype=np.float64)), _NOTHING
     )
-    half = np.float32(np.clip(_TIMES * share, *_HALF) if strict else _HALF[1])
-    shown += _FAINT[strict] * np.median(lost[mask]) + np.float32(_NOTHING)
+    half = np.float32(
+        np.clip(_SETTINGS.times * share, *_SETTINGS.half) if strict else _SETTINGS.half[1]
+    )
+    shown += _SETTINGS.faint[strict] * np.median(lost[mask]) + np.float32(_NOTHING)
     lost /= half * shown
     trust: Image = np.exp(-np.square(np.square(lost)))
     return trust
@@ -138,7 +173,7 @@ class _Mean:
     """Means of a picture about each pixel, over the pixels of a mask."""
 
     def __init__(self, mask: Mask, reach: int) -> None:
-        self.reach = max(reach, _LEAST_PX)
+        self.reach = max(reach, _SETTINGS.least_px)
         self.weight = mask.astype(np.float32)
         self.known = np.maximum(smoothed(self.weight, self.reach), np.float32(1e-3))
 
@@ -156,7 +191,7 @@ def _colours(tones: Image) -> Image:
 
 def _tone(light: Image) -> Image:
     """Return the root of the light, which approximates display values."""
-    return np.asarray(np.sqrt(np.clip(light, _DARKEST, 1)), np.float32)
+    return np.asarray(np.sqrt(np.clip(light, _SETTINGS.darkest, 1)), np.float32)
 
 
 def _detail(light: Image, reach: int) -> Image:

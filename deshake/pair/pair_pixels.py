@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from deshake.errors import EstimationError
 from deshake.geometry.rotations import displacements, homographies
+from deshake.pair.kernel_settings import SETTINGS
 from deshake.pair.pair_rows import ROW_BLOCK
 
 if TYPE_CHECKING:
@@ -34,20 +35,6 @@ __all__ = [
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.int64]
-
-_LONGEST_SIDE = 1600  # px: longer side of the finest scale; larger photos are reduced
-_SMOOTHING_PX = 1.0  # px: sigma before the derivatives
-_PIXELS = 188 * ROW_BLOCK  # pixels that the kernel is fitted to, at most
-_HELD_OUT = 47 * ROW_BLOCK  # further pixels that judge the kernel, at most
-_FLAT = 0.1  # extra chance of every pixel, in mean chances: flat pixels have this alone
-_NEAR_PX = 2.0  # px: sigma of the smoothing of the energy of edges
-_CLIPPED = 0.98  # light: a brighter pixel counts as clipped
-_ANY = 0.01  # share of a reduced pixel: up to it, clipped or unknown pixels are ignored
-_CLEAR_PX = 3  # px from clipped pixels that are not used, at every scale
-_MOST_CUT_OFF = 0.3  # shorter sides: the border that is not used is no wider
-_BRIGHTNESSES, _FEWEST = 4, 400  # levels of brightness that compare noise; least pixels of each
-_AROUND_PX = 7  # px: side of the window that decides whether a pixel is flat
-_LEAST_ENERGY = 1e-10  # mean square of the derivatives: less is an error
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +71,7 @@ class PairPictures:
         own: Image | None = None,
     ) -> PairPictures:
         """Reduce a pair to its finest scale; pictures of noise are read one at a time."""
-        factor = min(_LONGEST_SIDE / max(g.shape[:2]), 1.0)
+        factor = min(SETTINGS.longest_side / max(g.shape[:2]), 1.0)
         shape = round(g.shape[0] * factor), round(g.shape[1] * factor)
         brightest = g if g.ndim == 2 else g.max(-1)
         return cls(
@@ -93,7 +80,7 @@ class PairPictures:
             [_grey(e, shape) for e in noise],
             np.zeros(shape, np.float32) if own is None else _grey(own, shape),
             _reduced((valid != 0).astype(np.float32), shape),
-            _reduced((brightest >= _CLIPPED).astype(np.float32), shape),
+            _reduced((brightest >= SETTINGS.clipped).astype(np.float32), shape),
         )
 
     def at(self, shape: tuple[int, int]) -> PairPictures:
@@ -118,17 +105,23 @@ def noise_excess(pictures: PairPictures) -> float:
     if not pictures.noise:
         return 1.0
     inside = cv2.erode(
-        (pictures.known > 1 - _ANY).astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0
+        (pictures.known > 1 - SETTINGS.ignored).astype(np.uint8),
+        np.ones((5, 5), np.uint8),
+        borderValue=0,
     )
-    usable = (inside > 0) & (pictures.clipped < _ANY)
-    if usable.sum() < _BRIGHTNESSES * _FEWEST:
+    usable = (inside > 0) & (pictures.clipped < SETTINGS.ignored)
+    if usable.sum() < SETTINGS.brightnesses * SETTINGS.fewest:
         return 1.0
     noisy, drawn = (
         np.square(derivatives(image)).sum(0)[usable] for image in (pictures.f, pictures.noise[0])
     )
-    near = cv2.blur(np.square(derivatives(pictures.g)).sum(0), (_AROUND_PX, _AROUND_PX))[usable]
+    near = cv2.blur(
+        np.square(derivatives(pictures.g)).sum(0), (SETTINGS.around_px, SETTINGS.around_px)
+    )[usable]
     ratios = []
-    for part in np.array_split(np.argsort(pictures.g[usable], kind="stable"), _BRIGHTNESSES):
+    for part in np.array_split(
+        np.argsort(pictures.g[usable], kind="stable"), SETTINGS.brightnesses
+    ):
         flat = part[np.argsort(near[part], kind="stable")[: max(len(part) // 5, 1)]]
         ratios.append(float(np.median(noisy[flat])) / max(float(np.median(drawn[flat])), 1e-12))
     return max(min(ratios), 1.0)
@@ -156,7 +149,7 @@ def _reduced(image: Image, shape: tuple[int, int]) -> Image:
 
 def derivatives(image: Image) -> Image:
     """Differences to the right and lower neighbour after a little smoothing, (2, h, w)."""
-    smooth = cv2.GaussianBlur(image, (0, 0), _SMOOTHING_PX)
+    smooth = cv2.GaussianBlur(image, (0, 0), SETTINGS.smoothing_px)
     out = np.zeros((2, *image.shape), np.float32)
     np.subtract(smooth[:, 1:], smooth[:, :-1], out=out[0, :, :-1])
     np.subtract(smooth[1:], smooth[:-1], out=out[1, :-1])
@@ -166,13 +159,13 @@ def derivatives(image: Image) -> Image:
 def usable_pixels(pictures: PairPictures, camera: Camera, theta: NDArray[np.float64]) -> Mask:
     """Mark pixels that are not clipped and depend on the known part of the noisy photo only."""
     moved = np.abs(displacements(homographies(camera, theta), camera.corners)).max((0, 1))
-    most = int(_MOST_CUT_OFF * min(camera.shape))
+    most = int(SETTINGS.most_cut_off * min(camera.shape))
     across, down = np.minimum(np.ceil(moved).astype(int) + 2, most)
     kernel = np.ones((2 * down + 1, 2 * across + 1), np.uint8)
-    known = (pictures.known > 1 - _ANY).astype(np.uint8)
+    known = (pictures.known > 1 - SETTINGS.ignored).astype(np.uint8)
     inside = cv2.erode(known, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0)
-    clear = np.ones((2 * _CLEAR_PX + 1, 2 * _CLEAR_PX + 1), np.uint8)
-    clipped = cv2.dilate((pictures.clipped > _ANY).astype(np.uint8), clear)
+    clear = np.ones((2 * SETTINGS.clear_px + 1, 2 * SETTINGS.clear_px + 1), np.uint8)
+    clipped = cv2.dilate((pictures.clipped > SETTINGS.ignored).astype(np.uint8), clear)
     usable: Mask = (inside > 0) & (clipped == 0)
     return usable
 
@@ -195,19 +188,19 @@ def drawn_pixels(edges: Image, usable: Mask, seed: int) -> DrawnPixels:
         If there are too few of them, or no edges.
 
     """
-    near = cv2.GaussianBlur(np.square(edges).sum(0), (0, 0), _NEAR_PX).astype(np.float64)
+    near = cv2.GaussianBlur(np.square(edges).sum(0), (0, 0), SETTINGS.near_px).astype(np.float64)
     candidates = np.flatnonzero(usable)
-    count = min(len(candidates), _PIXELS + _HELD_OUT)
+    count = min(len(candidates), SETTINGS.pixels + SETTINGS.held_out)
     judged = max(count // 5 // ROW_BLOCK, 1) * ROW_BLOCK
     fitted = (count - judged) // ROW_BLOCK * ROW_BLOCK
     if fitted <= 0:
         msg = "too few pixels are left that both photos show, neither clipped nor near the border"
         raise EstimationError(msg, hint="give a smaller --blur-size, or photos that overlap more")
     chance = near.ravel()[candidates]
-    if not chance.mean() > _LEAST_ENERGY:
+    if not chance.mean() > SETTINGS.least_energy:
         msg = "there is no detail to estimate the shake from"
         raise EstimationError(msg, hint="the photo is all of one colour, or nearly so")
-    chance += _FLAT * chance.mean()
+    chance += SETTINGS.flat * chance.mean()
     rng = np.random.default_rng(seed)
     # the largest of keys u^(1/p) are a draw without replacement (Efraimidis & Spirakis 2006)
     keys = np.log(rng.random(len(candidates))) / chance

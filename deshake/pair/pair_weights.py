@@ -16,7 +16,8 @@ which is at least sharp; but not where it is black, for example where a camera c
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
@@ -35,17 +36,57 @@ __all__ = ["agreement", "blurred_variance", "denoising_error"]
 
 Image = NDArray[np.float32]
 
-_LEAST_SHARE = 0.02  # least kappa; the largest is `NoisyPhoto.misfit`
-_SUPPORT = 0.2  # share of usable pixels nearby: with less, kappa is that of the whole frame
-_LEFT = 0.3  # least error of the denoised photo, in variances of the noise
-_PATCH = 7  # px: side of the window that averages the power of f_N - f_D
-_DISAGREEMENT = 0.12  # display values: two photos that differ by more do not agree
-_OUTLYING = 3.0  # sigmas of the difference, if that is larger than the value above
-_AGREEMENT_PX = 2.0  # px: sigma of the smoothing of the difference
-_NOISE = 0.3  # sigmas of the noise that are tolerated, too: denoising loses faint detail
-_STRICT = 0.25  # factor of the tolerance near pixels that clearly disagree
-_SPREADING, _LEAST_REACH = 4.0, 8  # factor of their share nearby; px: least half side of windows
-_DARKEST = np.float32(0.003)  # light: darker pixels count as this bright
+
+@dataclass(frozen=True)
+class _Settings:
+    """Thresholds of the weights.
+
+    No record says what the values were tuned on; `bench.py pair` measures them together.
+
+    Parameters
+    ----------
+    least_share : float
+        Least kappa; the largest is `NoisyPhoto.misfit`.
+    support : float
+        Share of usable pixels nearby: with less, kappa is that of the whole frame.
+    left : float
+        Least error of the denoised photo, in variances of the noise.
+    patch : int
+        Px: side of the window that averages the power of f_N - f_D.
+    disagreement : float
+        Display values: two photos that differ by more do not agree.
+    outlying : float
+        Sigmas of the difference, if that is larger than the value above.
+    agreement_px : float
+        Px: sigma of the smoothing of the difference.
+    noise : float
+        Sigmas of the noise that are tolerated, too: denoising loses faint detail.
+    strict : float
+        Factor of the tolerance near pixels that clearly disagree.
+    spreading : float
+        Factor of their share nearby: where the product is 1 or more, the tolerance is strict.
+    least_reach : int
+        Px: least half side of the windows that count them.
+    darkest : float32
+        Light: darker pixels count as this bright.
+
+    """
+
+    least_share: float = 0.02
+    support: float = 0.2
+    left: float = 0.3
+    patch: int = 7
+    disagreement: float = 0.12
+    outlying: float = 3.0
+    agreement_px: float = 2.0
+    noise: float = 0.3
+    strict: float = 0.25
+    spreading: float = 4.0
+    least_reach: int = 8
+    darkest: np.float32 = np.float32(0.003)
+
+
+_SETTINGS: Final = _Settings()
 _BAND = 512  # rows that get their noise at once
 
 
@@ -95,8 +136,8 @@ def blurred_variance(
     everywhere = float((left * inner).sum(dtype=np.float64)) / total
     share = smoothed(left * inner, reach)
     share /= np.maximum(smoothed(misfit * inner, reach), np.float32(1e-12))
-    share = np.where(support > _SUPPORT, share, np.float32(everywhere))
-    misfit *= np.clip(share, _LEAST_SHARE, noisy.misfit)
+    share = np.where(support > _SETTINGS.support, share, np.float32(everywhere))
+    misfit *= np.clip(share, _SETTINGS.least_share, noisy.misfit)
     return noise_variance(g, margin, misfit)
 
 
@@ -107,8 +148,8 @@ def denoising_error(noisy: NoisyPhoto) -> Image:
         noise = other * np.float32(noisy.slope) + np.float32(noisy.floor)
         power += np.square(one - other) / noise
     power /= np.float32(len(noisy.pixels))
-    mean = uniform_filter(power, _PATCH)
-    error: Image = np.maximum(np.abs(mean - 1), np.float32(_LEFT))
+    mean = uniform_filter(power, _SETTINGS.patch)
+    error: Image = np.maximum(np.abs(mean - 1), np.float32(_SETTINGS.left))
     return error
 
 
@@ -132,21 +173,21 @@ def agreement(g: Image, Af: Image, noise: Image, reach: int) -> Image:
     """
     apart = np.zeros(Af.shape[1:], np.float32)
     for one, other in zip(channels_first(g), Af, strict=True):
-        difference = cv2.GaussianBlur(_shown(one) - _shown(other), (0, 0), _AGREEMENT_PX)
+        difference = cv2.GaussianBlur(_shown(one) - _shown(other), (0, 0), _SETTINGS.agreement_px)
         apart = np.maximum(apart, np.abs(difference))
-    tolerance = max(_DISAGREEMENT, _OUTLYING * float(np.median(apart)) / 0.6745)
-    shown = noise / np.clip(Af.mean(0), _DARKEST, 1)  # variance of the root's noise, times 4
-    apart /= np.sqrt(np.float32(tolerance**2) + np.float32(_NOISE**2) * shown)
+    tolerance = max(_SETTINGS.disagreement, _SETTINGS.outlying * float(np.median(apart)) / 0.6745)
+    shown = noise / np.clip(Af.mean(0), _SETTINGS.darkest, 1)  # 4 variances of the root's noise
+    apart /= np.sqrt(np.float32(tolerance**2) + np.float32(_SETTINGS.noise**2) * shown)
     clearly = 1 - np.exp(-np.square(np.square(apart)))
-    near = np.minimum(_SPREADING * smoothed(clearly, max(reach, _LEAST_REACH)), 1)
-    apart /= 1 - np.float32(1 - _STRICT) * near
+    near = np.minimum(_SETTINGS.spreading * smoothed(clearly, max(reach, _SETTINGS.least_reach)), 1)
+    apart /= 1 - np.float32(1 - _SETTINGS.strict) * near
     agreeing: Image = np.exp(-np.square(np.square(apart)))
     return agreeing
 
 
 def _shown(light: Image) -> Image:
     """Return the root of the light, which approximates display values."""
-    return np.sqrt(np.clip(light, _DARKEST, 1))
+    return np.sqrt(np.clip(light, _SETTINGS.darkest, 1))
 
 
 def _white(shape: tuple[int, int]) -> Image:

@@ -9,6 +9,7 @@ one of them no longer matters.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import cv2
 import numpy as np
@@ -22,22 +23,84 @@ __all__ = ["ToneCurve", "brightness_ratio", "photometric_scale", "tone_curves"]
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-_QUANTILES = (0.5, 0.7, 0.85, 0.95)  # of each picture, to compare
-_BRIGHT = 0.9  # light: brighter quantiles may be clipped, and are not compared
-_LEAST_PIXELS = 50  # usable pixels: with fewer, quantiles give the factor
-_SMOOTH_PX = 5.0  # px: sigma before the fit of the factor
-_DARK = 0.7  # share of the pixels, the darkest, that the fit ignores: clipped noise is too bright
-_HUBER = 2.0  # sigmas: larger residuals get less weight
 _MAD = 1.4826  # standard deviation per median absolute deviation of normal noise
-_SCALE_ITERATIONS = 10
-_CLIPPED = 0.985  # a brighter pixel counts as clipped
-_BINS = 96  # bins of equal count; fewer than 4 pixels a bin are an error
-_ENDS = (0.005, 0.995)  # quantiles: the ends of the curve, which is straight beyond them
-_KNOTS = 257
-_WINDOW = 13  # knots that are averaged
-_END_KNOTS = 12  # knots at each end, on a straight line with the slope of the next 12
-_LEAST_SLOPE = 0.1  # share of the mean slope: a flatter part would lose its detail
-_MOST_VALUES = 1_000_000  # pixels; of more pixels, every nth is used
+
+
+@dataclass(frozen=True)
+class _FactorSettings:
+    """Sizes and thresholds of the one factor.
+
+    No record says what the values were tuned on.
+
+    Parameters
+    ----------
+    quantiles : tuple of float
+        Of each picture, to compare.
+    bright : float
+        Light: brighter quantiles may be clipped, and are not compared.
+    least_pixels : int
+        Usable pixels: with fewer, quantiles give the factor.
+    smooth_px : float
+        Px: sigma before the fit, as wide as the blur of the small pictures may be.
+    dark : float
+        Share of the pixels, the darkest, that the fit ignores: clipped noise is too bright.
+    huber : float
+        Sigmas: larger residuals get less weight.
+    iterations : int
+        Iterations of the reweighted least squares.
+
+    """
+
+    quantiles: tuple[float, ...] = (0.5, 0.7, 0.85, 0.95)
+    bright: float = 0.9
+    least_pixels: int = 50
+    smooth_px: float = 5.0
+    dark: float = 0.7
+    huber: float = 2.0
+    iterations: int = 10
+
+
+_FACTOR: Final = _FactorSettings()
+
+
+@dataclass(frozen=True)
+class _CurveSettings:
+    """Sizes and thresholds of the tone curves.
+
+    No record says what the values were tuned on.
+
+    Parameters
+    ----------
+    clipped : float
+        Light: a brighter pixel counts as clipped.
+    bins : int
+        Bins of equal count; fewer than 4 pixels a bin are an error.
+    ends : two floats
+        Quantiles: the ends of the curve, which is straight beyond them.
+    knots : int
+        Knots of the curve.
+    window : int
+        Knots that are averaged.
+    end_knots : int
+        Knots at each end, on a straight line with the slope of the next ones.
+    least_slope : float
+        Share of the mean slope: a flatter part would lose its detail, and is made as steep.
+    most_values : int
+        Pixels; of more pixels, every nth is used.
+
+    """
+
+    clipped: float = 0.985
+    bins: int = 96
+    ends: tuple[float, float] = (0.005, 0.995)
+    knots: int = 257
+    window: int = 13
+    end_knots: int = 12
+    least_slope: float = 0.1
+    most_values: int = 1_000_000
+
+
+_CURVES: Final = _CurveSettings()
 
 
 def brightness_ratio(g: Image, f: Image) -> float:
@@ -45,8 +108,8 @@ def brightness_ratio(g: Image, f: Image) -> float:
 
     The result is the median ratio of the quantiles below clipping.
     """
-    bright, dark = np.quantile(g, _QUANTILES), np.quantile(f, _QUANTILES)
-    usable = bright < max(_BRIGHT, float(bright[0]) * (1 + 1e-6))
+    bright, dark = np.quantile(g, _FACTOR.quantiles), np.quantile(f, _FACTOR.quantiles)
+    usable = bright < max(_FACTOR.bright, float(bright[0]) * (1 + 1e-6))
     return float(np.median(bright[usable] / np.maximum(dark[usable], 1e-6)))
 
 
@@ -69,19 +132,19 @@ def photometric_scale(g: Image, f: Image, mask: Mask) -> float:
         By least squares with Huber's weights, or by quantiles if too few pixels are usable.
 
     """
-    if mask.sum() < _LEAST_PIXELS:
+    if mask.sum() < _FACTOR.least_pixels:
         return brightness_ratio(g, f)
-    smooth_f, smooth_g = (_smoothed(image, mask, _SMOOTH_PX)[mask] for image in (f, g))
+    smooth_f, smooth_g = (_smoothed(image, mask, _FACTOR.smooth_px)[mask] for image in (f, g))
     x, y = smooth_f.astype(np.float64), smooth_g.astype(np.float64)
-    bright = x >= np.quantile(x, _DARK)
+    bright = x >= np.quantile(x, _FACTOR.dark)
     x, y = x[bright], y[bright]
     weights = np.ones_like(x)
     scale = 0.0
-    for _ in range(_SCALE_ITERATIONS):
+    for _ in range(_FACTOR.iterations):
         scale = float((weights * x) @ y / max(float((weights * x) @ x), 1e-30))
         residual = np.abs(y - scale * x)
         sigma = _MAD * float(np.median(residual)) + 1e-12
-        weights = np.minimum(1, _HUBER * sigma / np.maximum(residual, 1e-12))
+        weights = np.minimum(1, _FACTOR.huber * sigma / np.maximum(residual, 1e-12))
     return scale if scale > 0 else brightness_ratio(g, f)
 
 
@@ -166,8 +229,8 @@ def tone_curves(f_D: Image, g: Image, mask: Mask, *, smooth_px: float = 4.0) -> 
             _smoothed(image if image.ndim == 2 else image[..., c], mask, smooth_px)
             for image in (f_D, g)
         )
-        usable = mask & (x < _CLIPPED) & (y < _CLIPPED)
-        step = max(1, int(usable.sum()) // _MOST_VALUES)
+        usable = mask & (x < _CURVES.clipped) & (y < _CURVES.clipped)
+        step = max(1, int(usable.sum()) // _CURVES.most_values)
         curves.append(_tone_curve(x[usable][::step], y[usable][::step]))
     return curves
 
@@ -181,38 +244,38 @@ def _smoothed(image: Image, mask: Mask, sigma: float) -> Image:
 
 def _tone_curve(x: Image, y: Image) -> ToneCurve:
     """Fit one rising curve to pairs of values."""
-    if len(x) < 4 * _BINS:
+    if len(x) < 4 * _CURVES.bins:
         raise EstimationError(
             "the two photos have too few pixels in common that are not clipped",
             hint="both must show the same scene, and not be clipped all over",
         )
     order = np.argsort(x, kind="stable")
-    bins = np.array_split(order, _BINS)
+    bins = np.array_split(order, _CURVES.bins)
     centres = np.array([np.median(x[b]) for b in bins], np.float64)
     medians = np.array([np.median(y[b]) for b in bins], np.float64)
-    low, high = np.quantile(x, _ENDS).tolist()
+    low, high = np.quantile(x, _CURVES.ends).tolist()
     if high - low < 1e-4 or medians.max() - medians.min() < 1e-6:
         raise EstimationError(
             "the photos have too little contrast to compare their brightness",
             hint="both must show bright and dark parts of the scene",
         )
     rising = isotonic_regression(medians).x
-    knots = np.linspace(low, high, _KNOTS)
+    knots = np.linspace(low, high, _CURVES.knots)
     values = _averaged(np.interp(knots, centres, rising))
-    least = _LEAST_SLOPE * (values[-1] - values[0]) / (high - low)
+    least = _CURVES.least_slope * (values[-1] - values[0]) / (high - low)
     steps = np.maximum(np.diff(values), least * (knots[1] - knots[0]))
     # The ends have few values: they are straight.
-    steps[:_END_KNOTS] = steps[_END_KNOTS : 2 * _END_KNOTS].mean()
-    steps[-_END_KNOTS:] = steps[-2 * _END_KNOTS : -_END_KNOTS].mean()
-    middle = _KNOTS // 2
+    steps[: _CURVES.end_knots] = steps[_CURVES.end_knots : 2 * _CURVES.end_knots].mean()
+    steps[-_CURVES.end_knots :] = steps[-2 * _CURVES.end_knots : -_CURVES.end_knots].mean()
+    middle = _CURVES.knots // 2
     values = np.concatenate([[0.0], np.cumsum(steps)]) + values[middle] - steps[:middle].sum()
     return ToneCurve(knots, values)
 
 
 def _averaged(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Average over a window; point reflection continues the values beyond the ends."""
-    half = _WINDOW // 2
+    half = _CURVES.window // 2
     before = 2 * values[0] - values[half:0:-1]
     after = 2 * values[-1] - values[-2 : -half - 2 : -1]
     padded = np.concatenate([before, values, after])
-    return np.convolve(padded, np.full(_WINDOW, 1 / _WINDOW), "valid")
+    return np.convolve(padded, np.full(_CURVES.window, 1 / _CURVES.window), "valid")

@@ -23,6 +23,7 @@ from deshake.geometry.rotations import compose, homographies
 from deshake.operators.strips import bands
 from deshake.pair.alignment import align, likeness, seen_in_frame, smooth
 from deshake.pair.photometric import brightness_ratio, photometric_scale
+from deshake.pair.registration_settings import SETTINGS
 from deshake.pair.rotation_search import distinct, exhaustive_search
 from deshake.pair.small_pair import SmallPair, possible_turns, reduce_pair
 from deshake.run import Run
@@ -37,14 +38,6 @@ Image = NDArray[np.float32]
 MAX_ANGLE = radians(10)
 """Half the range that is searched about each axis."""
 
-_SEARCH = 0.75  # side of the search's copies, in sides of the alignment's copies
-_SEARCH_PX = (1.2, 8.0)  # px: sigmas of the details that the search compares
-_CANDIDATES, _APART_PX = 5, 2.5  # candidates that are refined, and px between any two of them
-_SHADOW = 0.05  # share of the mean light: details in darker parts get less weight
-_LEAST_CONTRAST = 0.005  # standard deviation of the root of the light: less is an error
-_SAME_SCENE = 0.5  # confidence: below it, the photos do not show the same scene
-_EVEN_LIKENESS = 0.58  # likeness of confidence 0.5; fitted to simulated pairs, right and wrong
-_LIKENESS_SCALE = 0.05  # scale of the logistic function of likeness; fitted to the same pairs
 _QUARTER = pi / 2
 _BAND = 256  # rows and columns that are resampled at once
 
@@ -138,7 +131,7 @@ def register(
                 result.confidence,
                 camera,
             )
-        if best.confidence >= _SAME_SCENE:
+        if best.confidence >= SETTINGS.same_scene:
             # a symmetric scene resembles its mirror image, but itself more
             mirrored = replace(pair, f=np.ascontiguousarray(pair.f[:, ::-1]))
             if _register(mirrored, max_angle, run.silent()).confidence > best.confidence:
@@ -202,22 +195,24 @@ def _register(
     ratio = brightness_ratio(pair.g, pair.f)
     g, f = np.clip(pair.g, 0, 1), np.clip(ratio * pair.f, 0, 1)
     level = float(g.mean()) + 1e-9
-    seen_g, seen_f = (np.sqrt(image / level + _SHADOW, dtype=np.float32) for image in (g, f))
-    if min(seen_g.std(), seen_f.std()) < _LEAST_CONTRAST:
+    seen_g, seen_f = (
+        np.sqrt(image / level + SETTINGS.shadow, dtype=np.float32) for image in (g, f)
+    )
+    if min(seen_g.std(), seen_f.std()) < SETTINGS.least_contrast:
         raise EstimationError(
             "one of the two photos shows nothing", hint="check that neither is black or white"
         )
-    coarse = camera.scaled(*(round(_SEARCH * side) for side in camera.shape))
+    coarse = camera.scaled(*(round(SETTINGS.search * side) for side in camera.shape))
     small_g, small_f = resize(np.stack([seen_g, seen_f]), coarse.shape)
     candidates = exhaustive_search(
-        smooth(small_g, 0.3, _SEARCH_PX[1]),
-        smooth(small_f, *_SEARCH_PX),
+        smooth(small_g, 0.3, SETTINGS.search_px[1]),
+        smooth(small_f, *SETTINGS.search_px),
         coarse,
         max_angle,
         run=run,
     )
     best, best_likeness = np.zeros(3), -1.0
-    for candidate in distinct(candidates, coarse, _CANDIDATES, _APART_PX):
+    for candidate in distinct(candidates, coarse, SETTINGS.candidates, SETTINGS.apart_px):
         theta, _ = align(g, f, camera, candidate.theta)
         alike = likeness(seen_g, seen_f, camera, theta)
         if alike > best_likeness:
@@ -225,7 +220,7 @@ def _register(
     # Only now are the common part of both photos and its brightness known.
     f = np.clip(_scale(pair, best) * pair.f, 0, 1)
     best, _ = align(g, f, camera, best)
-    confidence = 1 / (1 + exp(-(best_likeness - _EVEN_LIKENESS) / _LIKENESS_SCALE))
+    confidence = 1 / (1 + exp(-(best_likeness - SETTINGS.even_likeness) / SETTINGS.likeness_scale))
     return Registration(best, _scale(pair, best), confidence, camera)
 
 

@@ -27,7 +27,8 @@ References
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
@@ -51,16 +52,55 @@ __all__ = ["gain_map", "joint_bilateral", "residual_richardson_lucy"]
 
 Image = NDArray[np.float32]
 
-_MOST = 20  # iterations at most
-_NOISE = 1.1  # factor of the estimated noise: a smaller residual ends the iterations
-_STALLED = 0.02  # relative fall of the squared residual: a smaller fall ends the iterations
-_ALPHA = 0.2  # alpha of the gain map; 0: no map
-_UNSEEN = np.float32(1e-2)  # A^T 1: latent pixels with no more than this keep their value
-_DARK = np.float32(1e-3)  # least divisor and least target of a step, in light
-_TOE = np.float32(3e-3)  # light: below about this, display values are linear
-_SMALLEST_LEVEL = 32  # px: shorter side of the smallest level of the pyramid
-_NEAR_PX, _ALIKE = 1.6, 0.08  # sigmas of the bilateral mean: pixels, display values
-_WINDOW = 5  # px from the middle of the bilateral window to its side
+
+@dataclass(frozen=True)
+class _Settings:
+    """Weights and thresholds of residual Richardson-Lucy.
+
+    No record says what the values were tuned on; `bench.py pair` measures them together.
+
+    Parameters
+    ----------
+    most : int
+        Iterations at most, if no number is given.
+    noise : float
+        Factor of the estimated noise: a smaller residual ends the iterations.
+    stalled : float
+        Relative fall of the squared residual: a smaller fall ends the iterations.
+    alpha : float
+        Alpha of the gain map; with 0, there is no map.
+    unseen : float32
+        A^T 1: latent pixels with no more than this keep their value.
+    dark : float32
+        Light: least divisor and least target of a step.
+    toe : float32
+        Light: below about this, display values are linear.
+    smallest_level : int
+        Px: shorter side of the smallest level of the pyramid.
+    near_px : float
+        Px: sigma of the bilateral mean over places.
+    alike : float
+        Display values: sigma of the bilateral mean over tones.
+    window : int
+        Px from the middle of the bilateral window to its side; pixels farther away do not
+        count.
+
+    """
+
+    most: int = 20
+    noise: float = 1.1
+    stalled: float = 0.02
+    alpha: float = 0.2
+    unseen: np.float32 = np.float32(1e-2)
+    dark: np.float32 = np.float32(1e-3)
+    toe: np.float32 = np.float32(3e-3)
+    smallest_level: int = 32
+    near_px: float = 1.6
+    alike: float = 0.08
+    window: int = 5
+
+
+_SETTINGS: Final = _Settings()
 _BAND = 256  # rows that are averaged at once
 
 
@@ -115,10 +155,10 @@ def residual_richardson_lucy(
     planes = channels_first(g)
     if len(noisy.denoised) != len(planes):
         raise ValueError(f"a noisy photo of {noisy.denoised.shape} does not fit one of {g.shape}")
-    most = iterations or _MOST
+    most = iterations or _SETTINGS.most
     margin = reach(kernel.camera, kernel.theta[kernel.weights > 0])
     blur = blur_filters(kernel, margin=margin, channels=len(planes), run=run)
-    coverage = np.maximum(blur.adjoint(np.ones((1, *g.shape[:2]), np.float32))[0], _UNSEEN)
+    coverage = np.maximum(blur.adjoint(np.ones((1, *g.shape[:2]), np.float32))[0], _SETTINGS.unseen)
     f_D = fitted(noisy.denoised, coverage.shape)
     gains = gain_map(image_like(f_D, g)) if gain else None
     left = blur.forward(f_D)
@@ -132,7 +172,7 @@ def residual_richardson_lucy(
     counts, squared = [], 0.0
     out = np.empty(g.shape, np.float32)
     for c, (residual, denoised) in enumerate(zip(left, f_D, strict=True)):
-        noise = _NOISE * coarse_noise(planes[c]) if iterations is None else None
+        noise = _SETTINGS.noise * coarse_noise(planes[c]) if iterations is None else None
         change, count = _deconvolved(
             residual, blur, coverage, None, most=most, noise=noise, run=next(steps)
         )
@@ -163,12 +203,12 @@ def gain_map(f_D: Image) -> Image:
     """
     level = _shown(channels_first(f_D).mean(0, dtype=np.float32))
     height, width = level.shape
-    gains = np.full(level.shape, 1 - _ALPHA, np.float32)
+    gains = np.full(level.shape, 1 - _SETTINGS.alpha, np.float32)
     while True:
         down, across = (cv2.Sobel(level, cv2.CV_32F, *d, scale=1 / 8) for d in ((0, 1), (1, 0)))
         gradient = np.sqrt(np.square(down) + np.square(across))
-        gains += np.float32(_ALPHA) * cv2.resize(gradient, (width, height))
-        if min(level.shape) < 2 * _SMALLEST_LEVEL:
+        gains += np.float32(_SETTINGS.alpha) * cv2.resize(gradient, (width, height))
+        if min(level.shape) < 2 * _SETTINGS.smallest_level:
             return gains
         level = np.asarray(cv2.pyrDown(level), np.float32)
 
@@ -177,7 +217,7 @@ def joint_bilateral(image: Image, guide: Image) -> Image:
     """Average an image (h, w) over near pixels whose values in a guide (h, w) are alike."""
     out = np.empty_like(image)
     for band in bands(len(image), _BAND):
-        rows, own = with_halo(band, _WINDOW, len(image))
+        rows, own = with_halo(band, _SETTINGS.window, len(image))
         out[band] = _bilateral(image[rows], guide[rows])[own]
     return out
 
@@ -186,15 +226,15 @@ def _bilateral(image: Image, guide: Image) -> Image:
     """Average a band; the weight of each pair of pixels is computed once."""
     total, weight = image.copy(), np.ones_like(image)
     height, width = image.shape
-    square = range(-_WINDOW, _WINDOW + 1)
+    square = range(-_SETTINGS.window, _SETTINGS.window + 1)
     for down, across in ((y, x) for y in square for x in square if (y, x) > (0, 0)):
         left, right = max(-across, 0), max(across, 0)
         if down >= height or left + right >= width:
             continue
         here = slice(0, height - down), slice(left, width - right)
         there = slice(down, height), slice(right, width - left)
-        w = np.square((guide[here] - guide[there]) / np.float32(_ALIKE))
-        w += np.float32((down * down + across * across) / _NEAR_PX**2)
+        w = np.square((guide[here] - guide[there]) / np.float32(_SETTINGS.alike))
+        w += np.float32((down * down + across * across) / _SETTINGS.near_px**2)
         w = np.exp(w * np.float32(-0.5))
         total[here] += w * image[there]
         total[there] += w * image[here]
@@ -217,11 +257,11 @@ def _deconvolved(
     """Deconvolve the residual of one colour; return delta f, (H, W), and the iterations."""
     f = np.ones_like(coverage)  # delta f + 1
     even = blur.forward(f[None])[0]
-    target = np.maximum(left + even, _DARK)
+    target = np.maximum(left + even, _SETTINGS.dark)
     ratio, before, done = even, np.inf, 0
     while done < most:
-        np.divide(target, np.maximum(ratio, _DARK), out=ratio)
-        f *= np.where(coverage > _UNSEEN, blur.adjoint(ratio[None])[0] / coverage, 1)
+        np.divide(target, np.maximum(ratio, _SETTINGS.dark), out=ratio)
+        f *= np.where(coverage > _SETTINGS.unseen, blur.adjoint(ratio[None])[0] / coverage, 1)
         if gains is not None:
             f = (f - 1) * gains + 1
         done += 1
@@ -230,7 +270,7 @@ def _deconvolved(
         ratio = blur.forward(f[None])[0]
         if noise is not None:
             squared = 4 * float(np.mean(np.square(pair_means(target - ratio)), dtype=np.float64))
-            if squared <= noise or squared > (1 - _STALLED) * before:
+            if squared <= noise or squared > (1 - _SETTINGS.stalled) * before:
                 break
             before = squared
         run.report(done / most, f"deblurring the residual, iteration {done}")
@@ -248,13 +288,13 @@ def _with_detail(calm: Image, full: Image) -> Image:
 
 def _shown(light: Image) -> Image:
     """Return approximate display values of light: its root, but nearly linear near black."""
-    shown: Image = np.sqrt(np.maximum(light, 0) + _TOE)
-    shown -= np.sqrt(_TOE)
+    shown: Image = np.sqrt(np.maximum(light, 0) + _SETTINGS.toe)
+    shown -= np.sqrt(_SETTINGS.toe)
     return shown
 
 
 def _light(shown: Image) -> Image:
     """Invert `_shown`; display values below 0 are black."""
-    light: Image = np.square(np.maximum(shown, 0) + np.sqrt(_TOE))
-    light -= _TOE
+    light: Image = np.square(np.maximum(shown, 0) + np.sqrt(_SETTINGS.toe))
+    light -= _SETTINGS.toe
     return light

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from deshake.blind.variational.coarse_to_fine import turn
 from deshake.geometry.rotations import compose, displacements, grid_steps, homographies
 from deshake.operators.strips import in_order
+from deshake.pair.registration_settings import SETTINGS
 from deshake.run import Run
 
 if TYPE_CHECKING:
@@ -25,10 +26,6 @@ if TYPE_CHECKING:
 __all__ = ["Candidate", "distance_px", "distinct", "exhaustive_search"]
 
 Image = NDArray[np.float32]
-
-_BENT_PX = 2.0  # px: motion of the corners, shifts aside, between two steps about X or Y
-_MOST_TILTS = 9  # steps about X, and about Y, at most
-_LEAST_OVERLAP = 0.3  # share of the frame that both photos must cover
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,8 +105,8 @@ def _tilts(camera: Camera, max_angle: float) -> int:
     """Return the number of steps about X, and about Y; shifts can fill the gaps between them."""
     corner = np.abs(camera.corners - camera.matrix[:2, 2]).max(0)
     bent = 2 * max_angle * float(corner @ corner) / camera.focal_px
-    count = int(np.ceil(bent / _BENT_PX)) // 2 * 2 + 1  # the middle one is no rotation
-    return min(count, _MOST_TILTS)
+    count = int(np.ceil(bent / SETTINGS.bent_px)) // 2 * 2 + 1  # the middle one is no rotation
+    return min(count, SETTINGS.most_tilts)
 
 
 def _steps(camera: Camera, max_angle: float) -> list[NDArray[np.float64]]:
@@ -125,7 +122,7 @@ class _Correlation:
     """ZNCC of a picture with others, each within its mask, for all shifts up to `reach`."""
 
     def __init__(self, a: Image, reach: int) -> None:
-        self.least = _LEAST_OVERLAP * a.size
+        self.least = SETTINGS.least_overlap * a.size
         self.size = tuple(scipy.fft.next_fast_len(side + reach, real=True) for side in a.shape)
         self.shifts = np.arange(-reach, reach + 1)
         self.spectra = scipy.fft.rfft2(np.stack([a, a * a, np.ones_like(a)]), self.size)

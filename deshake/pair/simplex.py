@@ -35,7 +35,7 @@ _MOST_MOVES = 500  # moves for each weight, at most
 _MOST_ROUNDS = 100  # growths of the working set, at most
 _LEAST_CURVATURE = 1e-12  # share of G's diagonal
 _SAFETY = 1.05  # factor of the least eigenvalue: Lanczos approaches it from above
-_LANCZOS_STEPS = 60
+_LANCZOS_STEPS = 60  # steps at most: with more, the eigenvalue is more exact
 _DENSE = 200  # rows: up to it, computing all eigenvalues costs less
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake.errors import EstimationError
+from deshake.pair.registration_settings import SETTINGS
 
 if TYPE_CHECKING:
     from deshake.geometry.camera import Camera
@@ -18,13 +19,6 @@ __all__ = ["SmallPair", "possible_turns", "reduce_pair"]
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
-
-_SIDE = 128  # px, longer side
-_LEAST_SIDE = 32  # px: least shorter side
-_MOST_SIDE = 640  # px: most longer side, of a long photo
-_CLIPPED = 0.98  # light: a brighter pixel counts as clipped
-_CLIPPED_SHARE = 0.01  # share of a small pixel: with more clipped light, it is not used
-_PROPORTIONS = 0.005  # relative difference of the aspect ratios of two whole photos, at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,9 +53,9 @@ def possible_turns(one: tuple[int, int], other: tuple[int, ...]) -> list[int]:
     """
     aspect = one[1] / one[0]
     turns = []
-    if abs(other[1] / other[0] / aspect - 1) < _PROPORTIONS:
+    if abs(other[1] / other[0] / aspect - 1) < SETTINGS.proportions:
         turns.append(0)
-    if abs(other[0] / other[1] / aspect - 1) < _PROPORTIONS:
+    if abs(other[0] / other[1] / aspect - 1) < SETTINGS.proportions:
         turns += [1, 3]
     if not turns:
         raise EstimationError(
@@ -91,18 +85,22 @@ def reduce_pair(g: Image, f_N: Image, camera: Camera, turns: int) -> SmallPair:
 
     """
     longer, shorter = max(camera.shape), min(camera.shape)
-    factor = min(max(_SIDE / longer, _LEAST_SIDE / shorter), 1.0)
+    factor = min(max(SETTINGS.side / longer, SETTINGS.least_side / shorter), 1.0)
     shape = (round(camera.height * factor), round(camera.width * factor))
-    if min(shape) < _LEAST_SIDE or min(f_N.shape[:2]) < _LEAST_SIDE or max(shape) > _MOST_SIDE:
+    if (
+        min(shape) < SETTINGS.least_side
+        or min(f_N.shape[:2]) < SETTINGS.least_side
+        or max(shape) > SETTINGS.most_side
+    ):
         raise EstimationError(
             f"a photo of {camera.width} x {camera.height} pixels is too small or too narrow",
-            hint=f"register photos of at least {_LEAST_SIDE} pixels a side",
+            hint=f"register photos of at least {SETTINGS.least_side} pixels a side",
         )
     small_g, clipped_g = _reduced(g, shape)
     small_f, clipped_f = (
         np.rot90(image, turns) for image in _reduced(f_N, shape[::-1] if turns % 2 else shape)
     )
-    usable = np.maximum(clipped_g, clipped_f) < _CLIPPED_SHARE
+    usable = np.maximum(clipped_g, clipped_f) < SETTINGS.clipped_share
     return SmallPair(small_g, np.ascontiguousarray(small_f), usable, camera.scaled(*shape))
 
 
@@ -111,7 +109,7 @@ def _reduced(image: Image, shape: tuple[int, int]) -> tuple[Image, Image]:
     size = (shape[1], shape[0])
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     grey = small.reshape(*shape, -1).mean(-1, dtype=np.float32)
-    clipped = image >= _CLIPPED
+    clipped = image >= SETTINGS.clipped
     codes = np.uint8(255) * (clipped if image.ndim == 2 else clipped.any(-1)).astype(np.uint8)
     share = cv2.resize(np.asarray(codes), size, interpolation=cv2.INTER_AREA)
     return grey, np.asarray(share, np.float32) / np.float32(255)

@@ -47,7 +47,7 @@ _LEAST_SIDE: Final = 48  # px: no picture is made smaller than this
 _FILTERS: Final = 3  # number of local filters down and across the frame
 _KERNEL_SIDE: Final = 600  # px
 _FAINT: Final = 0.01  # of the largest weight: lighter rotations are not drawn
-_KERNEL_COLOURS: Final = 16
+_KERNEL_COLOURS: Final = 16  # greys of the picture of a kernel
 
 
 class Encoded(NamedTuple):

@@ -333,7 +333,8 @@ def test_a_typed_option_cancels_contrary_ones_in_all_commands(
     assert outcome.code == 2
     assert "--region does not go with --noisy" in outcome.err
     registration, kernel = tmp_path / "pair.npz", tmp_path / "kernel.npz"
-    assert deshake("register", *pair, "--focal-px", 150, "-o", registration).code == 0
+    near = ("--focal-px", 150, "--search-angle", 4)
+    assert deshake("register", *pair, *near, "-o", registration).code == 0
     known = ("--registration", registration)
     estimate = ("estimate-pair", *pair, *known, "-o", kernel, "--blur-size", 8)
     assert deshake(*own, *estimate, "--dry-run").code == 0

@@ -12,8 +12,11 @@ from skimage import data
 from deshake.files.kernel_file import read_kernel
 from deshake.metadata.provenance import read_provenance
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 FAST = ("--blur-size", 10, "--estimator", "edges", "--uniform", "--iterations", 2)
-PAIR = ("--focal-px", 150, "--blur-size", 8, "--iterations", 2)
+NARROW = ("--search-angle", 4)  # quick: a narrow search tries few rotations
+PAIR = ("--focal-px", 150, "--blur-size", 8, "--iterations", 2, *NARROW)
 
 
 @pytest.fixture
@@ -272,7 +275,7 @@ def test_pairs_are_finished_likewise(deshake, pair, mask, tmp_path):
     assert outcome.code == 0, outcome.err
     assert (tmp_path / "out.compare.png").exists()
     again, kernel = tmp_path / "again.png", kernels / "blurred.kernel.npz"
-    args = ("--noisy", noisy, "--iterations", 2, *finish, "-o", again)
+    args = ("--noisy", noisy, "--iterations", 2, *NARROW, *finish, "-o", again)
     assert deshake("deblur", blurred, kernel, *args).code == 0
     assert again.read_bytes() == out.read_bytes()
     before, after = codes(blurred), codes(out)
@@ -286,9 +289,9 @@ def test_a_pair_has_a_preview(deshake, pair, tmp_path):
         large = cv2.resize(codes(path), (700, 500), interpolation=cv2.INTER_CUBIC)
         cv2.imwrite(str(path), large[110:390])
     registration, out = tmp_path / "pair.npz", tmp_path / "out.png"
-    focal = ("--focal-px", 750)
+    focal = ("--focal-px", 750, *NARROW)
     args = ("--preview", "--iterations", 1, *focal, "--keep-kernels", tmp_path / "k")
-    args = (*args, "--blur-size", 35)
+    args = (*args, "--blur-size", 35, "--uniform")
     assert deshake("fix", blurred, "--noisy", noisy, "-o", out, *args).code == 0
     assert codes(out).shape[:2] == (256, 640)
     assert read_provenance(out)["options"]["preview"] is True

@@ -20,6 +20,8 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.operators.warps import Warps
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 EXIF = {0x920A: ("r", [35.0]), 0xA405: ("H", [46]), 0x829A: ("r", [0.5])}
 QUIET = ("--threads", 1, "-q")
 QUICK = ("--quality", "fast")
@@ -136,7 +138,7 @@ def test_a_pair_of_raw_files(deshake, make_dng, raw, scene, tmp_path):
     dark = tmp_path / "dark.dng"
     dark.write_bytes(make_dng(noisy, exif=EXIF, extra=balance))
     out = tmp_path / "out.tif"
-    lens = ("--focal-px", 150)
+    lens = ("--focal-px", 150, "--search-angle", 4)
     words = (*lens, "--blur-size", 8, "-o", out, "--json")
     outcome = deshake("fix", raw, "--noisy", dark, *words, *QUIET)
     assert outcome.code == 0
@@ -164,7 +166,8 @@ def test_a_pair_of_raw_files_is_known_to_be_linear(deshake, make_dng, scene, tmp
     noisy = turned / 12 + 0.012 * np.random.default_rng(0).normal(size=turned.shape)
     long.write_bytes(make_dng(np.sqrt(np.maximum(blurred, 0)), exif=EXIF))
     short.write_bytes(make_dng(noisy, exif=EXIF))
-    lens, known, kernel = ("--focal-px", 150), tmp_path / "r.npz", tmp_path / "k.npz"
+    known, kernel = tmp_path / "r.npz", tmp_path / "k.npz"
+    lens = ("--focal-px", 150, "--search-angle", 4)
     assert deshake("register", long, short, *lens, "-o", known, *QUIET).code == 0
     words = ("--registration", known, "--blur-size", 8, "-o", kernel)
     outcome = deshake("estimate-pair", long, short, *words, "--json", *QUIET)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import cv2
@@ -12,6 +13,7 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.operators.warps import Warps
 from deshake.pair.kernel_estimate import estimate_pair_kernel
+from deshake.pair.kernel_settings import SETTINGS
 from deshake.run import Run
 
 pytestmark = pytest.mark.long
@@ -174,8 +176,8 @@ def test_threads_change_no_byte_and_progress_rises(known, camera):
 
 
 def test_large_photos_are_worked_on_where_the_blur_is_wide_enough(photo, camera, monkeypatch):
-    monkeypatch.setattr("deshake.pair.kernel_estimate._ENOUGH_BLUR", 12.0)
-    monkeypatch.setattr("deshake.pair.kernel_estimate._FINE_SIDE", 50)
+    early = replace(SETTINGS, enough_blur=12.0, fine_side=50)
+    monkeypatch.setattr("deshake.pair.kernel_estimate.SETTINGS", early)
     g, f_reg, twins, truth = shaken(photo, camera, 2 * PATH, sigma=0.02)
     result = estimate(g, f_reg, camera, noise=twins, blur_size=30)
     assert (result.scales[-1].height, result.scales[-1].width) < SHAPE

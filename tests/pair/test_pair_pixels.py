@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from deshake.errors import EstimationError
 from deshake.geometry.camera import Camera
 from deshake.geometry.rotations import grid_steps
+from deshake.pair.kernel_settings import SETTINGS
 from deshake.pair.pair_pixels import (
     PairPictures,
     derivatives,
@@ -90,8 +93,8 @@ def test_pixels_on_edges_are_drawn_the_more_often():
 
 
 def test_few_are_drawn_of_many(monkeypatch):
-    monkeypatch.setattr("deshake.pair.pair_pixels._PIXELS", 4 * ROW_BLOCK)
-    monkeypatch.setattr("deshake.pair.pair_pixels._HELD_OUT", ROW_BLOCK)
+    few = replace(SETTINGS, pixels=4 * ROW_BLOCK, held_out=ROW_BLOCK)
+    monkeypatch.setattr("deshake.pair.pair_pixels.SETTINGS", few)
     image = np.zeros(SHAPE, np.float32)
     image[:, 60:] = 1
     drawn = drawn_pixels(derivatives(image), np.ones(SHAPE, bool), 1)

@@ -7,6 +7,7 @@ import pytest
 from PIL import Image
 
 from deshake.blind.variational import scales
+from deshake.blind.variational.settings import SETTINGS
 from deshake.errors import EstimationError
 from deshake.files.kernel_file import CameraFile
 from deshake.formats.photo import read_photo
@@ -114,7 +115,8 @@ def test_what_cannot_be_estimated_names_the_photo(shaken):
 
 
 def test_clipped_pixels_are_left_out_of_the_estimate(shaken, monkeypatch):
-    monkeypatch.setattr(scales, "_ITERATIONS", 3)  # enough to compare estimates
+    few = replace(SETTINGS, iterations=3)  # enough to compare estimates
+    monkeypatch.setattr(scales, "SETTINGS", few)
     photo, truth, _ = shaken
     camera = CameraFile(truth.camera, "made up")
     options = EstimateOptions(

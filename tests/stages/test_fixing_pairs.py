@@ -19,7 +19,11 @@ from deshake.stages.methods import RestorationOptions
 
 HEIGHT, WIDTH = 110, 150
 OPTIONS = EstimateOptions(
-    camera=CameraChoice(focal_px=160), transfer="linear", blur_size=9, uniform=True
+    camera=CameraChoice(focal_px=160),
+    transfer="linear",
+    blur_size=9,
+    uniform=True,
+    search_angle=4,
 )
 QUICK = RestorationOptions("fusion", iterations=2)
 

@@ -29,7 +29,7 @@ MARGIN = 25
 CAMERA = Camera.from_focal(220.0, *SHAPE)
 STEPS = grid_steps(CAMERA)
 TURN = np.array([3, -4, 2]) * STEPS  # from the blurred photo to the noisy one
-LENS = EstimateOptions(camera=CameraChoice(focal_px=220.0), blur_size=14)
+LENS = EstimateOptions(camera=CameraChoice(focal_px=220.0), blur_size=14, search_angle=4)
 RATIO = 5.0
 SIGMA = 0.02
 FILES = ("blurred", "noisy")
@@ -96,7 +96,7 @@ def test_where_the_photos_agree_badly_the_photo_is_left_as_it_is(pair):
     other = np.ascontiguousarray(noisy.pixels[::-1, ::-1])
     known = Registration(np.zeros(3), RATIO, 1.0, CAMERA)
     estimate = estimate_pair(
-        blurred, noisy.with_pixels(other), options(), registration=known, run=Run(1)
+        blurred, noisy.with_pixels(other), options(uniform=True), registration=known, run=Run(1)
     )
     assert not estimate.trusted
     assert not estimate.report()["trusted"]
@@ -115,6 +115,7 @@ def test_the_kernel_file_has_its_provenance(pair, tmp_path):
         "blur_size": 14,
         "max_angle": None,
         "uniform": True,
+        "search_angle": 4,
     }
     assert provenance["input_sha256"] != provenance["noisy_sha256"]
     assert provenance["camera"] == "--focal-px 220"

@@ -20,6 +20,7 @@ from deshake.stages.estimate_options import EstimateOptions
 from deshake.stages.registering import checkerboard, register_file, registration_name
 
 OPTIONS = EstimateOptions(camera=CameraChoice(focal_35mm=40))
+NEAR = EstimateOptions(camera=CameraChoice(focal_35mm=40), search_angle=4)  # a quick search
 
 
 @pytest.fixture
@@ -73,7 +74,7 @@ def test_the_checkerboard_shows_both(tmp_path):
 
 @pytest.mark.parametrize("name", ["p.png", "p.jpg", "p.tif"])
 def test_the_preview_is_of_the_format_of_its_name(pair, tmp_path, name):
-    register_file(*pair, tmp_path / "r.npz", OPTIONS, preview=tmp_path / name, run=Run(1))
+    register_file(*pair, tmp_path / "r.npz", NEAR, preview=tmp_path / name, run=Run(1))
     with Image.open(tmp_path / name) as picture:
         assert picture.size == (200, 160)
         assert picture.mode == "L"  # one of the two is grey
@@ -86,7 +87,7 @@ def test_file_and_preview_stay_together(pair, tmp_path, monkeypatch, step):
 
     monkeypatch.setattr(registering, step, fail)
     with pytest.raises(KeyboardInterrupt):
-        register_file(*pair, tmp_path / "r.npz", OPTIONS, preview=tmp_path / "p.png", run=Run(1))
+        register_file(*pair, tmp_path / "r.npz", NEAR, preview=tmp_path / "p.png", run=Run(1))
     assert {path.name for path in tmp_path.iterdir()} == {"long.png", "short.png"}
 
 
@@ -102,14 +103,14 @@ def test_a_zoom_between_the_two_is_an_error(pair, tmp_path):
     g = with_focal_length(pair[0], 35, tmp_path / "g.jpg")
     same = with_focal_length(pair[1], 35, tmp_path / "same.jpg")
     zoomed = with_focal_length(pair[1], 50, tmp_path / "zoomed.jpg")
-    match = register_file(g, same, tmp_path / "r.npz", EstimateOptions(), run=Run(1))
+    match = register_file(g, same, tmp_path / "r.npz", EstimateOptions(search_angle=4), run=Run(1))
     assert "35 mm" in match.camera.source
     with pytest.raises(PhotoError, match=r"taken at 1\.43 times the focal length of"):
-        register_file(g, zoomed, tmp_path / "z.npz", EstimateOptions(), run=Run(1))
+        register_file(g, zoomed, tmp_path / "z.npz", EstimateOptions(search_angle=4), run=Run(1))
     register_file(
         g,
         zoomed,
         tmp_path / "z.npz",
-        EstimateOptions(camera=CameraChoice(focal_35mm=35)),
+        EstimateOptions(camera=CameraChoice(focal_35mm=35), search_angle=4),
         run=Run(1),
     )

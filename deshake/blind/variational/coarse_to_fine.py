@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from deshake.blind.variational.settings import SETTINGS
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
 from deshake.geometry.rotations import grid_steps, homographies
 
@@ -34,9 +35,7 @@ __all__ = [
 
 Image = NDArray[np.float32]
 
-RATIO = np.sqrt(2)
-_COARSEST_BLUR = 3.0  # px: width of the blur at the coarsest scale
-_SMALLEST_SIDE = 16  # px: least side of the coarsest scale
+RATIO = np.sqrt(2)  # of the sides of two neighbouring scales
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,9 +83,9 @@ class PyramidPlan:
     def levels(self) -> list[Level]:
         """Return the scales from coarse to fine."""
         half = int(self.blur_px) // 2 + 2
-        count = int(np.ceil(2 * np.log2((2 * half + 1) / _COARSEST_BLUR))) + 1
+        count = int(np.ceil(2 * np.log2((2 * half + 1) / SETTINGS.coarsest_blur))) + 1
         height, width = self.camera.shape
-        while count > 1 and min(height, width) / RATIO ** (count - 1) < _SMALLEST_SIDE:
+        while count > 1 and min(height, width) / RATIO ** (count - 1) < SETTINGS.smallest_side:
             count -= 1
         return [self._level(index, half) for index in range(count - 1, -1, -1)]
 

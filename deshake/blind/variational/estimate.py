@@ -11,6 +11,7 @@ from deshake.blind.result import BlindEstimate
 from deshake.blind.variational import priors
 from deshake.blind.variational.coarse_to_fine import PyramidPlan, resize
 from deshake.blind.variational.scales import ScaleByScale
+from deshake.blind.variational.settings import SETTINGS
 from deshake.errors import EstimationError
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
@@ -23,16 +24,6 @@ Mask = NDArray[np.bool_]
 
 BLUR_SHARES = (0.015, 0.025, 0.04, 0.06)
 """Bounds of the blur to try if none is given, as shares of the photo's longer side."""
-
-_LONGEST_SIDE = 640  # px: longer side of the finest scale; larger photos are reduced
-_CONTRAST = 30.0  # rms gradient of the scaled photo, on 0..256, reduced to 100 px
-_CONTRAST_SIDE = 100  # px: longer side of the picture that measures the contrast
-_LEAST_CONTRAST = 0.02  # the same gradient of the photo itself: less is an error
-_FINE_BLUR = 12.0  # px: bound of the blur; up to it only noise causes smoothing
-_SMOOTHING = 0.06  # px of sigma for each px of the bound above that
-_SMOOTHING_NOISE = 0.13  # px of sigma for noise of 1 on 0..256, in the contrast of the priors
-_MOST_SMOOTHING = 1.0  # px: largest sigma
-_CLOSE = 0.005  # share of the weight on the box's faces, at a coarse scale: above it, try on
 
 
 def estimate_variational(
@@ -93,7 +84,7 @@ def estimate_variational(
     bounds = [b for b in bounds if b <= min(w, h) / 2] or bounds[:1]
     check_size(h, w, bounds[0])
     axes = (True, True, False) if uniform else ALL_AXES
-    scale = min(1.0, _LONGEST_SIDE / max(h, w))
+    scale = min(1.0, SETTINGS.longest_side / max(h, w))
     shape = round(h * scale), round(w * scale)
     contrast = _contrast_scale(picture)
     small = resize((picture * contrast)[None], shape)[0]
@@ -112,7 +103,7 @@ def estimate_variational(
                 run=run,
             )
         )
-        if len(bounds) == 1 or trials[-1].try_coarse() <= _CLOSE:
+        if len(bounds) == 1 or trials[-1].try_coarse() <= SETTINGS.close:
             break
     # if every kernel touches its bounds, the one with the least weight there is the best
     scales = min(reversed(trials), key=lambda tried: tried.outermost)
@@ -125,15 +116,15 @@ def estimate_variational(
 
 def _contrast_scale(grey: Image) -> np.float32:
     """Return the factor that scales a photo to the contrast of the gradient priors."""
-    scale = min(1.0, _CONTRAST_SIDE / max(grey.shape))
+    scale = min(1.0, SETTINGS.contrast_side / max(grey.shape))
     shape = max(round(grey.shape[0] * scale), 2), max(round(grey.shape[1] * scale), 2)
     small = resize(grey[None], shape)[0] * priors.INTENSITY_RANGE
     across, down = np.diff(small, axis=1)[:-1], np.diff(small, axis=0)[:, :-1]
     contrast = float(np.sqrt((across**2 + down**2).mean()))
-    if not contrast > _LEAST_CONTRAST:
+    if not contrast > SETTINGS.least_contrast:
         msg = "there is no detail to estimate the shake from"
         raise EstimationError(msg, hint="the photo is all of one colour, or nearly so")
-    return np.float32(priors.INTENSITY_RANGE * _CONTRAST / contrast)
+    return np.float32(priors.INTENSITY_RANGE * SETTINGS.contrast / contrast)
 
 
 def _smoothed(image: Image, blur_px: float) -> Image:
@@ -144,8 +135,8 @@ def _smoothed(image: Image, blur_px: float) -> Image:
     """
     across = image[1:, 1:] - image[1:, :-1] - image[:-1, 1:] + image[:-1, :-1]
     noise = float(np.median(np.abs(across))) / 2 / 0.6745
-    width = _SMOOTHING * (blur_px - _FINE_BLUR)
-    sigma = min(max(width, _SMOOTHING_NOISE * noise), _MOST_SMOOTHING)
+    width = SETTINGS.smoothing * (blur_px - SETTINGS.fine_blur)
+    sigma = min(max(width, SETTINGS.smoothing_noise * noise), SETTINGS.most_smoothing)
     if not sigma > 0:
         return image
     smooth: Image = cv2.GaussianBlur(image, (0, 0), sigma).astype(np.float32)

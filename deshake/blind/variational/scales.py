@@ -21,6 +21,7 @@ from deshake.blind.variational.coarse_to_fine import (
     turn,
 )
 from deshake.blind.variational.posterior import Posterior, start
+from deshake.blind.variational.settings import SETTINGS
 from deshake.blind.variational.updates import VariationalModel
 from deshake.errors import EstimationError
 from deshake.geometry.kernel import RotationKernel
@@ -36,17 +37,6 @@ __all__ = ["ScaleByScale", "ScaleReport"]
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
-
-_TRIAL_SIDE = 200  # px: longer side of the last scale that may reject a bound as too small
-_ENOUGH_BLUR = 22.0  # px: width of the blur; if it is reached, no finer scale is solved
-_LEAST_OBSERVED = 0.05  # share of the pixels that must be usable: less is an error
-_ITERATIONS = 12  # iterations at each scale
-_CUT = 0.05  # share of the largest weight: smaller ones are removed between scales and at the end
-_PRUNE = 0.004  # share of the largest weight: smaller weights are removed within a scale
-_PRUNE_GAIN = 0.85  # share of the rotations: if at least as many would stay, none is removed
-_HOPS = (32, 16)  # px: patch distance at the finest scale, and at the coarser ones
-_TOUCHING = 0.02  # share of the weight on the faces of the box: above it, the box is too small
-_STILL_PX = 1.5  # px at the finest scale: a smaller extent is no shake
 
 
 @dataclass(frozen=True)
@@ -92,7 +82,7 @@ class ScaleByScale:
         """Solve the coarse scales; return the weight that touches the bounds."""
         while self._continues():
             self._step()
-            if max(self.levels[len(self.reports) - 1].camera.shape) >= _TRIAL_SIDE:
+            if max(self.levels[len(self.reports) - 1].camera.shape) >= SETTINGS.trial_side:
                 break
         return self.outermost
 
@@ -102,17 +92,17 @@ class ScaleByScale:
             self._step()
         self._run.report(1.0, "kernel estimated")
         assert self.kernel is not None  # noqa: S101 - there is at least one level
-        kept = self.kernel.above(_CUT)
-        if kept.extent_px() < _STILL_PX:
+        kept = self.kernel.above(SETTINGS.cut)
+        if kept.extent_px() < SETTINGS.still_px:
             self.notes.append("no shake was found: the kernel is a single point")
         outermost = self.outermost
-        if outermost > _TOUCHING:
+        if outermost > SETTINGS.touching:
             self.notes.append(
                 "the shake may be wider than what was looked for: try a larger --blur-size"
             )
         if self.before is None:
             return kept, 0.0
-        return kept, _agreement(self.before.above(_CUT), kept) * (1 - outermost)
+        return kept, _agreement(self.before.above(SETTINGS.cut), kept) * (1 - outermost)
 
     def latent_gradients(self) -> Image:
         """Return the sharp picture's differences to the right and lower neighbour, (2, h, w).
@@ -122,7 +112,7 @@ class ScaleByScale:
         assert self.kernel is not None  # noqa: S101 - there is at least one level
         assert self.latent is not None  # noqa: S101
         level = self.levels[len(self.reports) - 1]
-        return latent_differences(self.latent, level, self.kernel.above(_CUT).centroid)
+        return latent_differences(self.latent, level, self.kernel.above(SETTINGS.cut).centroid)
 
     def _continues(self) -> bool:
         """Whether there is a finer scale, and the blur is not wide enough yet."""
@@ -130,7 +120,7 @@ class ScaleByScale:
             return False
         if self.kernel is None or self.finest:
             return True
-        return self.kernel.extent_px() * sqrt(2) <= _ENOUGH_BLUR
+        return self.kernel.extent_px() * sqrt(2) <= SETTINGS.enough_blur
 
     def _step(self) -> None:
         """Estimate at the next scale."""
@@ -140,7 +130,7 @@ class ScaleByScale:
             active, f = first_kernel(level), resize(self.gradients, level.camera.shape)
         else:
             coarser = self.levels[number - 1]
-            active, offset = next_kernel(self.kernel, level, self.plan.axes, cut=_CUT)
+            active, offset = next_kernel(self.kernel, level, self.plan.axes, cut=SETTINGS.cut)
             turned = turn(self.latent, coarser.camera, -offset * coarser.steps)
             f = resize(turned, level.camera.shape)
         name = f"scale {number + 1} of {len(self.levels)}"
@@ -173,7 +163,7 @@ class ScaleByScale:
         theta = active.theta
         model = self._model(level, theta, g, mask)
         q = model.update_latent(start(f, active.weights))
-        rounds = _ITERATIONS + (0 if self.reports else 2)
+        rounds = SETTINGS.iterations + (0 if self.reports else 2)
         energy = np.inf
         for i in range(rounds):
             advance(i / rounds)
@@ -184,8 +174,8 @@ class ScaleByScale:
             if i == rounds - 1:
                 energy = model.free_energy(q, problem)
             elif i >= 2 and i % 2 == 0:
-                keep = q.w > _PRUNE * q.w.max()
-                if keep.mean() < _PRUNE_GAIN:
+                keep = q.w > SETTINGS.prune * q.w.max()
+                if keep.mean() < SETTINGS.prune_gain:
                     theta, q = theta[keep], _restricted(q, keep)
                     model = self._model(level, theta, g, mask)
         total = float(q.w.sum())
@@ -198,7 +188,7 @@ class ScaleByScale:
     def _model(
         self, level: Level, theta: NDArray[np.float64], g: Image, mask: Image
     ) -> VariationalModel:
-        hop = _HOPS[min(level.index, len(_HOPS) - 1)]
+        hop = SETTINGS.hops[min(level.index, len(SETTINGS.hops) - 1)]
         flow = FilterFlow(level.camera, theta, margin=0, hop=hop, channels=len(g), run=self._run)
         return VariationalModel(
             flow,
@@ -216,7 +206,7 @@ class ScaleByScale:
             usable = resize(self.usable.astype(np.float32)[None], level.camera.shape)[0] > 1 - 1e-3
             # a difference needs both its pixels; a clipped pixel further away does no harm
             mask *= cv2.erode(usable.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1)
-        if mask.mean() < _LEAST_OBSERVED:
+        if mask.mean() < SETTINGS.least_observed:
             msg = "too few pixels are left that are neither clipped nor near the border"
             raise EstimationError(msg, hint="give a smaller --blur-size, or another --region")
         return mask

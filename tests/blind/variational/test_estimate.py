@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
@@ -8,6 +9,7 @@ import pytest
 
 from deshake.blind.variational import estimate, priors, scales
 from deshake.blind.variational.estimate import estimate_variational
+from deshake.blind.variational.settings import SETTINGS
 from deshake.errors import EstimationError
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
@@ -93,7 +95,7 @@ def watched(shots: dict[str, Shot]) -> dict[str, Watched]:
 @pytest.fixture
 def few_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let estimates take a few iterations at each scale; other tests prove the quality."""
-    monkeypatch.setattr(scales, "_ITERATIONS", 4)
+    monkeypatch.setattr(scales, "SETTINGS", replace(SETTINGS, iterations=4))
 
 
 def psnr(restored: np.ndarray, sharp: np.ndarray) -> float:
@@ -178,7 +180,7 @@ def test_threads_do_not_change_a_byte(shot: Shot) -> None:
 def test_the_kernel_of_a_reduced_photo_belongs_to_the_whole(
     shot: Shot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(estimate, "_LONGEST_SIDE", 83)
+    monkeypatch.setattr(estimate, "SETTINGS", replace(SETTINGS, longest_side=83))
     result = estimate_variational(shot.photo, CAMERA, blur_px=BOUND, run=Run(2))
     assert result.scales[-1].width == 83
     assert result.kernel.camera is CAMERA

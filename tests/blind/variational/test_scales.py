@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ import pytest
 from deshake.blind.variational import scales
 from deshake.blind.variational.coarse_to_fine import PyramidPlan
 from deshake.blind.variational.scales import ScaleByScale
+from deshake.blind.variational.settings import SETTINGS
 from deshake.errors import EstimationError
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
@@ -45,22 +48,31 @@ def under_way(
     )
 
 
+@pytest.fixture(scope="module")
+def ended(gradients: np.ndarray) -> dict[str, ScaleByScale]:
+    """Estimates of a blur that counts as wide: to the scale that is enough, and to the finest."""
+    works = {
+        "enough": under_way(gradients, 8),
+        "finest": under_way(gradients, 8, finest=True),
+    }
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(scales, "SETTINGS", replace(SETTINGS, enough_blur=5.0))
+        for work in works.values():
+            work.run()
+    return works
+
+
 def test_wide_blur_ends_at_a_coarser_scale_unless_the_finest_is_asked_for(
-    gradients: np.ndarray, monkeypatch: pytest.MonkeyPatch
+    ended: dict[str, ScaleByScale],
 ) -> None:
-    monkeypatch.setattr(scales, "_ENOUGH_BLUR", 5.0)
-    widths = []
-    for finest in (False, True):
-        work = under_way(gradients, 8, finest=finest)
-        work.run()
-        widths.append(work.reports[-1].width)
+    widths = [ended[name].reports[-1].width for name in ("enough", "finest")]
     assert widths[0] < widths[1] == SHAPE[1]
 
 
 def test_a_trial_stops_at_a_coarse_scale_and_goes_on_from_there(
     gradients: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(scales, "_TRIAL_SIDE", 60)
+    monkeypatch.setattr(scales, "SETTINGS", replace(SETTINGS, trial_side=60, iterations=4))
     work, straight = under_way(gradients, 6), under_way(gradients, 6)
     assert work.try_coarse() == work.outermost
     assert 60 <= work.reports[-1].width < 60 * 1.5
@@ -71,11 +83,10 @@ def test_a_trial_stops_at_a_coarse_scale_and_goes_on_from_there(
     assert confidence == same
 
 
-def test_a_box_too_small_is_touched(gradients: np.ndarray) -> None:
-    tight, wide = under_way(gradients, 1), under_way(gradients, 8)
-    for work in (tight, wide):
-        work.run()
-    assert tight.outermost > wide.outermost
+def test_a_box_too_small_is_touched(gradients: np.ndarray, ended: dict[str, ScaleByScale]) -> None:
+    tight = under_way(gradients, 1)
+    tight.run()
+    assert tight.outermost > ended["finest"].outermost
 
 
 def test_too_few_pixels_are_an_error(gradients: np.ndarray) -> None:
@@ -86,11 +97,9 @@ def test_too_few_pixels_are_an_error(gradients: np.ndarray) -> None:
 
 
 def test_the_latent_gradients_have_the_size_of_the_last_scale(
-    gradients: np.ndarray, monkeypatch: pytest.MonkeyPatch
+    gradients: np.ndarray, ended: dict[str, ScaleByScale]
 ) -> None:
-    monkeypatch.setattr(scales, "_ENOUGH_BLUR", 5.0)
-    work = under_way(gradients, 8)
-    work.run()
+    work = ended["enough"]
     latent = work.latent_gradients()
     assert latent.shape == (2, work.reports[-1].height, work.reports[-1].width)
     assert latent.shape[2] < SHAPE[1]
