@@ -219,7 +219,7 @@ class _Scales:
         confidence = 1 / (1 + exp(log(left / energy / _EVEN_MISFIT) / _MISFIT_RANGE))
         notes = []
         if most_of(kernel).extent_px() < _STILL_PX:
-            notes.append("no shake was found: the kernel is a single point")
+            notes.append("no shake was found: there is nothing to undo")
         beyond = np.any(np.abs(kernel.theta) > self.bounds, 1)
         if kernel.weights[beyond].sum() > _TOUCHING:
             notes.append(

@@ -106,7 +106,7 @@ class ScaleByScale:
         assert self.kernel is not None  # noqa: S101 - there is at least one level
         kept = self.kernel.above(_CUT)
         if kept.extent_px() < _STILL_PX:
-            self.notes.append("no shake was found: the kernel is a single point")
+            self.notes.append("no shake was found: there is nothing to undo")
         outermost = self.outermost
         if outermost > _TOUCHING:
             self.notes.append(
