@@ -10,12 +10,11 @@ import math
 from typing import TYPE_CHECKING, Final
 
 from deshake.formats.picture_size import PictureSize, picture_size
-from deshake.stages.finishing import AS_IT_IS, FinishingOptions
-from deshake.stages.preview import preview_side
 
 if TYPE_CHECKING:
     from deshake.batch.plan import Job
     from deshake.batch.work import Work
+    from deshake.stages.finishing import FinishingOptions
     from deshake.stages.methods import RestorationOptions
 
 __all__ = [
@@ -78,7 +77,7 @@ def restoration_memory(
     threads: int,
     blur: float | None = None,
     *,
-    finish: FinishingOptions = AS_IT_IS,
+    finish: FinishingOptions | None = None,
     masked: bool = False,
     bends: bool = False,
 ) -> int:
@@ -94,8 +93,8 @@ def restoration_memory(
         Number of threads.
     blur : float, optional
         Extent of the blur in pixels of the size that is worked at; by default a likely one.
-    finish : FinishingOptions
-        Options beside the deblurring.
+    finish : FinishingOptions, optional
+        Options beside the deblurring; by default none.
     masked : bool
         Whether a mask is read with each photo.
     bends : bool
@@ -106,7 +105,7 @@ def restoration_memory(
     paired = options.needs_noisy
     each = (_PAIR if paired else _RESTORATION)[worked.channels]
     if bends:
-        each += (_KEPT if finish.keep_geometry else _LENS) * (2 if paired else 1)
+        each += (_KEPT if finish and finish.keep_geometry else _LENS) * (2 if paired else 1)
     mask = _MASK if masked else 0
     extent = default_blur(worked) if blur is None else blur
     more = _BLUR * extent**2 + _THREAD * (threads - 1)
@@ -114,10 +113,12 @@ def restoration_memory(
     return int(max(reading, _PROCESS + (each + mask) * worked.pixels + more))
 
 
-def worked_size(size: PictureSize, finish: FinishingOptions) -> PictureSize:
+def worked_size(size: PictureSize, finish: FinishingOptions | None) -> PictureSize:
     """Return the size at which a photo is worked on: that of its preview, if one is wanted."""
-    if not finish.preview:
+    if finish is None or not finish.preview:
         return size
+    from deshake.stages.preview import preview_side  # noqa: PLC0415 - `inspect` starts without it
+
     side = _longer_side(size)
     share = min(preview_side(side) / side, 1) if side else 1
     return PictureSize(round(size.pixels * share**2), size.channels)

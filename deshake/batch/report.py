@@ -84,6 +84,8 @@ class ReportPlace:
         """
         page = self.page
         if page != self.path and not self.path.exists() and self.path.parent.is_dir():
+            if self.path.is_symlink():  # that leads nowhere
+                raise OutputError("is not a folder", hint=_HINT, file=self.path)
             if dry:
                 return
             try:

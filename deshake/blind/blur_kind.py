@@ -12,6 +12,7 @@ different directions. So the quarters of a photo that is not shaken as a whole a
 from __future__ import annotations
 
 import contextlib
+import itertools
 import math
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal, NamedTuple
@@ -93,14 +94,9 @@ class Measures(NamedTuple):
     @property
     def evidence(self) -> float:
         """The evidence of a shake: blur that depends on the direction, no unit."""
-        s = _SETTINGS
-        evidence = self.directed.strength
-        if self.edges is not None and self.edges.longer > s.spread:
-            ratio = self.edges.shorter / self.edges.longer
-            evidence += s.edges_worth * max(0.0, s.round_edges - ratio)
-        if self.sharpness_at_half > s.sharp_at_half:
-            evidence -= s.less_evidence
-        return evidence
+        less = self.sharpness_at_half > _SETTINGS.sharp_at_half
+        evidence = _of_direction(self.directed, self.edges)
+        return evidence - _SETTINGS.less_evidence if less else evidence
 
 
 @dataclass(frozen=True)
@@ -148,31 +144,56 @@ def _shaken_quarters(pyramid: Pyramid) -> BlurKind | None:
     level = pyramid.level_of(_SETTINGS.quarters_pixels)
     scale = pyramid.at(level)
     height, width = (side // 2 for side in scale.camera.shape)
-    shakes = []
-    for y in (0, scale.camera.height - height):
-        for x in (0, scale.camera.width - width):
-            place = np.s_[y : y + height, x : x + width]
-            usable = None if scale.usable is None else scale.usable[place]
-            camera = scale.camera.cropped(x, y, width, height)
-            with contextlib.suppress(EstimationError):  # a quarter without texture
-                quarter = judged(measured(Pyramid(scale.picture[place], camera, usable)))
-                if quarter.certain and quarter.width_px is not None:
-                    wide = quarter.width_px * RATIO**level
-                    shakes.append(replace(quarter, certain=False, width_px=wide))
+    shakes: list[BlurKind] = []
+    corners = itertools.product((0, scale.camera.height - height), (0, scale.camera.width - width))
+    for left, (y, x) in zip((4, 3, 2, 1), corners, strict=True):
+        if len(shakes) + left < _SETTINGS.quarters:
+            return None
+        place = np.s_[y : y + height, x : x + width]
+        usable = None if scale.usable is None else scale.usable[place]
+        camera = scale.camera.cropped(x, y, width, height)
+        with contextlib.suppress(EstimationError):  # a quarter without texture
+            shake = _clear_shake(Pyramid(scale.picture[place], camera, usable))
+            if shake is not None and shake.width_px is not None:
+                wide = shake.width_px * RATIO**level
+                shakes.append(replace(shake, certain=False, width_px=wide))
     if len(shakes) < _SETTINGS.quarters:
         return None
     return max(shakes, key=lambda shake: shake.width_px or 0)
 
 
+def _clear_shake(pyramid: Pyramid) -> BlurKind | None:
+    """Return the shake of a picture that is certainly shaken; None: it is not.
+
+    The sharpness is measured only where it can make a difference.
+    """
+    directed = directed_blur(pyramid)
+    if not directed.sigma_px:
+        return None
+    edges = edge_spread(pyramid)
+    if _of_direction(directed, edges) < _SETTINGS.shaken:
+        return None
+    kind = judged(_with_sharpness(pyramid, directed, edges))
+    return kind if kind.kind == "shaken" and kind.certain else None
+
+
+def _of_direction(directed: DirectedBlur, edges: EdgeSpread | None) -> float:
+    """Return the evidence of a shake, whatever the sharpness is."""
+    s, evidence = _SETTINGS, directed.strength
+    if edges is not None and edges.longer > s.spread:
+        evidence += s.edges_worth * max(0.0, s.round_edges - edges.shorter / edges.longer)
+    return evidence
+
+
+def _with_sharpness(pyramid: Pyramid, directed: DirectedBlur, edges: EdgeSpread | None) -> Measures:
+    """Take the other measures of a photo."""
+    at_half = sharpness(pyramid, min(_HALF, pyramid.coarsest))
+    return Measures(looks_sharp(pyramid), sharpness(pyramid, 0), at_half, directed, edges)
+
+
 def measured(pyramid: Pyramid) -> Measures:
     """Take the measures of a photo."""
-    return Measures(
-        looks_sharp(pyramid),
-        sharpness(pyramid, 0),
-        sharpness(pyramid, min(_HALF, pyramid.coarsest)),
-        directed_blur(pyramid),
-        edge_spread(pyramid),
-    )
+    return _with_sharpness(pyramid, directed_blur(pyramid), edge_spread(pyramid))
 
 
 def judged(measures: Measures) -> BlurKind:

@@ -21,7 +21,7 @@ from deshake.blind.race import race
 from deshake.blind.result import BlindEstimate
 from deshake.blind.sharpness import looks_sharp, sharpness
 from deshake.blind.spot import is_spot
-from deshake.blind.trust import DOUBTFUL, confidence
+from deshake.blind.trust import DOUBTFUL, confidence, two_digits
 from deshake.blind.variational.estimate import estimate_variational
 from deshake.errors import EstimationError
 from deshake.geometry.camera import Camera
@@ -152,16 +152,16 @@ def _concluded(
     notes = faults(_on_its_grid(kernel), blur_px=blur_px)
     if trust < _EVEN:
         note = (
-            f"no estimate of the shake improves it (best confidence {trust:.2f}): the photo is "
-            "left as it is"
+            f"no estimate of the shake improves it (best confidence {two_digits(trust)}): the "
+            "photo is left as it is"
         )
         return _unchanged(pyramid, whole, min(trust, _UNCHANGED), note)
     if FILLED in notes and trust < 1:
         trust = min(trust, 0.9)
     if trust < DOUBTFUL:
         notes.append(
-            f"the estimate of the shake is doubtful (confidence {trust:.2f}): compare the result "
-            "with the photo"
+            f"the estimate of the shake is doubtful (confidence {two_digits(trust)}): compare the "
+            "result with the photo"
         )
     latent = latent_gradients(pyramid, kernel)
     final = filled_path(kernel).for_camera(whole)

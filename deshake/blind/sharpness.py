@@ -61,6 +61,11 @@ def sharpness(pyramid: Pyramid, level: int) -> float:
         if its noise is as large as its steepest differences.
 
     """
+    return pyramid.kept(("sharpness", level), lambda: _ratio(pyramid, level))
+
+
+def _ratio(pyramid: Pyramid, level: int) -> float:
+    """Return the least ratio of the steepness to that at half the size, over the directions."""
     blocks = [
         np.sqrt(np.clip(block, 0, 1))  # near display values, so that lights do not dominate
         for block in _blocks(pyramid, level)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 if TYPE_CHECKING:
     from deshake.blind.race import Finish
 
-__all__ = ["DOUBTFUL", "confidence"]
+__all__ = ["DOUBTFUL", "confidence", "two_digits"]
 
 DOUBTFUL: Final = 0.8
 """Confidence below which a kernel is doubtful, and the user should look at the result."""
@@ -51,3 +52,8 @@ def confidence(ended: Finish, evidence: float) -> float:
         + _OF_EVIDENCE * np.clip(evidence, 0, _MOST_EVIDENCE)
     )
     return float(1 / (1 + np.exp(-excess)))
+
+
+def two_digits(confidence: float) -> str:
+    """Write a confidence with two digits, never rounded up: 0.797 is doubtful, and 0.80 is not."""
+    return f"{math.floor(100 * confidence + 1e-9) / 100:.2f}"

@@ -34,6 +34,8 @@ __all__ = ["Config", "ConfigError", "read_config"]
 
 _LONGEST = 40
 """Characters of a value that a message repeats."""
+_MOST_NAMED = 5
+"""Unknown options that a message names."""
 _PRESETS = "preset"
 """The table of presets."""
 _BEFORE_THE_FILE = {"config", "no_config", "preset", "version"}
@@ -120,7 +122,8 @@ def read_config(ctx: click.Context, path: Path) -> Config:
 
     """
     try:
-        content = tomllib.loads(path.read_text("utf-8-sig"))
+        content = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        repr(content)  # of a number in hexadecimal only this shows that no message can hold it
     except OSError as error:
         raise ConfigError(f"{path}: {(error.strerror or str(error)).lower()}", ctx) from None
     except UnicodeDecodeError:
@@ -227,9 +230,13 @@ class _Reader:
     ) -> Defaults:
         """Return a table by the names of the parameters."""
         unknown = [key for key in table if key not in known]
+        if unknown and unknown[0] in self._group.list_commands(self._ctx):
+            name = unknown[0]
+            raise self.error(where, f"{name} is a command: its options stand in a table, [{name}]")
         if unknown:
-            what = f"{', '.join(unknown)}: no such option; there are {', '.join(known)}"
-            raise self.error(where, what)
+            names = ", ".join(_shortened(key) for key in unknown[:_MOST_NAMED])
+            more = " and others" if len(unknown) > _MOST_NAMED else ""
+            raise self.error(where, f"{names}{more}: no such option; there are {', '.join(known)}")
         for key, value in table.items():
             fault = self._fault(known[key], value)
             if fault is not None:
@@ -240,10 +247,13 @@ class _Reader:
         """Return what is wrong with a value of an option; None: nothing."""
         if not _is_of_kind(option, value):
             return f"is not {_kind(option)}"
+        if isinstance(value, str) and (not value or "\0" in value):
+            return "a character NUL stands in it" if value else "the text is empty"
         try:
             option.type_cast_value(self._ctx, value)
         except click.BadParameter as error:
-            return error.message.rstrip(".")
+            message = error.message.rstrip(".")
+            return message.replace(value, _shortened(value)) if isinstance(value, str) else message
         return None
 
 

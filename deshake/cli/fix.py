@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from deshake.cli.batch import (
     batch_options,
@@ -145,14 +146,15 @@ def _what_was_done(result: Result) -> str:
     return f"{result.job.source}{to}: {summary_words(result.figures)}"
 
 
-def _for_pair(
-    *, region: object, estimator: str, focal: object, only_shaken: bool, **_: object
-) -> dict[str, Any]:
+def _for_pair(*, region: object, focal: object, only_shaken: bool, **_: object) -> dict[str, Any]:
     """Refuse options that only a blind estimate uses; return the defaults that replace them."""
-    chosen = {"region": region is not None, "estimator": estimator != "edges", "focal": focal}
-    chosen["only_shaken"] = only_shaken
+    ctx = click.get_current_context()
+    chosen = {"region": region is not None, "focal": focal, "only_shaken": only_shaken}
+    chosen["estimator"] = ctx.get_parameter_source("estimator") is not ParameterSource.DEFAULT
     for name in [name for name, given in chosen.items() if given]:
         if not left_out(name, "noisy"):
             option = name.replace("_", "-")
-            raise click.UsageError(f"--{option} does not go with --noisy.")
+            raise click.UsageError(
+                f"--{option} does not go with --noisy: it is for photos without a noisy one."
+            )
     return {"region": None, "estimator": "edges", "focal": None}

@@ -17,7 +17,7 @@ from PIL.AvifImagePlugin import AvifImageFile
 
 from deshake.errors import PhotoError
 from deshake.formats.boxes import item_properties, metadata_items
-from deshake.formats.encoding import Decoded, Encoding, check_stated_size, decoding, turned
+from deshake.formats.encoding import DAMAGED, Decoded, Encoding, check_stated_size, decoding, turned
 from deshake.formats.opencv import imdecode, imencode
 from deshake.metadata import exif
 from deshake.metadata.metadata import Metadata
@@ -57,7 +57,7 @@ def decode_avif(data: bytes) -> Decoded:
         metadata = Metadata(_exif(items), picture.info.get("xmp", b""), icc).upright()
         pixels = _pixels(_without(data, items), picture, bits)
         if pixels.shape[:2] != (picture.height, picture.width):
-            raise PhotoError("the AVIF is damaged")
+            raise PhotoError("the AVIF is damaged", hint=DAMAGED)
     if bits > 8:
         pixels = np.rint(pixels * (65535 / ((1 << bits) - 1))).astype(np.uint16)
     codes = turned(pixels[..., 0] if grey else pixels[..., :3], turn)
@@ -160,7 +160,7 @@ def _configuration(properties: list[tuple[bytes, bytes]]) -> tuple[int, bool, in
             flags = content[2]
             bits = 8 if not flags & 0x40 else 12 if flags & 0x20 else 10
             return bits, bool(flags & 0x10), (flags >> 3 & 1) + (flags >> 2 & 1)
-    raise PhotoError("the AVIF is damaged")
+    raise PhotoError("the AVIF is damaged", hint=DAMAGED)
 
 
 def _profile_by_numbers(properties: list[tuple[bytes, bytes]]) -> bytes:

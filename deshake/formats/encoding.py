@@ -7,7 +7,7 @@ import struct
 import warnings
 import zlib
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeVar
+from typing import TYPE_CHECKING, Final, Literal, TypeVar
 
 import numpy as np
 from PIL import Image
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from deshake.metadata.metadata import Metadata
 
 __all__ = [
+    "DAMAGED",
     "ENDINGS",
     "MAX_PIXELS",
     "READ_ONLY",
@@ -81,6 +82,10 @@ WRITTEN_AS: dict[Format, str] = {"HEIF": ".jpg", "RAW": ".tif"}
 
 MAX_PIXELS = 300_000_000
 """Pixels of the largest picture that is decoded: 1.5 times those of a 200 MP camera."""
+
+DAMAGED: Final = "copy it again from the camera or its card, or take another copy of it"
+"""The hint for a damaged photo."""
+_SMALLER: Final = "reduce it in another program first"
 
 _LARGE = 16_000_000  # pixels
 _PIXELS_A_BYTE = 100  # more, in a large picture, are an error
@@ -198,13 +203,16 @@ def check_size(height: int, width: int, packed: int) -> None:
 
     """
     if height < 1 or width < 1:
-        raise PhotoError("the picture has no pixels")
+        raise PhotoError("the picture has no pixels", hint=DAMAGED)
     if height * width > MAX_PIXELS:
         raise PhotoError(
-            f"{width} x {height} pixels are more than the {MAX_PIXELS // 10**6} million allowed"
+            f"{width} x {height} pixels are more than the {MAX_PIXELS // 10**6} million allowed",
+            hint=_SMALLER,
         )
     if height * width > max(_LARGE, _PIXELS_A_BYTE * packed):
-        raise PhotoError(f"{width} x {height} pixels in {packed} bytes: damaged, or no photo")
+        raise PhotoError(
+            f"{width} x {height} pixels in {packed} bytes: damaged, or no photo", hint=DAMAGED
+        )
 
 
 def check_stated_size(height: int, width: int, packed: int) -> None:
@@ -229,7 +237,9 @@ def check_stated_size(height: int, width: int, packed: int) -> None:
     """
     check_size(height, width, packed)
     if height * width > max(_MEGAPIXEL, _STATED_A_BYTE * packed):
-        raise PhotoError(f"{width} x {height} pixels in {packed} bytes: damaged, or no photo")
+        raise PhotoError(
+            f"{width} x {height} pixels in {packed} bytes: damaged, or no photo", hint=DAMAGED
+        )
 
 
 def turned(array: NDArray[T], orientation: int) -> NDArray[T]:
@@ -256,9 +266,9 @@ def decoding(what: str) -> Iterator[None]:
     except PhotoError:
         raise
     except Image.DecompressionBombError as error:
-        raise PhotoError(f"the {what} has too many pixels") from error
+        raise PhotoError(f"the {what} has too many pixels", hint=_SMALLER) from error
     except MemoryError as error:
-        raise PhotoError(f"the {what} does not fit into memory") from error
+        raise PhotoError(f"the {what} does not fit into memory", hint=_SMALLER) from error
     except (
         OSError,
         SyntaxError,
@@ -272,5 +282,4 @@ def decoding(what: str) -> Iterator[None]:
         struct.error,
         zlib.error,
     ) as error:
-        reason = " ".join(str(error).split())[:120]
-        raise PhotoError(f"the {what} is damaged or cut short ({reason})") from error
+        raise PhotoError(f"the {what} is damaged or cut short", hint=DAMAGED) from error

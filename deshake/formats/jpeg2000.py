@@ -19,7 +19,7 @@ import numpy as np
 
 from deshake.errors import PhotoError
 from deshake.formats.boxes import read_boxes
-from deshake.formats.encoding import Decoded, Encoding, check_size, decoding
+from deshake.formats.encoding import DAMAGED, Decoded, Encoding, check_size, decoding
 from deshake.formats.opencv import imdecode, imencode
 from deshake.metadata.metadata import Metadata
 
@@ -130,7 +130,7 @@ def _size(stream: bytes) -> tuple[int, int, int, int]:
     A code stream without its end marker is refused: the decoder would leave the rest blank.
     """
     if not stream.startswith(_STREAM) or not stream.rstrip(b"\0").endswith(_END):
-        raise PhotoError("the JPEG 2000 is damaged or cut short")
+        raise PhotoError("the JPEG 2000 is damaged or cut short", hint=DAMAGED)
     x, y, left, top = struct.unpack_from(">4I", stream, 8)
     (count,) = struct.unpack_from(">H", stream, 40)
     samples = {stream[42 + 3 * index : 45 + 3 * index] for index in range(min(count, 5))}

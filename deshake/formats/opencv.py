@@ -10,6 +10,7 @@ import numpy as np
 from cv2.utils import logging
 
 from deshake.errors import PhotoError
+from deshake.formats.encoding import DAMAGED
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -44,9 +45,11 @@ def imdecode(data: bytes) -> Codes:
         try:
             pixels: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
         except cv2.error as error:
-            raise PhotoError("the picture is damaged or of an unknown kind") from error
+            raise PhotoError(
+                "the picture is damaged or of an unknown kind", hint=DAMAGED
+            ) from error
     if pixels is None or pixels.dtype not in {np.dtype(np.uint8), np.dtype(np.uint16)}:
-        raise PhotoError("the picture is damaged or of an unknown kind")
+        raise PhotoError("the picture is damaged or of an unknown kind", hint=DAMAGED)
     codes = cast("Codes", pixels)
     if codes.ndim == 3:
         codes = np.ascontiguousarray(codes[..., _SWAPPED[: codes.shape[2]]])

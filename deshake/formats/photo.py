@@ -224,7 +224,7 @@ def read_photo(
 
     """
     if os.path.exists(path) and not os.path.isfile(path) and not os.path.isdir(path):  # noqa: PTH110, PTH112, PTH113
-        raise PhotoError("is no ordinary file", file=path)
+        raise PhotoError("is no ordinary file", hint="name a photo", file=path)
     data = read_bytes(path, _MAX_BYTES, PhotoError)
     try:
         form = photo_format(data, Path(path).suffix)

@@ -21,7 +21,7 @@ import numpy as np
 from PIL.PngImagePlugin import PngImageFile
 
 from deshake.errors import PhotoError
-from deshake.formats.encoding import Decoded, Encoding, check_size, decoding
+from deshake.formats.encoding import DAMAGED, Decoded, Encoding, check_size, decoding
 from deshake.formats.opencv import imdecode
 from deshake.formats.transfer import SRGB, Power
 from deshake.metadata.density import exif_density, phys_density
@@ -72,7 +72,7 @@ def decode_png(data: bytes) -> Decoded:
         grey = kind in _GREY_TYPES
         pixels = _decode_16(bare, chunks) if bits == 16 else _decode_8(bare, grey=grey)
         if pixels.shape[:2] != (height, width):
-            raise PhotoError("the PNG is damaged")
+            raise PhotoError("the PNG is damaged", hint=DAMAGED)
         metadata, transfer, carried = _metadata(chunks)
     colours = 1 if grey else 3
     alpha = pixels[..., -1] if pixels.shape[2] > colours else None
@@ -134,7 +134,7 @@ def _chunks(data: bytes) -> Iterator[Chunk]:
         if zlib.crc32(name + content) == check:
             yield name, content
         elif name in _PIXEL_CHUNKS:
-            raise PhotoError("the PNG is damaged (wrong checksum)")
+            raise PhotoError("the PNG is damaged (wrong checksum)", hint=DAMAGED)
 
 
 def _pack(name: bytes, content: bytes) -> bytes:
@@ -183,7 +183,7 @@ def _check_stream(chunks: list[Chunk]) -> None:
             rest = stream.unconsumed_tail
     row = 1 + 2 * width * {0: 1, 2: 3, 4: 2, 6: 4}[kind]
     if not stream.eof or (length < height * row and not interlaced):
-        raise PhotoError("the PNG is damaged or cut short")
+        raise PhotoError("the PNG is damaged or cut short", hint=DAMAGED)
 
 
 def _metadata(chunks: list[Chunk]) -> tuple[Metadata, Transfer, bytes]:
@@ -236,7 +236,7 @@ def _inflate(packed: bytes) -> bytes:
     stream = zlib.decompressobj()
     out = stream.decompress(packed, _MAX_METADATA)
     if not stream.eof:
-        raise PhotoError("the PNG's metadata is damaged or too large")
+        raise PhotoError("the PNG's metadata is damaged or too large", hint=DAMAGED)
     return out
 
 

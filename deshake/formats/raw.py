@@ -24,7 +24,7 @@ import numpy as np
 
 from deshake.errors import PhotoError
 from deshake.formats.boxes import canon_exif
-from deshake.formats.encoding import Decoded, Encoding, check_size, decoding
+from deshake.formats.encoding import DAMAGED, Decoded, Encoding, check_size, decoding
 from deshake.formats.jpeg import decode_jpeg
 from deshake.formats.native_output import silenced
 from deshake.metadata import exif
@@ -87,7 +87,7 @@ def decode_raw(data: bytes) -> Decoded:
             hint="convert it to a DNG or a 16-bit TIFF first",
         ) from error
     if any(complaint in line for line in printed for complaint in _COMPLAINTS):
-        raise PhotoError("the RAW file is damaged or cut short")
+        raise PhotoError("the RAW file is damaged or cut short", hint=DAMAGED)
     return decoded
 
 
@@ -100,7 +100,7 @@ def _check_length(data: bytes) -> None:
         for places, sizes in _PIXELS:
             for at, size in zip(directory.numbers(places), directory.numbers(sizes), strict=False):
                 if at + size > len(data):
-                    raise PhotoError("the RAW file is damaged or cut short")
+                    raise PhotoError("the RAW file is damaged or cut short", hint=DAMAGED)
 
 
 def _decode(raw: RawPy, data: bytes) -> Decoded:

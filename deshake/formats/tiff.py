@@ -18,7 +18,7 @@ from PIL.TiffImagePlugin import TiffImageFile
 from tifffile import COMPRESSION, PHOTOMETRIC, SAMPLEFORMAT, TiffFile, TiffPage
 
 from deshake.errors import PhotoError
-from deshake.formats.encoding import Decoded, Encoding, check_size, decoding
+from deshake.formats.encoding import DAMAGED, Decoded, Encoding, check_size, decoding
 from deshake.formats.native_output import silenced
 from deshake.formats.opencv import imdecode
 from deshake.formats.transfer import LINEAR, SRGB
@@ -184,7 +184,7 @@ def _only_page(file: TiffFile) -> TiffPage:
             break
     page = pages[0]
     if not isinstance(page, TiffPage):
-        raise PhotoError("the TIFF is damaged")
+        raise PhotoError("the TIFF is damaged", hint=DAMAGED)
     if _DNG_VERSION in page.tags or (page.subfiletype & _REDUCED and page.subifds):
         raise PhotoError(
             "a camera's RAW file, which cannot be read here",
@@ -232,11 +232,11 @@ def _check_kind(page: TiffPage) -> int:
     allowed = {1, 2, 4, 8} if colours == 1 else {8}
     if page.bitspersample not in allowed | {16}:
         raise PhotoError(
-            f"{page.bitspersample} bits a channel", hint="convert it to 8 or 16 bits a channel"
+            f"has {page.bitspersample} bits a channel", hint="convert it to 8 or 16 bits a channel"
         )
     if not 0 <= extra <= 1 or page.imagedepth != 1:
         raise PhotoError(
-            f"{page.samplesperpixel} channels", hint="keep grey or RGB, and at most one alpha"
+            f"has {page.samplesperpixel} channels", hint="keep grey or RGB, and at most one alpha"
         )
     return colours
 
@@ -244,10 +244,10 @@ def _check_kind(page: TiffPage) -> int:
 def _decode_page(page: TiffPage, data: bytes) -> Codes:
     """Decode to (H, W, C), the colours first, then alpha."""
     if len(page.dataoffsets) != math.prod(page.chunked):
-        raise PhotoError("the TIFF is damaged or cut short")
+        raise PhotoError("the TIFF is damaged or cut short", hint=DAMAGED)
     for offset, size in zip(page.dataoffsets, page.databytecounts, strict=True):
         if size == 0 or offset + size > len(data):
-            raise PhotoError("the TIFF is damaged or cut short")
+            raise PhotoError("the TIFF is damaged or cut short", hint=DAMAGED)
     shape = (page.imagelength, page.imagewidth, page.samplesperpixel)
     palette = page.photometric == PHOTOMETRIC.PALETTE
     if page.compression in _ALONE and page.photometric != PHOTOMETRIC.YCBCR:

@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
-from scipy.interpolate import RectBivariateSpline
 
 from deshake.geometry.distortion import undistorted
 from deshake.operators.planes import channels_first, image_like
@@ -84,6 +82,8 @@ class LensWarp:
         shape: tuple[int, int],
         bands: Bands,
     ) -> Image:
+        from scipy import ndimage  # noqa: PLC0415 - for lenses that distort alone
+
         out = np.empty(shape + image.shape[2:], np.float32)
         for plane, result in zip(channels_first(image), channels_first(out), strict=True):
             source = np.ascontiguousarray(plane, np.float32)
@@ -117,6 +117,8 @@ class LensWarp:
 
         An iteration computes the inverse on a grid of nodes; splines interpolate between them.
         """
+        from scipy.interpolate import RectBivariateSpline  # noqa: PLC0415 - as above
+
         height, width = self.camera.shape
         y, x = (np.linspace(0, n - 1, max(-(-n // _NODE), 4) + 1) for n in (height, width))
         nodes = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
@@ -132,6 +134,8 @@ class LensWarp:
 
 def _interpolated(plane: Image, where: NDArray[np.floating], *, order: int) -> Image:
     """Read a plane at some places (y, x); splines of order 3 are those of `spline_filter`."""
+    from scipy import ndimage  # noqa: PLC0415 - as above
+
     out = np.empty(where.shape[1:], np.float32)
     how: Any = {"order": order, "prefilter": False, "mode": "mirror"}
     ndimage.map_coordinates(plane, where, output=out, **how)

@@ -55,11 +55,21 @@ class Density(NamedTuple):
     unit: Unit = "inch"
 
     def per(self, unit: Unit) -> Density:
-        """Return the density in another unit of length."""
+        """Return the density in another unit of length.
+
+        PNG states whole pixels a metre, so 300 pixels an inch are 11811 there, and 300 again here.
+        """
         if self.unit == unit or not self.unit:
             return self
         factor = _METRES[unit] / _METRES[self.unit]
-        return Density(self.across * factor, self.down * factor, unit)
+        sides = [side * factor for side in (self.across, self.down)]
+        if self.unit == "m":
+            known = zip((self.across, self.down), sides, strict=True)
+            sides = [
+                round(side) if round(round(side) / factor) == stored else side
+                for stored, side in known
+            ]
+        return Density(sides[0], sides[1], unit)
 
     def in_jfif(self, data: bytes) -> bytes:
         """Return a JPEG whose JFIF header, if it begins with one, states this density."""

@@ -61,15 +61,17 @@ class Metadata:
             return self
         return replace(self, exif=exif_editing.upright(self.exif), xmp=xmp.upright(self.xmp))
 
-    def scaled(self, across: float, down: float) -> Metadata:
-        """Return the metadata of the photo reduced by two factors, in EXIF and in XMP.
+    def reduced(self, old: tuple[int, int], new: tuple[int, int]) -> Metadata:
+        """Return the metadata of the photo reduced from one size to another, in EXIF and in XMP.
 
-        What is stated in pixels becomes smaller, except the size of the picture.
+        Everything in pixels becomes smaller: the size of the picture, the resolution of the focal
+        plane, the place of the subject. Sizes are heights and widths.
         """
+        down, across = (less / more for less, more in zip(new, old, strict=True))
         return replace(
             self,
-            exif=exif_editing.scaled(self.exif, across, down),
-            xmp=xmp.scaled(self.xmp, across, down),
+            exif=exif_editing.with_size(exif_editing.scaled(self.exif, across, down), *new),
+            xmp=xmp.with_size(xmp.scaled(self.xmp, across, down), *new),
         )
 
     def tags(self) -> CameraTags:

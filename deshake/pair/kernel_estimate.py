@@ -209,7 +209,7 @@ class _Scales:
         )
         notes = []
         if most_of(kernel).extent_px() < SETTINGS.still_px:
-            notes.append("no shake was found: the kernel is a single point")
+            notes.append("no shake was found: there is nothing to undo")
         beyond = np.any(np.abs(kernel.theta) > self.bounds, 1)
         if kernel.weights[beyond].sum() > SETTINGS.touching:
             notes.append(

@@ -14,6 +14,7 @@ from importlib.resources import files
 from string import Template
 from typing import TYPE_CHECKING, Final
 
+from deshake.blind.trust import two_digits
 from deshake.version import __version__
 
 if TYPE_CHECKING:
@@ -207,7 +208,7 @@ def _row(entry: Entry) -> str:
     """Return a photo's line of the table."""
     name = f'<a href="#p{entry.number}">{_text(entry.name)}</a>'
     extent = "" if entry.extent_px is None else f"{entry.extent_px:.1f}"
-    trust = "" if entry.confidence is None else f"{entry.confidence:.2f}"
+    trust = "" if entry.confidence is None else two_digits(entry.confidence)
     cells = [
         ("number", str(entry.number), str(entry.number)),
         ("name", _attribute(entry.name), name),
@@ -314,7 +315,9 @@ def _facts(entry: Entry, pictures: ReportPictures | None, place: Place) -> str:
     if entry.extent_px is not None:
         facts.append(("Shake", f"{entry.extent_px:.1f} px over the frame"))
     if entry.confidence is not None:
-        facts.append(("Confidence", f"{_text(entry.confidence_words)} ({entry.confidence:.2f})"))
+        facts.append(
+            ("Confidence", f"{_text(entry.confidence_words)} ({two_digits(entry.confidence)})")
+        )
     if entry.result is not None:
         name, address = entry.result
         facts.append(("Result", f'<a href="{_attribute(address)}">{_text(name)}</a>'))

@@ -119,7 +119,7 @@ def calibrate(
             )
             camera, name = camera.with_lens(profile.distortion), profile.lens
             considered.append(
-                f"lens {name} at {profile.focal_mm:g} mm, met to {profile.error_px:.2f} pixels"
+                f"lens {name} at {profile.focal_mm:g} mm, within {profile.error_px:.2f} pixels"
             )
     except CalibrationError as error:
         error.file = error.file or str(photo.source)

@@ -13,6 +13,7 @@ import logging
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any, Final
 
+from deshake.blind.trust import two_digits
 from deshake.errors import DeshakeError, EstimationError
 from deshake.files.kernel_file import CameraFile, KernelFile
 from deshake.geometry.kernel import RotationKernel
@@ -119,8 +120,9 @@ def estimate_pair(
     kernel = fit.kernel
     if fit.confidence < TRUSTED:
         notes.append(
-            f"the two photos agree too little to find the shake (confidence {fit.confidence:.2f}): "
-            "the photo is left as it is; try without the noisy photo"
+            "the two photos agree too little to find the shake (confidence "
+            f"{two_digits(fit.confidence)}): the photo is left as it is; try without the noisy "
+            "photo"
         )
         kernel = RotationKernel.delta(kernel.camera)
     run.report(1.0, "kernel estimated")

@@ -32,9 +32,12 @@ def preview_photo(photo: Photo) -> Photo:
     """Reduce a photo to a quarter of its width and height, its longer side to no less than 640 px.
 
     Each new pixel is a mean in linear light. It counts as clipped if one of its pixels is clipped.
-    Format, depth and metadata do not change.
+    Format and depth do not change. The metadata state what is true for the reduced photo.
     """
-    return reduced(photo, preview_side(max(photo.shape)))
+    small = reduced(photo, preview_side(max(photo.shape)))
+    if small is photo:
+        return photo
+    return replace(small, metadata=photo.metadata.reduced(photo.shape, small.shape))
 
 
 def preview_side(side: float) -> float:

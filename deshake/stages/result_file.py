@@ -84,8 +84,7 @@ class ResultFile:
             return photo
         keeps_beyond = photo.encoding.depth == 32 and form == "TIFF"
         small = reduced(photo if keeps_beyond else within_white(photo), self.max_size)
-        down, across = (new / old for new, old in zip(small.shape, photo.shape, strict=True))
-        return replace(small, metadata=small.metadata.scaled(across, down))
+        return replace(small, metadata=photo.metadata.reduced(photo.shape, small.shape))
 
     def provenance(self) -> dict[str, Any]:
         """Return the options that change the picture, for the provenance of the result."""

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from deshake.blind.race import Entry, Finish
-from deshake.blind.trust import confidence
+from deshake.blind.trust import confidence, two_digits
 from deshake.geometry.kernel import RotationKernel
 
 EVIDENCE = 0.5
@@ -66,3 +66,11 @@ def test_it_rises_with_the_evidence_of_a_shake(ended) -> None:
 
 def test_where_nothing_moved_there_is_nothing_to_trust(ended) -> None:
     assert confidence(ended._replace(at_rest=True), EVIDENCE) == 0
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(0.7999, "0.79"), (0.8, "0.80"), (0.897, "0.89"), (0.29, "0.29"), (1, "1.00")],
+)
+def test_a_confidence_is_never_shown_as_more_than_it_is(value, shown):
+    assert two_digits(value) == shown

@@ -186,8 +186,8 @@ def test_a_missing_or_binary_file_is_wrong_usage(deshake, seen, tmp_path):
         (f"threads = {'[' * 3000}{']' * 3000}", "too many brackets within brackets"),
         (f"[fix]\nmask = [{'1, ' * 100}]", "1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, ...:"),
         ("[fix.mask]\na = 1", "[fix] mask = {'a': 1}: is not a text in quotes"),
-        ("fix = 3", "fix: no such option"),
-        ("[[fix]]\nmask = 'a'", "fix: no such option"),
+        ("fix = 3", "fix is a command: its options stand in a table, [fix]"),
+        ("[[fix]]\nmask = 'a'", "fix is a command: its options stand in a table"),
     ],
 )
 def test_a_value_of_the_wrong_kind_is_wrong_usage(deshake, config, tmp_path, text, what):

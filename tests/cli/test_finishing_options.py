@@ -9,7 +9,9 @@ import pytest
 from PIL import Image
 from skimage import data
 
-from deshake.files.kernel_file import read_kernel
+from deshake.files.kernel_file import KernelFile, read_kernel, write_kernel
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
 from deshake.metadata.provenance import read_provenance
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -255,6 +257,31 @@ def test_a_preview_is_small_and_its_kernel_fits_the_photo(deshake, shaken, tmp_p
     args = ("--quality", "fast", "--iterations", 1, "-o", tmp_path / "whole.jpg")
     assert deshake("deblur", photo, kernel, *args).code == 0
     assert codes(tmp_path / "whole.jpg").shape == (720, 900, 3)
+
+
+def test_the_metadata_of_a_preview_are_true(deshake, make_exif, tmp_path):
+    photo, out, still = (tmp_path / name for name in ("a.jpg", "small.jpg", "still.npz"))
+    below = {0xA002: 800, 0xA003: 1000, 0xA20E: 200.0, 0xA20F: 200.0, 0xA210: 3, 0x9214: (40, 60)}
+    exif = b"Exif\0\0" + make_exif(orientation=6, below=below | {0x920A: 4.0})
+    Image.new("RGB", (1000, 800), "teal").save(photo, exif=exif)
+    kernel = RotationKernel.from_path([(0, 0, 0)], Camera.from_focal(900, 1000, 800))
+    write_kernel(still, KernelFile(kernel))
+    assert deshake("deblur", photo, still, "--preview", "-o", out).code == 0
+    with Image.open(out) as picture:
+        tags = picture.getexif().get_ifd(0x8769)
+        assert picture.size == (512, 640) == (tags[0xA002], tags[0xA003])
+        assert (tags[0xA20E], tags[0xA20F]) == (128, 128)
+        assert tuple(tags[0x9214]) == (26, 38)
+    assert deshake("deblur", photo, still, "--preview", "--max-size", 320, "-o", out, "--overwrite")
+    with Image.open(out) as picture:
+        tags = picture.getexif().get_ifd(0x8769)
+        assert picture.size == (256, 320) == (tags[0xA002], tags[0xA003])
+        assert (tags[0xA20E], tags[0xA20F]) == (64, 64)
+    large, little = (
+        json.loads(deshake("calibrate", path, "-o", path.with_suffix(".npz"), "--json").out)
+        for path in (photo, out)
+    )
+    assert little["focal_px"] == pytest.approx(large["focal_px"] * 0.32, rel=1e-3)
 
 
 def test_a_region_beyond_the_photo_is_refused_in_its_pixels(deshake, shaken):

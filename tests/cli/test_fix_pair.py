@@ -157,6 +157,23 @@ def test_a_search_needs_two_photos_that_are_not_registered(deshake, args):
     assert "--search-angle" in outcome.err
 
 
+@pytest.mark.parametrize(
+    "option",
+    [("--estimator", "edges"), ("--estimator", "variational"), ("--region", "0,0,9,9"),
+     ("--focal", "auto"), ("--only-shaken",)],
+)  # fmt: skip
+def test_what_only_the_blind_estimate_uses_is_refused(deshake, pair, option, monkeypatch):
+    blurred, noisy = pair
+    outcome = deshake("fix", blurred, "--noisy", noisy, *option, "--dry-run")
+    assert outcome.code == 2
+    assert outcome.err.splitlines() == [
+        f"error: {option[0]} does not go with --noisy: it is for photos without a noisy one.",
+        "hint: see deshake fix --help",
+    ]
+    monkeypatch.setenv("DESHAKE_FIX_ESTIMATOR", "edges")  # gives way to what is typed
+    assert deshake("fix", blurred, "--noisy", noisy, "--dry-run").code == 0
+
+
 def test_all_stages_search_the_same_range(deshake, pair, tmp_path, monkeypatch):
     blurred, noisy = pair
     ranges = []

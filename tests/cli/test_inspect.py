@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
+import sys
 
 import cv2
 import numpy as np
@@ -189,3 +191,25 @@ def test_a_folder_without_photos(deshake, tmp_path):
     outcome = deshake("inspect", tmp_path)
     assert outcome.code == 1
     assert "there are no photos in this folder" in outcome.err
+
+
+def test_starts_without_the_libraries_that_only_other_commands_need(folder):
+    code = (
+        "import sys\nfrom deshake.cli.main import main\ncode = main(sys.argv[1:])\n"
+        "assert not [name for name in sys.modules if name.startswith('scipy.')]\nsys.exit(code)"
+    )
+    command = [sys.executable, "-c", code, "inspect", folder / "shaken.jpg"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "shaken" in done.stdout
+
+
+def test_a_damaged_photo_is_refused_in_plain_words(deshake, folder):
+    path = folder / "sharp.jpg"
+    path.write_bytes(path.read_bytes()[:-3000])
+    outcome = deshake("inspect", path)
+    assert outcome.code == 1
+    assert outcome.err.splitlines() == [
+        f"error: {path}: the JPEG is damaged or cut short",
+        "hint: copy it again from the camera or its card, or take another copy of it",
+    ]

@@ -191,6 +191,17 @@ def test_an_existing_page_is_refused_before_any_work(deblur, tmp_path):
     assert list((tmp_path / "out").iterdir()) == []
 
 
+@pytest.mark.parametrize("more", [(), ("--dry-run",)])
+def test_a_link_that_leads_nowhere_is_no_folder_for_a_page(deblur, tmp_path, more):
+    link = tmp_path / "loop"
+    link.symlink_to(link)
+    outcome = deblur("--report", link, *more)
+    assert (outcome.code, outcome.out) == (1, "")
+    assert outcome.err == (
+        f"error: {link}: is not a folder\nhint: choose another place with --report\n"
+    )
+
+
 def test_no_page_takes_the_place_of_a_photo(deblur, folder, tmp_path):
     photo = folder / "plain.png"
     page = tmp_path / "out.html"

@@ -60,6 +60,12 @@ def test_a_chunk_of_a_png_is_kept_to_the_last_digit(tmp_path):
     assert data[at : at + 17] in encode_photo(read_photo(path))
 
 
+@pytest.mark.parametrize(("stored", "inch"), [(11811, 300), (2835, 72), (1000, 25.4)])
+def test_whole_pixels_an_inch_stay_whole_behind_those_a_metre(stored, inch):
+    density = phys_density(struct.pack(">IIB", stored, stored, 1)).per("inch")
+    assert density.across == density.down == pytest.approx(inch, abs=1e-9)
+
+
 def test_where_exif_alone_states_it_the_jfif_header_agrees(tmp_path):
     block = Image.Exif()
     block.update({282: 300.0, 283: 300.0, 296: 2})

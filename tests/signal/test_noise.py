@@ -6,11 +6,13 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.optimize import nnls
 from skimage import data
 
 from deshake.signal.noise import (
     coarse_noise,
     noise_level,
+    noise_line,
     noise_model,
     pair_means,
     smoothed,
@@ -156,3 +158,16 @@ def test_noise_of_tones_is_seen_after_denoising() -> None:
     finest = np.diff(np.diff(coarse, axis=0), axis=1) / 2
     assert tone_noise(0.5 + coarse) > 2 * finest.std()
     assert tone_noise(np.full((20, 30), 0.5, np.float32)) == pytest.approx(0.004)
+
+
+def test_the_line_is_that_of_scipys_least_squares_without_negative_factors():
+    rng = np.random.default_rng(4)
+    signs = set()
+    for _ in range(200):
+        levels = np.sort(rng.random(8))
+        variances = np.abs(rng.normal(0, 1) * levels + rng.normal(0, 1)) * rng.random(8) + 1e-3
+        design = np.stack([levels, np.ones(8)], 1) / variances[:, None]
+        slope, floor = nnls(design, np.ones(8))[0]
+        assert noise_line(levels, variances, 1e-9) == pytest.approx((slope, max(floor, 1e-9)))
+        signs.add((slope > 0, floor > 0))
+    assert signs == {(True, True), (True, False), (False, True)}

@@ -94,7 +94,7 @@ class ScaleByScale:
         assert self.kernel is not None  # noqa: S101 - there is at least one level
         kept = self.kernel.above(SETTINGS.cut)
         if kept.extent_px() < SETTINGS.still_px:
-            self.notes.append("no shake was found: the kernel is a single point")
+            self.notes.append("no shake was found: there is nothing to undo")
         outermost = self.outermost
         if outermost > SETTINGS.touching:
             self.notes.append(
