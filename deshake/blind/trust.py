@@ -15,16 +15,16 @@ __all__ = ["DOUBTFUL", "confidence", "two_digits"]
 DOUBTFUL: Final = 0.8
 """Confidence below which a kernel is doubtful, and the user should look at the result."""
 
-_EVEN = -4.3  # log odds: the constant term
-_OF_MARGIN = 24.0  # log odds per unit of margin
+_EVEN = -4.8  # log odds: the constant term
+_OF_MARGIN = 25.0  # log odds per unit of margin
 _LEAST_MARGIN, _MOST_MARGIN = -0.04, 0.12  # margin; values beyond count as these
-_OF_AGREEMENT = 0.85  # log odds per power of ten by which the agreement comes nearer to one
+_OF_AGREEMENT = 1.1  # log odds per power of ten by which the agreement comes nearer to one
 _CLOSEST = 0.005  # agreement: smallest difference from one that can be measured
-_OF_WIDTH = 0.9  # log odds per doubling of the width
+_OF_WIDTH = 1.1  # log odds per doubling of the width
 _NARROWEST, _EVEN_WIDTH, _WIDEST = 3.0, 10.0, 40.0  # px of the photo; widths beyond count as these
-_OF_EVIDENCE = 7.8  # log odds per unit of evidence
+_OF_EVIDENCE = 7.6  # log odds per unit of evidence
 _MOST_EVIDENCE = 0.4  # evidence; more of it counts as this, and less than none counts as none
-"""The constants come from a logistic regression on 153 results for 35 photos of the benchmark's
+"""The constants come from a logistic regression on 155 results for 35 photos of the benchmark's
 tuning set; most photos have several, of different versions of the estimate. Margin, agreement and
 width depend on the kernel. A sharp photo, or one from a soft lens, easily gives a kernel by chance,
 and these three may speak for it. The evidence of a shake does not depend on the kernel."""
