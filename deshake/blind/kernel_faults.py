@@ -24,7 +24,6 @@ __all__ = [
     "faults",
     "is_filled",
     "is_point",
-    "spread_px",
 ]
 
 COLLAPSED = "hardly any shake was found: the kernel is little more than a point"
@@ -78,16 +77,6 @@ def is_point(kernel: RotationKernel) -> bool:
     from_heaviest = np.abs(kernel.theta - kernel.theta[np.argmax(kernel.weights)])
     near = np.all(from_heaviest < 1.5 * kernel.steps, 1)
     return bool(kernel.weights[near].sum() > _POINT)
-
-
-def spread_px(kernel: RotationKernel) -> float:
-    """Return the standard deviation of a kernel along its longest axis, in pixels of its camera.
-
-    For an even path of length l this is ``l / sqrt(12)``.
-    """
-    moved = kernel.theta / grid_steps(kernel.camera)
-    spread = np.cov(moved.T, aweights=kernel.weights, ddof=0)
-    return float(np.sqrt(max(np.linalg.eigvalsh(spread)[-1], 0.0)))
 
 
 def is_filled(kernel: RotationKernel) -> bool:

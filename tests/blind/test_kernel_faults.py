@@ -9,7 +9,6 @@ from deshake.blind.kernel_faults import (
     SCATTERED,
     TOUCHING,
     faults,
-    spread_px,
 )
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
@@ -89,13 +88,3 @@ def test_paths_are_no_disks_however_they_wind() -> None:
         steps *= 6 / np.abs(steps - steps.mean(0)).max()
         winding = np.rint(steps).astype(int)
         assert FILLED not in faults(kernel(winding))
-
-
-def test_the_spread_is_that_of_the_longest_axis_in_pixels() -> None:
-    along = np.arange(13)
-    even = kernel(np.stack([along // 4, along, 0 * along], 1))
-    assert spread_px(even) == pytest.approx(13 / np.sqrt(12), rel=0.05)
-    assert spread_px(even.for_camera(Camera.from_focal(1200.0, 800, 1200))) == pytest.approx(
-        4 * spread_px(even), rel=0.01
-    )
-    assert spread_px(RotationKernel.delta(CAMERA)) == 0
