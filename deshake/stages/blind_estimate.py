@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 __all__ = [
     "FOCAL_LENGTHS",
     "estimate_blind",
+    "silent_estimate",
+    "warn",
 ]
 
 _log = logging.getLogger(__name__)
@@ -69,13 +71,22 @@ def estimate_blind(
         If the photo is too small, too flat, or nearly all clipped.
 
     """
+    estimate = silent_estimate(photo, options, run=run)
+    warn(photo, estimate)
+    return estimate
+
+
+def silent_estimate(photo: Photo, options: EstimateOptions, *, run: Run = Run()) -> Estimate:
+    """Estimate as `estimate_blind` does, but without warnings of its notes."""
     if options.camera.focal == "auto" and not options.uniform:
-        estimate = _at_best_focal_length(photo, options, run)
-    else:
-        estimate = _estimate(photo, options, run)
+        return _at_best_focal_length(photo, options, run)
+    return _estimate(photo, options, run)
+
+
+def warn(photo: Photo, estimate: Estimate) -> None:
+    """Warn of the notes of an estimate."""
     for note in estimate.notes:
         _log.warning("%s: %s", photo.source, note)
-    return estimate
 
 
 def _at_best_focal_length(photo: Photo, options: EstimateOptions, run: Run) -> Estimate:

@@ -1,8 +1,8 @@
 """The preview: a photo at a quarter of its size, on which all stages take seconds.
 
 A kernel consists of angles. So a kernel from one size of a photo is valid for every size. The time
-of a blind estimate depends on the size of its picture, not on the size of the photo. A preview uses
-a smaller picture, and keeps the first good kernel.
+of a blind estimate depends on the size of its picture only if that is small. A preview uses such a
+small picture, and keeps the first good kernel.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from deshake.run import Run
-from deshake.stages.blind_estimate import estimate_blind
+from deshake.stages.blind_estimate import silent_estimate, warn
 from deshake.stages.fitting import check_region
 from deshake.stages.reducing import reduced
 
@@ -25,6 +25,10 @@ __all__ = ["preview_estimate", "preview_options", "preview_photo", "preview_side
 
 _FACTOR: Final = 4  # ratio of the photo's sides to the preview's
 _LEAST_SIDE: Final = 640  # px of the longer side
+_INVISIBLE: Final = (
+    "no shake is visible at the size of a preview: the photo is left as it is; to be sure, leave "
+    "out --preview"
+)
 _ESTIMATE_SIDE: Final = 400  # px of the longer side of the picture for the estimate
 
 
@@ -54,6 +58,9 @@ def preview_estimate(
 ) -> Estimate:
     """Estimate the blur kernel of a reduced photo.
 
+    The picture for the estimate is smaller still. If no shake is visible there, the preview itself
+    is used. A narrow shake of a large photo may be visible in neither. Then a note says so.
+
     Parameters
     ----------
     photo, small : Photo
@@ -75,8 +82,15 @@ def preview_estimate(
 
     """
     smaller = reduced(small, _ESTIMATE_SIDE)
-    scaled = preview_options(options, photo, smaller)
-    estimate = estimate_blind(smaller, scaled, run=run)
+    sizes = [smaller] if smaller is small else [smaller, small]
+    for size, part in zip(sizes, run.parts([1.0, 2.0][: len(sizes)]), strict=True):
+        estimate = silent_estimate(size, preview_options(options, photo, size), run=part)
+        if len(estimate.kernel.weights) > 1:
+            break
+    else:
+        if small is not photo:
+            estimate = replace(estimate, notes=[_INVISIBLE])
+    warn(photo, estimate)
     kernel = estimate.content.kernel.at_size(*small.shape)
     camera = replace(estimate.camera, camera=estimate.camera.camera.scaled(*small.shape))
     return replace(estimate, content=replace(estimate.content, kernel=kernel), camera=camera)

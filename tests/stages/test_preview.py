@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from deshake.errors import PhotoError
-from deshake.formats.photo import encode_photo, read_photo
+from deshake.formats.photo import Photo, encode_photo, read_photo
 from deshake.run import Run
 from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.estimate_options import EstimateOptions
@@ -76,3 +76,28 @@ def test_the_kernel_is_that_of_the_reduced_photo(tmp_path):
     assert estimate.camera.camera.shape == small.shape
     assert estimate.camera.camera.focal_px == pytest.approx(40 / 43.267 * 800, rel=1e-3)
     assert estimate.content.provenance["options"]["preview"] is True
+
+
+def sharp_photo(path, size) -> Photo:
+    """A photo of blocks with edges one pixel wide."""
+    codes = np.random.default_rng(5).integers(20, 230, (size[1] // 20, size[0] // 20))
+    Image.fromarray(np.kron(codes, np.ones((20, 20))).astype(np.uint8)).save(path)
+    return read_photo(path)
+
+
+def test_a_photo_that_looks_sharp_when_small_has_a_note_that_says_so(tmp_path):
+    photo = sharp_photo(tmp_path / "a.png", (2720, 1360))
+    small = preview_photo(photo)
+    estimate = preview_estimate(photo, small, EstimateOptions(), run=Run(1))
+    assert len(estimate.kernel.weights) == 1
+    assert estimate.kernel.camera.shape == small.shape
+    (note,) = estimate.notes
+    assert note.startswith(
+        "no shake is visible at the size of a preview: the photo is left as it is"
+    )
+
+
+def test_a_small_photo_has_the_note_of_its_estimate(tmp_path):
+    photo = sharp_photo(tmp_path / "a.png", (600, 400))
+    estimate = preview_estimate(photo, preview_photo(photo), EstimateOptions(), run=Run(1))
+    assert estimate.notes[-1] == "the photo looks sharp: it is left as it is"
