@@ -10,6 +10,7 @@ from deshake.blind.agreement import agreement
 from deshake.blind.camera_path import thinned
 from deshake.blind.candidate import refined
 from deshake.blind.trimming import heaviest
+from deshake.operators.strips import in_order
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -17,9 +18,10 @@ if TYPE_CHECKING:
     from deshake.blind.candidate import Axes, Refinement
     from deshake.blind.judge import Judge
     from deshake.geometry.kernel import RotationKernel
+    from deshake.run import Run
     from deshake.signal.pyramid import Pyramid
 
-__all__ = ["Entry", "nearest"]
+__all__ = ["Entry", "all_refined", "nearest"]
 
 _FAINT = 0.05  # share of the kernel's weight that its width does not count
 _ROLL_WORTH = 0.003  # margin: least gain that justifies a kernel with roll
@@ -74,6 +76,18 @@ class Entry(NamedTuple):
         kernel = refined(pyramid, self.kernel, self.level, how, axes=axes)
         flat = "" if axes[2] else ", no roll"
         return self._replace(name=f"{self.name}, refined at {how.price:g}{flat}", kernel=kernel)
+
+
+def all_refined(
+    pyramid: Pyramid, jobs: Sequence[tuple[Entry, Refinement, Axes]], run: Run
+) -> list[Entry]:
+    """Refine kernels, each in its way and about its axes."""
+    results = []
+    work = in_order(lambda job: job[0].refined(pyramid, *job[1:]), jobs, run)
+    for done, (_, entry) in enumerate(work, 1):
+        results.append(entry)
+        run.report(done / len(jobs), "refinement")
+    return results
 
 
 def nearest(entry: Entry, known: Sequence[Entry]) -> float:

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deshake.blind.candidate import Refinement
+from deshake.blind.entry import all_refined
 from deshake.blind.kernel_comparison import COLLAPSED
 from deshake.blind.spot import is_spot
-from deshake.operators.strips import in_order
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -94,14 +94,10 @@ class _Line:
         """Replace the kernel by the best refinement of it or its source, if the margin rises."""
         if not self.rises:
             return
-        jobs = [(self.best.thin(width), how) for width, how in _PATHS]
+        jobs = [(self.best.thin(width), how, self.axes) for width, how in _PATHS]
         if source is not None:
-            jobs.append((source, _OTHER_EDGES))
-        new = []
-        work = in_order(lambda job: job[0].refined(self.pyramid, job[1], self.axes), jobs, run)
-        for done, (_, entry) in enumerate(work, 1):
-            new.append(entry)
-            run.report(done / len(jobs), "refinement")
+            jobs.append((source, _OTHER_EDGES, self.axes))
+        new = all_refined(self.pyramid, jobs, run)
         if source is not None:
             new += [self.best.thin(), new[-1].thin()]
         margins = [self._margin(entry) for entry in new]

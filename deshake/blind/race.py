@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake.blind.candidate import FINE, THIN, Axes, Candidate, Refinement
-from deshake.blind.entry import Entry, nearest
+from deshake.blind.entry import Entry, all_refined, nearest
 from deshake.blind.kernel_comparison import Comparison
 from deshake.blind.polish import polished
 from deshake.blind.spot import is_spot
@@ -163,12 +163,7 @@ class _Course:
         flat = (self.axes[0], self.axes[1], False)
         all_axes = (self.axes, flat) if self.axes[2] else (self.axes,)
         jobs = [(entry, how, axes) for axes in all_axes for entry in entries for how in ways]
-        results = []
-        work = in_order(lambda job: job[0].refined(self.pyramid, *job[1:]), jobs, run)
-        for done, (_, entry) in enumerate(work, 1):
-            results.append(entry)
-            run.report(done / len(jobs), "refinement")
-        return results
+        return all_refined(self.pyramid, jobs, run)
 
     def _started(self, start: int) -> list[Entry]:
         """Run one start to its finest scale; return the kernels of its last scales."""
