@@ -158,7 +158,8 @@ def fitted_weights(
         return weights
     roll = indices[:, 2] - weights @ indices[:, 2]
     ridge = _RIDGE * (1 + roll**2)
-    solution = nonnegative(fit.gram / fit.energy + np.diag(ridge), fit.right / fit.energy, weights)
+    gram = _shifted(fit.gram / fit.energy, ridge)
+    solution = nonnegative(gram, fit.right / fit.energy, weights)
     if not solution.sum() > _LEAST_SUM:
         return weights
     kept = _without_islands(indices, without_light(solution, cut))
@@ -195,8 +196,8 @@ def nonnegative(gram: Vector, right: Vector, start: Vector) -> Vector:
         return _pivoted(_shifted(gram, shift - min(2 * least, 0)), right, start > 0)
 
 
-def _shifted(gram: Vector, shift: float) -> Vector:
-    """Return G with a number added to its diagonal, and so to all of its eigenvalues."""
+def _shifted(gram: Vector, shift: Vector | float) -> Vector:
+    """Return G with numbers added to its diagonal; one number shifts all of its eigenvalues."""
     shifted = gram.copy()
     shifted.flat[:: len(gram) + 1] += shift
     return shifted

@@ -21,7 +21,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deshake.blind.candidate import FINE, THIN, Axes, Candidate, Refinement
 from deshake.blind.entry import Entry, all_refined, nearest
@@ -38,8 +37,6 @@ if TYPE_CHECKING:
     from deshake.signal.pyramid import Pyramid
 
 __all__ = ["Finish", "race"]
-
-Scores = NDArray[np.float64]
 
 _COARSEST_START = 11  # index of a scale
 _FEWEST_STARTS = 4  # number of starts; with fewer, every scale is a first scale

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from deshake.geometry.kernel import RotationKernel
     from deshake.signal.pyramid import Pyramid
 
-__all__ = ["Budget", "Part", "is_covered", "planned_tiles"]
+__all__ = ["Budget", "Part", "planned_tiles"]
 
 Part = Literal["fitted", "apart", "all"]
 
@@ -86,7 +86,7 @@ def planned_tiles(
     far = int(np.ceil(room * reach(scale.camera, kernel.theta)))
     size = _size(kernel.theta, far, min(scale.camera.shape))
     most = max(int(budget.blocks / (size + 2 * far) ** 2), _FEWEST)
-    covers = is_covered(pyramid, level, budget)
+    covers = np.prod(scale.camera.shape) <= budget.frame
     corners = covering(scale.camera.shape, size)
     if not covers or len(corners) > most:
         count = most if covers else min(max(int(budget.tiles / size**2), _FEWEST), most)
@@ -100,11 +100,6 @@ def planned_tiles(
             allowed=lambda x, y: _belongs(_colour(x, y), part),
         )
     return Tiles(scale, corners, size, far)
-
-
-def is_covered(pyramid: Pyramid, level: int, budget: Budget = Budget()) -> bool:  # noqa: B008
-    """Return whether tiles cover all of a scale, so that no choice is necessary."""
-    return bool(np.prod(pyramid.at(level).camera.shape) <= budget.frame)
 
 
 def _size(theta: NDArray[np.float64], far: int, most: int) -> int:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 from deshake.run import Run
 from deshake.stages.blind_estimate import silent_estimate, warn
 from deshake.stages.fitting import check_region
-from deshake.stages.reducing import reduced
+from deshake.stages.reducing import reduced, reduced_with_metadata
 
 if TYPE_CHECKING:
     from deshake.formats.photo import Photo
@@ -38,10 +38,7 @@ def preview_photo(photo: Photo) -> Photo:
     Each new pixel is a mean in linear light. It counts as clipped if one of its pixels is clipped.
     Format and depth do not change. The metadata state what is true for the reduced photo.
     """
-    small = reduced(photo, preview_side(max(photo.shape)))
-    if small is photo:
-        return photo
-    return replace(small, metadata=photo.metadata.reduced(photo.shape, small.shape))
+    return reduced_with_metadata(photo, preview_side(max(photo.shape)))
 
 
 def preview_side(side: float) -> float:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from deshake.formats.photo import Photo
 
-__all__ = ["reduced", "within_white"]
+__all__ = ["reduced", "reduced_with_metadata", "within_white"]
 
 _BAND: Final = 256  # rows whose colours are converted at once
 
@@ -42,6 +42,14 @@ def reduced(photo: Photo, side: float) -> Photo:
         alpha=None if photo.alpha is None else _means(photo.alpha, size),
         frame=None,
     )
+
+
+def reduced_with_metadata(photo: Photo, side: float) -> Photo:
+    """Reduce a photo as `reduced` does; its metadata state what is true for the reduced photo."""
+    small = reduced(photo, side)
+    if small is photo:
+        return photo
+    return replace(small, metadata=photo.metadata.reduced(photo.shape, small.shape))
 
 
 def within_white(photo: Photo) -> Photo:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from deshake.formats.conversion import output_format
 from deshake.formats.encoding import SUFFIXES
-from deshake.stages.reducing import reduced, within_white
+from deshake.stages.reducing import reduced_with_metadata, within_white
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -83,8 +83,8 @@ class ResultFile:
         if self.max_size is None or max(photo.shape) <= self.max_size:
             return photo
         keeps_beyond = photo.encoding.depth == 32 and form == "TIFF"
-        small = reduced(photo if keeps_beyond else within_white(photo), self.max_size)
-        return replace(small, metadata=photo.metadata.reduced(photo.shape, small.shape))
+        light = photo if keeps_beyond else within_white(photo)
+        return reduced_with_metadata(light, self.max_size)
 
     def provenance(self) -> dict[str, Any]:
         """Return the options that change the picture, for the provenance of the result."""
