@@ -60,7 +60,10 @@ types: $(STAMP)
 
 # All tests, and the share of the package's lines that they run: too few is an error.
 coverage: $(STAMP)
-	$(PYTEST) --cov
+	@rm -f .coverage .coverage.*
+	$(PYTEST) -p tests.support.line_probes
+	$(PY) -m coverage combine --quiet
+	$(PY) -m coverage report
 
 # Some tests, as in: make pytest ARGS="-k kernel"
 pytest: $(STAMP)
@@ -74,5 +77,5 @@ man: $(STAMP)
 	$(PY) scripts/make_man_pages.py
 
 clean:
-	rm -rf $(VENV) out dist .coverage .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) out dist .coverage .coverage.* .mypy_cache .pytest_cache .ruff_cache
 	find $(CODE) -name __pycache__ -type d -prune -exec rm -rf {} +
