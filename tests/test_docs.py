@@ -258,7 +258,7 @@ def test_every_table_and_figure_is_documented() -> None:
 def folder_of_examples(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Files that the Python examples read, in the working directory."""
     monkeypatch.chdir(tmp_path)
-    Image.fromarray(data.coffee()).resize((240, 160)).save("before.jpg", quality=95)
+    Image.fromarray(data.coffee()).resize((150, 100)).save("before.jpg", quality=95)
     shake = ["--kernel", "photo.kernel.npz", "--blur-size", "4", "--focal-35mm", "28"]
     assert main(["simulate", "before.jpg", "-o", "photo.jpg", *shake]) == 0
     Path("notes.txt").write_text("no photo", "utf-8")

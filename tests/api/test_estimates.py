@@ -22,14 +22,14 @@ def test_the_command_gives_the_same_kernel(tmp_path, deshake):
     library.write_photo(tmp_path / "a.png", shaken.blurred)
     result = deshake(
         *("estimate-blind", tmp_path / "a.png", "-o", tmp_path / "k.npz", "--focal-px", "200"),
-        *("--blur-size", "8", "--region", "20,20,120,100"),
+        *("--blur-size", "8", "--region", "20,20,120,100", "--uniform"),
     )
     assert result.code == 0, result.err
     content = library.read_kernel(tmp_path / "k.npz")
     photo = library.read_photo(tmp_path / "a.png")
     camera = library.calibrate(photo, focal_px=200)
     region = (20, 20, 120, 100)
-    blur = estimate_blind(photo, camera, blur_size=8, region=region)
+    blur = estimate_blind(photo, camera, blur_size=8, region=region, uniform=True)
     assert same(blur.kernel, content.kernel)
     assert blur.confidence == content.confidence
     assert blur.notes == content.provenance["notes"]

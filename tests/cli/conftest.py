@@ -64,12 +64,15 @@ def shaken(tmp_path: Path) -> Callable[..., Path]:
     """Save a small shaken photo under a name; a 16-bit one if asked.
 
     Those of 100 x 80 are shaken too little: they are left as they are. From `large` ones, of
-    200 x 160, a kernel can be estimated with ``--blur-size 10``.
+    200 x 160, a kernel can be estimated with ``--blur-size 10``; from those of 140 x 112 one that
+    may differ over the frame, with ``--blur-size 9``.
     """
 
-    def save(name: str, depth: int = 8, *, large: bool = False) -> Path:
+    def save(
+        name: str, depth: int = 8, *, large: bool = False, size: tuple[int, int] = (200, 160)
+    ) -> Path:
         # A texture with edges at every angle, blurred along a slant.
-        width, height, length = (200, 160, 7) if large else (100, 80, 3)
+        width, height, length = (*size, 7) if large else (100, 80, 3)
         grey = np.random.default_rng(5).random((height // 10, width // 10), np.float32)
         grey = cv2.resize(grey, (width, height), interpolation=3)
         sharp = np.clip(0.5 + 3 * (grey - 0.5), 0.05, 0.95)

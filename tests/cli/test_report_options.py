@@ -291,7 +291,7 @@ def test_open_opens_the_page_or_the_sheet(folder, tmp_path, args, name):
 )
 def test_what_was_done_stands_on_a_line_unless_quiet(deshake, shaken, tmp_path, size, said):
     photo = shaken("a.png", large=size == 10)
-    args = ("fix", photo, "--blur-size", size, *QUICK)
+    args = ("fix", photo, "--blur-size", size, "--uniform", *QUICK)
     outcome = deshake(*args)
     assert outcome.code == 0
     lines = [each for each in outcome.err.splitlines() if not each.startswith("warning: ")]

@@ -70,7 +70,9 @@ def test_the_kernel_is_that_of_the_reduced_photo(tmp_path):
     Image.fromarray(blurred.astype(np.uint8)).resize((680, 510)).save(tmp_path / "b.png")
     photo = read_photo(tmp_path / "b.png")
     small = preview_photo(photo)
-    options = EstimateOptions(camera=CameraChoice(focal_35mm=40), blur_size=30, uniform=True)
+    options = EstimateOptions(
+        camera=CameraChoice(focal_35mm=40), blur_size=20, uniform=True, region=(170, 85, 255, 204)
+    )
     estimate = preview_estimate(photo, small, options, run=Run(1))
     assert estimate.content.kernel.camera.shape == small.shape == (480, 640)
     assert estimate.camera.camera.shape == small.shape
