@@ -14,7 +14,6 @@ from typing import Final
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import isotonic_regression
 
 from deshake.errors import EstimationError
 
@@ -244,6 +243,8 @@ def _smoothed(image: Image, mask: Mask, sigma: float) -> Image:
 
 def _tone_curve(x: Image, y: Image) -> ToneCurve:
     """Fit one rising curve to pairs of values."""
+    from scipy.optimize import isotonic_regression  # noqa: PLC0415 - slow to import, for pairs alone
+
     if len(x) < 4 * _CURVES.bins:
         raise EstimationError(
             "the two photos have too few pixels in common that are not clipped",

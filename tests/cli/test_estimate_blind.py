@@ -185,7 +185,7 @@ def test_a_picture_goes_to_standard_output(shaken, tmp_path, capfdbinary, option
 
 
 def test_the_tiles_are_drawn_on_the_photo(deshake, tmp_path):
-    photo, _ = write_street(tmp_path, 195, 150)
+    photo, _ = write_street(tmp_path, 169, 130)
     tiles = tmp_path / "t.png"
     args = ("--uniform", "--blur-size", 12, "--tiles", tiles, "--json")
     outcome = deshake("estimate-blind", photo, *args)
@@ -194,8 +194,8 @@ def test_the_tiles_are_drawn_on_the_photo(deshake, tmp_path):
     assert report["tiles"] == str(tiles)
     assert 5 < report["extent_px"] < 10
     with Image.open(tiles) as picture:
-        assert (picture.format, picture.mode, picture.width) == ("PNG", "RGB", 195)
-        colours = np.asarray(picture).astype(int)[:150]
+        assert (picture.format, picture.mode, picture.width) == ("PNG", "RGB", 169)
+        colours = np.asarray(picture).astype(int)[:130]
     coloured = np.ptp(colours, axis=-1) > 100  # the photo is grey
     assert 0.01 < coloured.mean() < 0.3
     assert colours.max() > 240  # a filter's light

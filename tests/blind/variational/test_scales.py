@@ -56,7 +56,7 @@ def ended(gradients: np.ndarray) -> dict[str, ScaleByScale]:
         "finest": under_way(gradients, 8, finest=True),
     }
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(scales, "SETTINGS", replace(SETTINGS, enough_blur=5.0))
+        patch.setattr(scales, "SETTINGS", replace(SETTINGS, enough_blur=5.0, iterations=4))
         for work in works.values():
             work.run()
     return works
@@ -83,7 +83,10 @@ def test_a_trial_stops_at_a_coarse_scale_and_goes_on_from_there(
     assert confidence == same
 
 
-def test_a_box_too_small_is_touched(gradients: np.ndarray, ended: dict[str, ScaleByScale]) -> None:
+def test_a_box_too_small_is_touched(
+    gradients: np.ndarray, ended: dict[str, ScaleByScale], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(scales, "SETTINGS", replace(SETTINGS, iterations=4))
     tight = under_way(gradients, 1)
     tight.run()
     assert tight.outermost > ended["finest"].outermost
