@@ -35,6 +35,7 @@ __all__ = [
     "estimate_blind",
     "silent_estimate",
     "warn",
+    "without_colours",
 ]
 
 _log = logging.getLogger(__name__)
@@ -83,6 +84,11 @@ def silent_estimate(photo: Photo, options: EstimateOptions, *, run: Run = Run())
     return _estimate(photo, options, run)
 
 
+def without_colours(photo: Photo) -> Photo:
+    """Reduce the pixels of a photo to their luminance, all that an estimate needs."""
+    return replace(photo, pixels=luminance(photo.pixels))
+
+
 def warn(photo: Photo, estimate: Estimate) -> None:
     """Warn of the notes of an estimate."""
     for note in estimate.notes:
@@ -116,8 +122,8 @@ def _estimate(photo: Photo, options: EstimateOptions, run: Run) -> Estimate:
     """Estimate at one focal length."""
     camera, notes = camera_for(photo, options.camera)
     check_region(photo, options.region)
-    straight, pinhole = straightened(photo, camera.camera)
-    grey = luminance(straight.pixels)
+    straight, pinhole = straightened(without_colours(photo), camera.camera)
+    grey = straight.pixels
     try:
         blind = estimate_kernel(
             grey,

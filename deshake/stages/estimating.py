@@ -15,7 +15,7 @@ from deshake.formats.photo import encode_photo, read_pair, read_photo
 from deshake.pictures.latent_photo import latent_photo
 from deshake.pictures.tile_picture import tile_photo
 from deshake.run import Run
-from deshake.stages.blind_estimate import estimate_blind
+from deshake.stages.blind_estimate import estimate_blind, without_colours
 from deshake.stages.pair_estimate import estimate_pair
 from deshake.stages.registering import known_registration
 
@@ -108,7 +108,7 @@ def estimate_file(
         return estimate
     for number, path in enumerate(pictures):
         check_output(path, source, output, *pictures[:number], overwrite=overwrite_others)
-    photo = read_photo(source, transfer=options.transfer)
+    photo = _read(source, options, colours=tiles is not None)
     for path in pictures:
         _picture_format(path, photo)
     estimate = estimate_blind(photo, options, run=run)
@@ -126,6 +126,12 @@ def estimate_file(
         if not keep_result:
             add(output, kernel_bytes(estimate.content), overwrite=overwrite)
     return estimate
+
+
+def _read(source: Path, options: EstimateOptions, *, colours: bool) -> Photo:
+    """Read a photo; without colours it takes a third of the memory."""
+    photo = read_photo(source, transfer=options.transfer)
+    return photo if colours else without_colours(photo)
 
 
 def _picture_format(path: Path, photo: Photo) -> Format:
