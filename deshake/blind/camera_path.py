@@ -2,22 +2,30 @@
 
 A camera moves along a curve. An estimate differs from that curve in two ways. It is too wide,
 because of noise, and of edges that it takes for sharper than they are: `thinned` moves the
-rotations to the ridge of their density. At a coarse scale it is a row of spikes, and the gaps
-between them leave dotted rims in the restored photo: `filled_path` fills the gaps.
+rotations to the ridge of their density, and `smooth_path` draws one smooth curve through them. At a
+coarse scale it is a row of spikes, and the gaps between them leave dotted rims in the restored
+photo: `filled_path` fills the gaps.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree
 from scipy.spatial.distance import cdist
 
+from deshake.blind.trimming import heaviest, strongest
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 
-__all__ = ["filled_path", "thinned"]
+if TYPE_CHECKING:
+    from deshake.geometry.camera import Camera
+
+__all__ = ["filled_path", "smooth_path", "thinned"]
 
 Points = NDArray[np.float64]
 
@@ -26,6 +34,15 @@ _MOST = 1500  # rotations; more of them make the restoration slower
 _RIDGE_STEPS = 15  # iterations of the mean shift
 _ALONG = 1  # dimension of a path
 _LIGHT = 1e-6  # share of the kernel's weight; lighter rotations are discarded
+_CONTROLS = 8  # control points of a smooth path
+_DEGREE = 3  # of its B-spline
+_DENSITY = 2.0  # rotations on a smooth path, per grid step of its camera
+_FAINT = 0.05  # share of the kernel's weight that a smooth path does not count
+_MOST_POINTS = 150  # rotations that a smooth path is drawn through
+_LEAST_TURN = 0.5  # grid steps; a centred kernel turns a little about an axis, without any meaning
+_STIFFNESS = 1e-3  # weight of the squared bends of the control points, in squared grid steps
+_LEAST_PULL = 1e-6  # weight that holds a control point without rotations near the others
+_LONG_WAY = 1.5  # exponent of the distance; a tree prefers short steps to a long one
 _NEIGHBOURS = np.stack(np.meshgrid(*[(-1, 0, 1)] * 3, indexing="ij"), -1).reshape(-1, 3)
 """Differences of indices, in grid steps, to the neighbours of a rotation and to itself."""
 
@@ -60,6 +77,68 @@ def thinned(kernel: RotationKernel, width: float = 1.0) -> RotationKernel:
         across = np.linalg.eigh(bend)[1][:, :, : points.shape[1] - _ALONG]
         moved += np.einsum("nij,nkj,nk->ni", across, across, mean - moved)
     return _on_grid(moved, weights, kernel)
+
+
+def smooth_path(kernel: RotationKernel, scale: Camera) -> RotationKernel:
+    """Draw one smooth curve through a kernel. The camera moves along it as fast as the kernel says.
+
+    The curve is a cubic B-spline of time, with few control points. It follows the longest branch of
+    the minimum spanning tree of the thin path. Its time is the share of the weight up to there.
+
+    Parameters
+    ----------
+    kernel : RotationKernel
+        A kernel.
+    scale : Camera
+        The camera of a scale where the kernel is some 30 pixels wide. Details that are smaller than
+        the pixels of this scale do not shape the curve.
+
+    Returns
+    -------
+    RotationKernel
+        The curve, on the grid of the kernel's camera. The kernel itself, if it is a point.
+
+    """
+    reduced = kernel.for_camera(scale).resampled(grid_steps(scale))
+    thin = strongest(heaviest(thinned(reduced), _FAINT), _MOST_POINTS)
+    places = (thin.theta - thin.centroid) / thin.steps
+    places[:, np.ptp(places, 0) < _LEAST_TURN] = 0
+    branch, held = _longest_branch(places, thin.weights)
+    if len(branch) == 1:
+        return kernel
+    basis = _spline(np.cumsum(held) - held / 2)
+    bends = np.diff(np.eye(_CONTROLS), 2, axis=0)
+    pull = basis.T * held
+    normal = pull @ basis + _STIFFNESS * bends.T @ bends + _LEAST_PULL * np.eye(_CONTROLS)
+    controls = np.linalg.solve(normal, pull @ places[branch])
+    fine = replace(kernel, steps=grid_steps(kernel.camera))
+    controls *= thin.steps / fine.steps
+    pieces = np.diff(_spline(np.linspace(0, 1, 10 * _CONTROLS)) @ controls, axis=0)
+    count = max(int(_DENSITY * np.linalg.norm(pieces, axis=1).sum()), _CONTROLS)
+    curve = _spline((np.arange(count) + 0.5) / count) @ controls
+    return _on_grid(curve - curve.mean(0), np.full(count, 1 / count), fine)
+
+
+def _spline(time: Points) -> Points:
+    """Return the values (n, controls) of the B-splines at times 0..1."""
+    inner = np.linspace(0, 1, _CONTROLS - _DEGREE + 1)
+    knots = np.concatenate([np.zeros(_DEGREE), inner, np.ones(_DEGREE)])
+    values: Points = BSpline.design_matrix(np.clip(time, 0, 1), knots, _DEGREE).toarray()
+    return values
+
+
+def _longest_branch(places: Points, weights: Points) -> tuple[NDArray[np.int64], Points]:
+    """Return the points along the longest branch of their tree, and the weight near each."""
+    tree = minimum_spanning_tree(cdist(places, places) ** _LONG_WAY)
+    tree.data **= 1 / _LONG_WAY
+    length, before = dijkstra(tree, directed=False, return_predecessors=True)
+    first, last = np.unravel_index(np.argmax(length), length.shape)
+    branch = [int(last)]
+    while branch[-1] != first:
+        branch.append(int(before[first, branch[-1]]))
+    nearest = cdist(places, places[branch]).argmin(1)
+    held = np.bincount(nearest, weights, len(branch)).astype(np.float64)
+    return np.array(branch, np.int64), held
 
 
 def _on_grid(points: Points, weights: Points, kernel: RotationKernel) -> RotationKernel:

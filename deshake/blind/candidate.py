@@ -121,7 +121,7 @@ class Refinement(NamedTuple):
     iterations: int = 8
     carried: float = 0.01
     cut: float = 0.03
-    most: int = 300
+    most: int = 160
     room: bool = True
     budget: Budget = Budget(0.25e6, 0.3e6)
 

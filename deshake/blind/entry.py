@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from deshake.blind.agreement import agreement
-from deshake.blind.camera_path import thinned
+from deshake.blind.camera_path import smooth_path, thinned
 from deshake.blind.candidate import refined
 from deshake.blind.trimming import heaviest
 from deshake.operators.strips import in_order
@@ -17,11 +17,12 @@ if TYPE_CHECKING:
 
     from deshake.blind.candidate import Axes, Refinement
     from deshake.blind.judge import Judge
+    from deshake.geometry.camera import Camera
     from deshake.geometry.kernel import RotationKernel
     from deshake.run import Run
     from deshake.signal.pyramid import Pyramid
 
-__all__ = ["Entry", "all_refined", "nearest"]
+__all__ = ["Entry", "all_refined", "best_of_starts", "nearest"]
 
 _FAINT = 0.05  # share of the kernel's weight that its width does not count
 _ROLL_WORTH = 0.003  # margin: least gain that justifies a kernel with roll
@@ -68,6 +69,10 @@ class Entry(NamedTuple):
         """Reduce the kernel to a thin path; `width` is that of the neighbourhood, in grid steps."""
         return self._replace(name=f"{self.name}, thin", kernel=thinned(self.kernel, width))
 
+    def smooth(self, scale: Camera) -> Entry:
+        """Draw a smooth path through the kernel; `scale` is the camera of a scale that suits it."""
+        return self._replace(name=f"{self.name}, path", kernel=smooth_path(self.kernel, scale))
+
     def refined(self, pyramid: Pyramid, how: Refinement, axes: Axes) -> Entry:
         """Refine the kernel at its scale, unless it is a point there."""
         camera = pyramid.at(self.level).camera
@@ -88,6 +93,14 @@ def all_refined(
         results.append(entry)
         run.report(done / len(jobs), "refinement")
     return results
+
+
+def best_of_starts(ranked: Sequence[Entry]) -> list[Entry]:
+    """Return the best kernel of every start; the given kernels are sorted, the best first."""
+    best: dict[int, Entry] = {}
+    for entry in ranked:
+        best.setdefault(entry.start, entry)
+    return list(best.values())
 
 
 def nearest(entry: Entry, known: Sequence[Entry]) -> float:

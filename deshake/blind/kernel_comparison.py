@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from deshake.blind.entry import Entry
+    from deshake.geometry.camera import Camera
+    from deshake.geometry.kernel import RotationKernel
     from deshake.signal.pyramid import Pyramid
 
 __all__ = ["COLLAPSED", "Comparison"]
@@ -49,20 +51,18 @@ class Comparison:
     def __init__(self, pyramid: Pyramid) -> None:
         self.pyramid = pyramid
         self._judges: dict[int, Judge] = {}
-        self._scores: dict[tuple[Judge, str], float] = {}
+        self._scores: dict[tuple[Judge, RotationKernel], float] = {}
 
     def scores(self, entries: Sequence[Entry]) -> Scores:
-        """Return the margins of kernels, and the worth of the sparsity of the restored picture.
-
-        The kernels have different names.
-        """
+        """Return the margins of kernels, and the worth of the sparsity of the restored picture."""
         levels = [self._level(entry) for entry in entries]
         by_level: dict[int, list[Entry]] = {}
         for entry, level in zip(entries, levels, strict=True):
             by_level.setdefault(level, []).append(entry)
         for level, group in by_level.items():
             self._make_room(level, group)
-        scores = [self._score(entry, at) for entry, at in zip(entries, levels, strict=True)]
+        judges = [self._judges[level] for level in levels]
+        scores = [self.score(entry, judge) for entry, judge in zip(entries, judges, strict=True)]
         return np.array(scores) - COLLAPSED * np.array([is_spot(entry.kernel) for entry in entries])
 
     def judge(self, entry: Entry) -> Judge:
@@ -71,9 +71,13 @@ class Comparison:
         self._make_room(level, [entry])
         return self._judges[level]
 
-    def _score(self, entry: Entry, level: int) -> float:
-        judge = self._judges[level]
-        key = judge, entry.name
+    def scale(self, entry: Entry) -> Camera:
+        """Return the camera of the scale where a kernel is judged."""
+        return self.pyramid.at(self._level(entry)).camera
+
+    def score(self, entry: Entry, judge: Judge) -> float:
+        """Return the score of a kernel at a judge's scale; a spot is not penalised."""
+        key = judge, entry.kernel
         if key not in self._scores:
             sharper = judge.sharpening(entry.kernel)
             self._scores[key] = entry.margin(judge) + _SHARPENING_WORTH * sharper

@@ -1,8 +1,8 @@
-"""Polish kernels: refine a thin path of each again and again, as long as the judge's margin rises.
+"""Polish kernels: refine a path through each again and again, as long as the score rises.
 
 Refinement alone gets stuck: a kernel that is too wide gives a latent picture that is too
-sharp, and the two fit each other. Reduced to a thin path, a kernel that is nearly right leaves this
-state and comes nearer to the truth; a wrong one seldom gains.
+sharp, and the two fit each other. Reduced to a thin or a smooth path, a kernel that is nearly right
+leaves this state and comes nearer to the truth; a wrong one seldom gains.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deshake.blind.candidate import Refinement
-from deshake.blind.entry import all_refined
+from deshake.blind.entry import all_refined, best_of_starts
 from deshake.blind.kernel_comparison import COLLAPSED
 from deshake.blind.spot import is_spot
 
@@ -29,11 +29,12 @@ __all__ = ["polished"]
 _OTHER_EDGES = Refinement(1e-2)  # price in squared contrast: fewer edges, from the same start
 _PATHS = (  # grid steps: width of the neighbourhood on a thin path; refinement of that path
     (1.4, Refinement(2e-3, iterations=4, cut=0.01, room=False)),
-    (1.4, Refinement(1e-3, iterations=4, cut=0.01, room=False)),
     (1.0, Refinement(2e-3, iterations=4)),
 )
+_SMOOTH = Refinement(2e-3, iterations=3)
+"""Refinement of a smooth path. The price is in squared contrast."""
 _LINES = 2  # number of starts whose best kernel is polished in the first round
-_ROUNDS = 4  # largest number of rounds; a round that does not raise the margin is the last
+_ROUNDS = 4  # largest number of rounds; a round that does not raise the score is the last
 
 
 def polished(
@@ -64,11 +65,8 @@ def polished(
         The best kernel. It is one of the given ones if none is better.
 
     """
-    best: dict[int, Entry] = {}
-    for entry in ranked:
-        best.setdefault(entry.start, entry)
     others = {source.start: source for source in sources}
-    lines = [_Line(comparison, entry, axes) for entry in list(best.values())[:_LINES]]
+    lines = [_Line(comparison, entry, axes) for entry in best_of_starts(ranked)[:_LINES]]
     parts = iter(run.parts([1.0] * (len(lines) + _ROUNDS - 1)))
     for line in lines:
         line.advance(next(parts), others[line.best.start])
@@ -79,35 +77,39 @@ def polished(
 
 
 class _Line:
-    """A kernel, its margin, and whether the last round raised it."""
+    """A kernel, its score, and whether the last round raised it."""
 
     def __init__(self, comparison: Comparison, entry: Entry, axes: Axes) -> None:
-        self.pyramid = comparison.pyramid
+        self.comparison = comparison
+        self.scale = comparison.scale(entry)
         self.judge = comparison.judge(entry)
         self.axes = (axes[0], axes[1], axes[2] and entry.rolls)
         self.name = f"{entry.name}, polished"
         self.best = entry
-        self.margin = self._margin(entry)
+        self.score = self._score(entry)
         self.rises = True
 
     def advance(self, run: Run, source: Entry | None = None) -> None:
-        """Replace the kernel by the best refinement of it or its source, if the margin rises."""
+        """Replace the kernel by the best refinement of it or its source, if the score rises."""
         if not self.rises:
             return
+        smooth = self.best.smooth(self.scale)
         jobs = [(self.best.thin(width), how, self.axes) for width, how in _PATHS]
+        jobs.append((smooth, _SMOOTH, self.axes))
         if source is not None:
             jobs.append((source, _OTHER_EDGES, self.axes))
-        new = all_refined(self.pyramid, jobs, run)
+        new = all_refined(self.comparison.pyramid, jobs, run)
         if source is not None:
             new += [self.best.thin(), new[-1].thin()]
-        margins = [self._margin(entry) for entry in new]
-        top = int(np.argmax(margins))
-        self.rises = margins[top] > self.margin
+        new.append(smooth)
+        scores = [self._score(entry) for entry in new]
+        top = int(np.argmax(scores))
+        self.rises = scores[top] > self.score
         if self.rises:
-            self.best, self.margin = new[top]._replace(name=self.name), margins[top]
+            self.best, self.score = new[top]._replace(name=self.name), scores[top]
 
-    def _margin(self, entry: Entry) -> float:
-        """Return the margin of a kernel; one that the judge has no room for has none."""
+    def _score(self, entry: Entry) -> float:
+        """Return the score of a kernel; one that the judge has no room for has none."""
         if is_spot(entry.kernel) or not self.judge.has_room(entry.kernel):
             return -COLLAPSED
-        return entry.margin(self.judge)
+        return self.comparison.score(entry, self.judge)

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from deshake.blind.candidate import FINE, THIN, Axes, Candidate, Refinement
-from deshake.blind.entry import Entry, all_refined, nearest
+from deshake.blind.entry import Entry, all_refined, best_of_starts, nearest
 from deshake.blind.kernel_comparison import Comparison
 from deshake.blind.polish import polished
 from deshake.blind.spot import is_spot
@@ -43,6 +43,7 @@ _FEWEST_STARTS = 4  # number of starts; with fewer, every scale is a first scale
 _SETTINGS = (FINE, THIN)  # the starts use them in turn
 _SNAPSHOTS = 2  # number of last scales of a candidate whose kernels are kept
 _REFINED = 3  # number of starts whose last kernels are refined
+_SMOOTHED = 4  # number of starts whose best kernel is reduced to a smooth path
 _REFINEMENT = Refinement(2e-3, iterations=5)  # price in squared contrast of the pyramid
 _UNIFORM_REFINEMENT = Refinement(1e-3, iterations=5)  # the same price, for the uniform model
 _AGREEMENT_WORTH = 0.3  # margin per agreement of 1
@@ -139,11 +140,12 @@ class _Course:
 
     def finished(self, entries: list[Entry], run: Run) -> Entry:
         """Refine the kernels of the best starts, add them to the entries, and return the best."""
-        best = list(dict.fromkeys(e.start for e in self._ranked(entries)))[:_REFINED]
+        best = [entry.start for entry in best_of_starts(self._ranked(entries))][:_REFINED]
         ends = _last(entries)
         taken = [e for e in ends if e.start in best]
         taken = [e for e in taken if not is_spot(e.kernel)] or taken
         entries += self._refined(taken, run.part(0.0, 0.5))
+        entries += self._smoothed(self._ranked(entries))
         ranked = self._ranked(entries)
         return polished(self.comparison, ranked, ends, self.axes, run.part(0.5, 1.0))
 
@@ -152,6 +154,11 @@ class _Course:
         agreement = np.array([nearest(entry, entries) for entry in entries])
         chances = self.comparison.scores(entries) + _AGREEMENT_WORTH * agreement
         return [entries[i] for i in np.argsort(-chances, kind="stable")]
+
+    def _smoothed(self, ranked: Sequence[Entry]) -> list[Entry]:
+        """Draw a smooth path through the best kernel of each of the best starts."""
+        best = best_of_starts([entry for entry in ranked if not is_spot(entry.kernel)])
+        return [entry.smooth(self.comparison.scale(entry)) for entry in best[:_SMOOTHED]]
 
     def _refined(self, entries: Sequence[Entry], run: Run) -> list[Entry]:
         """Refine kernels, with roll and without."""

@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
 from deshake.blind.agreement import agreement, spread_px
-from deshake.blind.camera_path import filled_path, thinned
+from deshake.blind.camera_path import filled_path, smooth_path, thinned
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
@@ -148,3 +148,58 @@ def test_a_uniform_kernel_stays_uniform() -> None:
     np.testing.assert_allclose(thin.theta[:, 2], 0, atol=1e-12)
     across = np.sqrt(thin.weights @ thin.theta[:, 0] ** 2) / steps[0]
     assert across < 0.6
+
+
+@pytest.mark.parametrize("roll", [1, 0])
+def test_a_smooth_path_is_nearer_to_the_truth_than_a_thick_kernel(roll) -> None:
+    path = PATH / 5 * [1, 1, roll]
+    thick = smeared(path)
+    smooth = smooth_path(thick, CAMERA)
+    true = RotationKernel.from_path(path * STEPS, CAMERA)
+    assert off(smooth, path) < 0.5 * off(thick, path)
+    assert agreement(smooth, true, smoothing=0.1) > agreement(thick, true, smoothing=0.1)
+    assert agreement(smooth, true, smoothing=0.1) > 0.87
+    assert smooth.weights.sum() == pytest.approx(1)
+    assert smooth.weights.min() > 0
+    np.testing.assert_allclose(smooth.centroid, thick.centroid, atol=1e-9)
+
+
+def test_a_smooth_path_closes_gaps_and_turns_back() -> None:
+    """A hand turns round at one end; the estimate has a hole in its way back."""
+    there = np.array([[0.0, -20, 0], [0, 20, 0], [8, 24, 0], [14, 18, 0], [15, -12, 0]])
+    whole = RotationKernel.from_path(there * STEPS, CAMERA)
+    x, y = whole.theta[:, 0] / STEPS[0], whole.theta[:, 1] / STEPS[1]
+    kept = ~((x > 12) & (np.abs(y - 4) < 3))
+    weights = whole.weights[kept] / whole.weights[kept].sum()
+    torn = RotationKernel(whole.theta[kept], weights, STEPS, CAMERA).resampled(STEPS)
+    smooth = smooth_path(torn, CAMERA)
+    assert not hangs_together(torn, 3)
+    assert hangs_together(smooth, 2)
+    assert agreement(smooth, whole, smoothing=0.1) > 0.95
+
+
+def test_a_smooth_path_rests_where_the_camera_rests() -> None:
+    places = [[0, i, 0] for i in range(13)]
+    kernel = RotationKernel.from_indices(places, [30] + [1] * 12, STEPS, CAMERA)
+    smooth = smooth_path(kernel, CAMERA)
+    near = np.abs(smooth.theta[:, 1] - kernel.theta[0, 1]) < 3 * STEPS[1]
+    assert smooth.weights[near].sum() > 0.7
+
+
+def test_the_smooth_path_of_a_kernel_without_roll_has_none() -> None:
+    flat = RotationKernel.from_path(PATH * [1, 1, 0] * STEPS / 5, CAMERA).centred()
+    assert 0 < np.ptp(flat.theta[:, 2]) < 0.1 * STEPS[2]
+    np.testing.assert_allclose(smooth_path(flat, CAMERA).theta[:, 2], 0, atol=1e-12)
+
+
+def test_the_smooth_path_of_a_point_is_the_point() -> None:
+    point = RotationKernel.delta(CAMERA)
+    assert smooth_path(point, CAMERA) is point
+
+
+def test_the_smooth_path_of_a_coarse_kernel_has_the_steps_of_the_photo() -> None:
+    smooth = smooth_path(coarse(4.0), CAMERA.scaled(300, 400))
+    np.testing.assert_allclose(smooth.steps, STEPS)
+    assert hangs_together(smooth, 1.5)
+    assert filled_path(smooth) is smooth
+    assert off(smooth, PATH - np.average(PATH, axis=0)) < 25

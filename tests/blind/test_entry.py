@@ -5,7 +5,7 @@ import pytest
 
 from deshake.blind.agreement import agreement
 from deshake.blind.candidate import Refinement
-from deshake.blind.entry import Entry, nearest
+from deshake.blind.entry import Entry, best_of_starts, nearest
 from deshake.blind.judge import Judge
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
 
@@ -38,6 +38,18 @@ def test_a_refinement_keeps_a_right_kernel_and_names_itself(entry, pyramid, shak
 def test_a_point_is_not_refined(entry, pyramid) -> None:
     point = entry._replace(kernel=RotationKernel.delta(entry.kernel.camera))
     assert point.refined(pyramid, Refinement(2e-3), ALL_AXES) is point
+
+
+def test_a_smooth_path_names_itself_and_looks_like_the_kernel(entry, shaken) -> None:
+    smooth = entry.smooth(shaken.camera)
+    assert smooth.name == "truth, path"
+    assert (smooth.start, smooth.level) == (entry.start, entry.level)
+    assert agreement(smooth.kernel, shaken.kernel) > 0.9
+
+
+def test_the_best_of_each_start_comes_first(entry) -> None:
+    ranked = [entry._replace(name=f"{start}{i}", start=start) for i, start in enumerate("bacab")]
+    assert [one.name for one in best_of_starts(ranked)] == ["b0", "a1", "c2"]
 
 
 def test_nearest_counts_other_starts_alone(entry) -> None:
