@@ -13,7 +13,7 @@ from deshake.blind.trimming import heaviest
 from deshake.operators.strips import in_order
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from deshake.blind.candidate import Axes, Refinement
     from deshake.blind.judge import Judge
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from deshake.geometry.kernel import RotationKernel
     from deshake.run import Run
     from deshake.signal.pyramid import Pyramid
+
+    Measure = Callable[[RotationKernel, RotationKernel], float]
 
 __all__ = ["Entry", "all_refined", "best_of_starts", "nearest"]
 
@@ -103,8 +105,19 @@ def best_of_starts(ranked: Sequence[Entry]) -> list[Entry]:
     return list(best.values())
 
 
-def nearest(entry: Entry, known: Sequence[Entry]) -> float:
-    """Return the mean agreement of a kernel with the nearest kernels of other starts, 0..1."""
+def nearest(entry: Entry, known: Sequence[Entry], measure: Measure = agreement) -> float:
+    """Return the mean agreement of a kernel with the nearest kernels of other starts, 0..1.
+
+    Parameters
+    ----------
+    entry : Entry
+        The kernel.
+    known : sequence of Entry
+        All kernels.
+    measure : callable
+        `agreement`, or a cache of it.
+
+    """
     others = [one.kernel for one in known if one.start != entry.start]
-    alike = sorted((agreement(entry.kernel, other) for other in others), reverse=True)
+    alike = sorted((measure(entry.kernel, other) for other in others), reverse=True)
     return float(np.mean(alike[:_AGREEING] or [0.0]))

@@ -18,10 +18,12 @@ the race stops.
 
 from __future__ import annotations
 
+import functools
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from deshake.blind.agreement import agreement
 from deshake.blind.candidate import FINE, THIN, Axes, Candidate, Refinement
 from deshake.blind.entry import Entry, all_refined, best_of_starts, nearest
 from deshake.blind.kernel_comparison import Comparison
@@ -109,7 +111,7 @@ def race(
     winner = course.best(entries) if quick else course.finished(entries, run.part(0.5, 1.0))
     margin = winner.margin(course.comparison.judge(winner))
     run.report(1.0, "kernel estimated")
-    return Finish(winner, margin, nearest(winner, entries), at_rest=False)
+    return Finish(winner, margin, course.agreement(winner, entries), at_rest=False)
 
 
 class _Course:
@@ -125,6 +127,7 @@ class _Course:
         self.axes = (axes[0], axes[1], axes[2] and not pyramid.camera.is_uniform)
         self.bound = bound
         self.comparison = Comparison(pyramid)
+        self._agreement = functools.cache(agreement)
 
     def started(self, starts: Sequence[int], run: Run) -> list[Entry]:
         """Run candidates to their finest scales; return the kernels of their last scales."""
@@ -137,6 +140,10 @@ class _Course:
     def best(self, entries: Sequence[Entry]) -> Entry:
         """Return the best kernel of the starts."""
         return self._ranked(entries)[0]
+
+    def agreement(self, entry: Entry, entries: Sequence[Entry]) -> float:
+        """Return the mean agreement of a kernel with the nearest kernels of other starts."""
+        return nearest(entry, entries, self._agreement)
 
     def finished(self, entries: list[Entry], run: Run) -> Entry:
         """Refine the kernels of the best starts, add them to the entries, and return the best."""
@@ -151,8 +158,8 @@ class _Course:
 
     def _ranked(self, entries: Sequence[Entry]) -> list[Entry]:
         """Sort kernels, the best first, by their scores and their agreement."""
-        agreement = np.array([nearest(entry, entries) for entry in entries])
-        chances = self.comparison.scores(entries) + _AGREEMENT_WORTH * agreement
+        alike = np.array([self.agreement(entry, entries) for entry in entries])
+        chances = self.comparison.scores(entries) + _AGREEMENT_WORTH * alike
         return [entries[i] for i in np.argsort(-chances, kind="stable")]
 
     def _smoothed(self, ranked: Sequence[Entry]) -> list[Entry]:
