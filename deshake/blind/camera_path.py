@@ -14,8 +14,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
-from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree
 from scipy.spatial.distance import cdist
 
 from deshake.blind.trimming import heaviest, strongest
@@ -121,6 +119,8 @@ def smooth_path(kernel: RotationKernel, scale: Camera) -> RotationKernel:
 
 def _spline(time: Points) -> Points:
     """Return the values (n, controls) of the B-splines at times 0..1."""
+    from scipy.interpolate import BSpline  # noqa: PLC0415 - slow to import, for estimates alone
+
     inner = np.linspace(0, 1, _CONTROLS - _DEGREE + 1)
     knots = np.concatenate([np.zeros(_DEGREE), inner, np.ones(_DEGREE)])
     values: Points = BSpline.design_matrix(np.clip(time, 0, 1), knots, _DEGREE).toarray()
@@ -129,6 +129,8 @@ def _spline(time: Points) -> Points:
 
 def _longest_branch(places: Points, weights: Points) -> tuple[NDArray[np.int64], Points]:
     """Return the points along the longest branch of their tree, and the weight near each."""
+    from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree  # noqa: PLC0415 - likewise
+
     tree = minimum_spanning_tree(cdist(places, places) ** _LONG_WAY)
     tree.data **= 1 / _LONG_WAY
     length, before = dijkstra(tree, directed=False, return_predecessors=True)
