@@ -10,7 +10,7 @@ corners, which move with the roll, and edges of every direction.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
@@ -21,7 +21,7 @@ from deshake.signal.gradients import length_of
 from deshake.signal.noise import noise_level
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from deshake.signal.pyramid import Pyramid, Scale
 
@@ -45,6 +45,7 @@ _LIVELY = 0.5  # quantile of the tiles' contrast; a weaker tile does not define 
 _FOCUSED = 0.9  # quantile of the steepness of edges; a tile this steep is in focus
 _LEAST_WIDTH = 3  # px of the view: a narrower blur counts as this wide
 _NOTHING = 1e-9  # share of the most informative tile; a tile with less is flat
+_TINY = np.float32(1e-12)  # least length of a gradient that others are divided by
 _SMALL = 1e-3  # share of the mean information: the prior before the first tile
 
 
@@ -102,14 +103,19 @@ def chosen(
         for n in (height, wide)
     )
     y, x = (a.ravel() for a in np.meshgrid(rows, columns, indexing="ij"))
+    window = 2 * int(np.ceil(max(width * shrink, _LEAST_WIDTH) / _LEAST_WIDTH)) * _LEAST_WIDTH + 1
+    sums = pyramid.kept(
+        ("tile sums", level, size, window),
+        lambda: [
+            _sums(one, x * shrink, y * shrink, size * shrink)
+            for one in _maps(scale, pyramid.kept(("edges", view), lambda: _edges(scale)), window)
+        ],
+    )
     if allowed is not None:
         may = allowed((x + size / 2) / wide, (y + size / 2) / wide)
-        y, x = (y[may], x[may]) if may.any() else (y, x)
-    window = 2 * int(np.ceil(max(width * shrink, _LEAST_WIDTH) / _LEAST_WIDTH)) * _LEAST_WIDTH + 1
-    maps = pyramid.kept((view, window), lambda: _maps(scale, window))
-    xx, xy, yy, clipped, *slopes = (
-        _sums(one, x * shrink, y * shrink, size * shrink) for one in maps
-    )
+        if may.any():
+            y, x, sums = y[may], x[may], [one[may] for one in sums]
+    xx, xy, yy, clipped, *slopes = sums
     tensors = np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)
     believed = np.maximum(1 - _CLIPPED * clipped / (size * shrink) ** 2, 0)
     information = _information(scale, tensors, (x + size / 2) * shrink, (y + size / 2) * shrink)
@@ -118,42 +124,70 @@ def chosen(
     return [(int(y[p]), int(x[p])) for p in taken]
 
 
-def _maps(scale: Scale, window: int) -> list[Image]:
-    """Measure the edges of a picture that are longer than a window.
+class _Edges(NamedTuple):
+    """The gradients of a picture, whatever the width of the blur is.
 
-    Returns
-    -------
-    list of (h, w) arrays
+    Parameters
+    ----------
+    gx, gy : (h, w) arrays of float32
+        Gradients for the structure tensor, 0 at clipped pixels.
+    slopes : list of pairs of (h, w) arrays of float32
+        Gradients of the fine and of the coarse picture.
+    noise, bound : float
+        Noise of the picture; length of gx, gy from which an edge counts only this much.
+
+    """
+
+    gx: Image
+    gy: Image
+    slopes: list[tuple[Image, Image]]
+    noise: float
+    bound: float
+
+
+def _edges(scale: Scale) -> _Edges:
+    """Measure the gradients of a picture."""
+    picture = scale.picture
+    gx, gy = _gradients(picture, 1.0)
+    if scale.usable is not None:
+        gx *= scale.usable
+        gy *= scale.usable
+    length = length_of(gx, gy)
+    noise = max(noise_level(picture), 1e-3 * float(length.mean()), 1e-9)
+    slopes = [_gradients(picture, sigma) for sigma in _FOCUS_SIGMAS]
+    bound = max(float(np.quantile(length[::4, ::4], _BOUND)), 3 * noise)
+    return _Edges(gx, gy, slopes, noise, bound)
+
+
+def _maps(scale: Scale, edges: _Edges, window: int) -> Iterator[Image]:
+    """Yield maps of the edges that are longer than a window, one by one, to save memory.
+
+    Yields
+    ------
+    (h, w) arrays
         The terms of each pixel in the structure tensor (xx, xy, yy); 1 at clipped pixels; and for
         each direction the fourth powers of the slopes in the fine and in the coarse picture.
 
     """
-    picture = scale.picture
-    gx, gy = _gradients(picture, 1.0)
-    clipped = np.zeros_like(picture)
-    if scale.usable is not None:
-        gx *= scale.usable
-        gy *= scale.usable
-        clipped[~scale.usable] = 1
-    length = length_of(gx, gy)
-    noise = max(noise_level(picture), 1e-3 * float(length.mean()), 1e-9)
+    length = length_of(edges.gx, edges.gy)
     box = window, window
     # near 1 along an edge that is longer than the width of the blur, near 0 in fine texture
-    around = [cv2.boxFilter(one, -1, box).astype(np.float32) for one in (gx, gy)]
+    around = [cv2.boxFilter(one, -1, box).astype(np.float32) for one in (edges.gx, edges.gy)]
     straight = length_of(around[0], around[1])
-    straight /= cv2.boxFilter(length, -1, box) + np.float32(0.3 * noise)
-    slopes = [_gradients(picture, sigma) for sigma in _FOCUS_SIGMAS]
-    directed = [
-        cv2.pow((across * np.cos(angle) + down * np.sin(angle)) * straight, 4)
-        for angle in np.arange(_DIRECTIONS, dtype=np.float32) * np.float32(np.pi / _DIRECTIONS)
-        for across, down in slopes
-    ]
-    bound = max(float(np.quantile(length[::4, ::4], _BOUND)), 3 * noise)
-    straight *= np.minimum(1, np.float32(bound) / np.maximum(length, np.float32(1e-12)))
-    straight *= length > noise
-    gx *= straight
-    gy *= straight
-    return [gx * gx, gx * gy, gy * gy, clipped, *directed]
+    straight /= cv2.boxFilter(length, -1, box) + np.float32(0.3 * edges.noise)
+    share = straight * np.minimum(1, np.float32(edges.bound) / np.maximum(length, _TINY))
+    share *= length > edges.noise
+    gx, gy = edges.gx * share, edges.gy * share
+    yield gx * gx
+    yield gx * gy
+    yield gy * gy
+    clipped = np.zeros_like(gx)
+    if scale.usable is not None:
+        clipped[~scale.usable] = 1
+    yield clipped
+    for angle in np.arange(_DIRECTIONS, dtype=np.float32) * np.float32(np.pi / _DIRECTIONS):
+        for across, down in edges.slopes:
+            yield cv2.pow((across * np.cos(angle) + down * np.sin(angle)) * straight, 4)
 
 
 def _gradients(picture: Image, sigma: float) -> tuple[Image, Image]:

@@ -35,7 +35,6 @@ __all__ = [
     "estimate_blind",
     "silent_estimate",
     "warn",
-    "without_colours",
 ]
 
 _log = logging.getLogger(__name__)
@@ -84,11 +83,6 @@ def silent_estimate(photo: Photo, options: EstimateOptions, *, run: Run = Run())
     return _estimate(photo, options, run)
 
 
-def without_colours(photo: Photo) -> Photo:
-    """Reduce the pixels of a photo to their luminance, all that an estimate needs."""
-    return replace(photo, pixels=luminance(photo.pixels))
-
-
 def warn(photo: Photo, estimate: Estimate) -> None:
     """Warn of the notes of an estimate."""
     for note in estimate.notes:
@@ -122,7 +116,7 @@ def _estimate(photo: Photo, options: EstimateOptions, run: Run) -> Estimate:
     """Estimate at one focal length."""
     camera, notes = camera_for(photo, options.camera)
     check_region(photo, options.region)
-    straight, pinhole = straightened(without_colours(photo), camera.camera)
+    straight, pinhole = straightened(_without_colours(photo), camera.camera)
     grey = straight.pixels
     try:
         blind = estimate_kernel(
@@ -146,6 +140,11 @@ def _estimate(photo: Photo, options: EstimateOptions, run: Run) -> Estimate:
     slope, floor = noise_model(grey)
     noise = math.sqrt(slope * _MID_GREY + floor)
     return Estimate(content, camera, notes, latent=blind.latent, noise=noise)
+
+
+def _without_colours(photo: Photo) -> Photo:
+    """Reduce the pixels of a photo to their luminance, all that an estimate needs."""
+    return replace(photo, pixels=luminance(photo.pixels), frame=None)  # a frame keeps the colours
 
 
 def _provenance(

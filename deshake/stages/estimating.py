@@ -15,7 +15,8 @@ from deshake.formats.photo import encode_photo, read_pair, read_photo
 from deshake.pictures.latent_photo import latent_photo
 from deshake.pictures.tile_picture import tile_photo
 from deshake.run import Run
-from deshake.stages.blind_estimate import estimate_blind, without_colours
+from deshake.signal.luminance import luminance
+from deshake.stages.blind_estimate import estimate_blind
 from deshake.stages.pair_estimate import estimate_pair
 from deshake.stages.registering import known_registration
 
@@ -129,9 +130,8 @@ def estimate_file(
 
 
 def _read(source: Path, options: EstimateOptions, *, colours: bool) -> Photo:
-    """Read a photo; without colours it takes a third of the memory."""
-    photo = read_photo(source, transfer=options.transfer)
-    return photo if colours else without_colours(photo)
+    """Read a photo, or only its luminance, which takes a third of the memory."""
+    return read_photo(source, transfer=options.transfer, reduction=None if colours else luminance)
 
 
 def _picture_format(path: Path, photo: Photo) -> Format:

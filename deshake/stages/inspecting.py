@@ -81,15 +81,15 @@ def photo_blur(path: Path, *, transfer: TransferName | None = None) -> BlurKind:
         If it cannot be read, or has no texture.
 
     """
-    return _blur(read_photo(path, transfer=transfer, luma=True))
+    return _blur(read_photo(path, transfer=transfer, luma=True, reduction=luminance))
 
 
 def _photo(path: Path) -> dict[str, Any]:
     """Return the figures of a photo."""
-    photo = read_photo(path, luma=True)
+    photo = read_photo(path, luma=True, reduction=luminance)
     blur = _blur(photo)
     camera, _ = camera_for(photo, CameraChoice())
-    slope, floor = noise_model(luminance(photo.pixels))
+    slope, floor = noise_model(photo.pixels)
     figures: dict[str, Any] = {"kind": "photo"} | blur.report()
     figures["noise"] = round(math.sqrt(slope * _MID_GREY + floor), 5)
     figures |= {"format": photo.encoding.format} | _camera(camera.camera)
@@ -99,11 +99,11 @@ def _photo(path: Path) -> dict[str, Any]:
 
 
 def _blur(photo: Photo) -> BlurKind:
-    """Detect what blurs a photo, from its luminance."""
+    """Detect what blurs a photo that was reduced to its luminance."""
     camera = camera_for(photo, CameraChoice())[0].camera
     try:
         check_size(*photo.shape, 1.0)
-        return blur_kind(Pyramid(luminance(photo.pixels), camera, ~photo.clipped))
+        return blur_kind(Pyramid(photo.pixels, camera, ~photo.clipped))
     except DeshakeError as error:
         error.file = error.file or str(photo.source)
         raise

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import tracemalloc
+
 import cv2
 import numpy as np
 import pytest
@@ -62,6 +64,34 @@ def test_the_choice_is_the_same_each_time(photograph) -> None:
     assert chosen(pyramid, 1, SIZE, 8, width=6.0) == first
     assert chosen(of(photograph), 1, SIZE, 8, width=6.0) == first
     assert chosen(of(photograph), 1, SIZE, 5, width=6.0) == first[:5]
+
+
+def test_a_choice_does_not_depend_on_the_choices_before(photograph) -> None:
+    """What is kept for later choices is right, also after a choice among few tiles."""
+    ways = [
+        {"width": width, "allowed": allowed, "focus": focus}
+        for width in (6.0, 15.0)
+        for allowed in (lambda x, _: x > 0.5, None, lambda _, y: y > 0.5, lambda x, _: x > 9)
+        for focus in (4.0, 0.0)
+    ]
+    pyramid = of(photograph, np.random.default_rng(0).random(photograph.shape) > 0.01)
+    for level, size in ((0, SIZE), (1, SIZE), (0, 30), (2, 30)):
+        for way in ways:
+            fresh = of(photograph, pyramid.at(0).usable)
+            choice = chosen(pyramid, level, size, 8, **way)
+            assert choice == chosen(fresh, level, size, 8, **way)
+
+
+def test_choices_for_many_widths_take_little_memory() -> None:
+    grey = texture(600, 800)
+    pyramid = of(grey)
+    chosen(pyramid, 0, SIZE, 8, width=3.0)
+    tracemalloc.start()
+    for width in range(10, 40, 5):
+        chosen(pyramid, 0, SIZE, 8, width=width)
+    kept = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    assert 0 < kept < 4 * grey.size  # less than one picture
 
 
 def test_exposure_does_not_count(photograph) -> None:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import io
 import os
 import struct
+import tracemalloc
 import zlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ from PIL import Image, ImageOps
 from deshake.errors import OutputError, PhotoError
 from deshake.formats.photo import encode_photo, read_photo, write_photo
 from deshake.formats.transfer import LINEAR, SRGB, Power
+from deshake.signal.luminance import luminance
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -345,3 +347,41 @@ def test_luma_alone_is_the_grey_of_a_jpeg(tmp_path: Path) -> None:
     assert np.abs(grey - shown).max() < 0.02
     write_photo(tmp_path / "a.png", colours)
     assert read_photo(tmp_path / "a.png", luma=True).pixels.ndim == 3
+
+
+@pytest.mark.parametrize("name", ["grey.png", "wide.png", "turned.jpg", "upright.jpg", "float.tif"])
+def test_a_photo_reduced_as_it_is_read_has_the_same_light(tmp_path: Path, name: str) -> None:
+    codes = np.random.default_rng(0).integers(0, 256, (300, 40, 3), np.uint8)
+    path = tmp_path / name
+    if name == "float.tif":
+        tiff(path, codes.astype(np.float32) / 200)
+    elif name == "wide.png":
+        written = tiff(tmp_path / "wide.tif", codes.astype(np.uint16) * 257)
+        write_photo(path, read_photo(written))
+    else:
+        picture = Image.fromarray(codes[..., 0] if name == "grey.png" else codes)
+        exif = Image.Exif()
+        exif[0x0112] = 6 if name == "turned.jpg" else 1
+        picture.save(path, **({} if name == "grey.png" else {"exif": exif, "quality": 98}))
+    whole, grey = read_photo(path), read_photo(path, reduction=luminance)
+    assert (grey.pixels.dtype, grey.pixels.flags.c_contiguous) == (np.float32, True)
+    assert np.array_equal(grey.pixels, luminance(whole.pixels))
+    assert np.array_equal(grey.clipped, whole.clipped)
+    assert whole.clipped.any() == (name != "float.tif")
+    assert (whole.frame is not None) == (name == "upright.jpg")
+    assert grey.frame is None  # it would keep the colours
+    assert grey.sha256 == whole.sha256
+
+
+def test_a_photo_reduced_as_it_is_read_never_has_all_its_colours(tmp_path: Path) -> None:
+    codes = np.zeros((1000, 1000, 3), np.uint8)
+    codes[::2] = 255
+    Image.fromarray(codes).save(tmp_path / "a.png", compress_level=1)
+    peaks = []
+    for reduction in (None, luminance):
+        tracemalloc.start()
+        read_photo(tmp_path / "a.png", reduction=reduction)
+        peaks.append(tracemalloc.get_traced_memory()[1] / 1e6)  # bytes a pixel
+        tracemalloc.stop()
+    assert peaks[0] > 15  # 3 for the codes, 12 for the light
+    assert peaks[1] < 12

@@ -40,6 +40,16 @@ def test_encoding_takes_the_nearest_code(curve: Transfer) -> None:
     assert np.array_equal(encode(light * (1 + 1e-5), curve, 8), np.arange(255) + 1)
 
 
+@pytest.mark.parametrize("shape", [(768,), (16, 48), (16, 16, 3), (0, 4, 3), (3, 0)])
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+def test_each_code_is_decoded_by_the_curve(shape: tuple[int, ...], kind: type) -> None:
+    codes = np.arange(np.prod(shape)).astype(kind).reshape(shape)[::-1]
+    light = decode(codes, SRGB)
+    assert (light.shape, light.dtype) == (shape, np.float32)
+    expected = SRGB.to_linear(codes / np.iinfo(kind).max)
+    assert np.array_equal(light, expected.astype(np.float32))
+
+
 def test_srgb_has_the_standards_values() -> None:
     # 18 % grey is code 117.65 / 255 = 0.46135; the two pieces meet at 0.04045
     assert SRGB.to_linear(np.array([0.46135612950044164]))[0] == pytest.approx(0.18, abs=1e-12)
