@@ -73,11 +73,11 @@ class MultiplicativeDescent:
     ) -> None:
         self.run = run
         self.like = g
-        self.g = np.maximum(channels_first(g), 0, order="C", dtype=np.float32)
+        self.g = channels_first(g)
         self.clipped = clipped if clipped is not None and clipped.any() else None
         self.unclipped = g.size - (0 if self.clipped is None else self.clipped.sum() * len(self.g))
         self.blur = blur
-        self.coverage = blur.adjoint(np.ones_like(self.g[:1]))[0]
+        self.coverage = blur.adjoint(np.ones((1, *g.shape[:2]), np.float32))[0]
         np.maximum(self.coverage, _UNSEEN, out=self.coverage)
         self.margin = (len(self.coverage) - len(g)) // 2
         self.weight = variation_weight(g, self.margin) if smooth else None
@@ -91,7 +91,7 @@ class MultiplicativeDescent:
     def _blur_backwards(self) -> None:
         """Start from A^T g, which has less noise than the photo; continue its edges."""
         m = self.margin
-        back = self.blur.adjoint(self.g)
+        back = self.blur.adjoint(np.maximum(self.g, 0, order="C", dtype=np.float32))
         for plane, f in zip(back, self.f, strict=True):
             inner = (plane / self.coverage)[m:-m, m:-m]
             np.maximum(np.pad(inner, m, mode="edge"), _DARK, out=f)
@@ -131,7 +131,8 @@ class MultiplicativeDescent:
 
     def _compare(self, blurred: Image, c: int, rows: slice) -> tuple[float, float]:
         """Turn the blurred point into the ratio to correct it by; sum the squared residuals."""
-        x, g = blurred[rows], self.g[c, rows]
+        x = blurred[rows]
+        g = np.maximum(self.g[c, rows], 0, dtype=np.float32)  # a copy of the photo is large
         np.maximum(x, _DARK, out=x)
         if self.clipped is None:
             residual = g - x

@@ -115,7 +115,7 @@ def sparse_gradients(
     blur = blur_filters(kernel.centred(), channels=len(planes), run=run)
     f = latent_start(g, blur, clipped=clipped, iterations=level.start, run=starting)
     margin = (f.shape[1] - len(g)) // 2
-    m = np.ones(g.shape[:2], np.float32)
+    m = np.broadcast_to(np.float32(1), g.shape[:2])  # takes no memory
     if clipped is not None and lit:
         m = trust(f, blur, clipped, noise_variance(g, margin))
         behind_lights(f, planes, blur, m, iterations=level.behind, run=behind)

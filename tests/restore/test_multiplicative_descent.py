@@ -46,6 +46,18 @@ def test_a_step_multiplies_by_equation_11(lab):
     np.testing.assert_allclose(going.f[0][known], expected[0][known], rtol=1e-4)
 
 
+def test_the_photo_is_neither_copied_nor_changed(lab):
+    g = lab.noisy(lab.shaken(lab.all_axes, lab.colours()), 0.05) - np.float32(0.1)
+    before = g.copy()
+    assert (g < 0).any()
+    going, from_zero = descent(g, lab.all_axes), descent(np.maximum(g, 0), lab.all_axes)
+    for each in (going, from_zero):
+        each.step()
+    assert np.shares_memory(going.g, g)
+    assert np.array_equal(g, before)
+    assert np.array_equal(going.f, from_zero.f)  # light below 0 counts as 0
+
+
 def test_extrapolation_goes_on_where_the_last_steps_went(lab):
     g = lab.shaken(lab.all_axes, lab.scene())
     going = descent(g, lab.all_axes, fastest=0.75)
