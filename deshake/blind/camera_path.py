@@ -2,7 +2,7 @@
 
 A camera moves along a curve. An estimate differs from that curve in two ways. It is too wide,
 because of noise, and of edges that it takes for sharper than they are: `thinned` moves the
-rotations to the ridge of their density, and `smooth_path` draws one smooth curve through them. At a
+rotations to the ridge of their density, and `SmoothPath` is one smooth curve through them. At a
 coarse scale it is a row of spikes, and the gaps between them leave dotted rims in the restored
 photo: `filled_path` fills the gaps.
 """
@@ -10,7 +10,7 @@ photo: `filled_path` fills the gaps.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from deshake.geometry.rotations import grid_steps
 if TYPE_CHECKING:
     from deshake.geometry.camera import Camera
 
-__all__ = ["filled_path", "smooth_path", "thinned"]
+__all__ = ["SmoothPath", "filled_path", "thinned"]
 
 Points = NDArray[np.float64]
 
@@ -77,44 +77,79 @@ def thinned(kernel: RotationKernel, width: float = 1.0) -> RotationKernel:
     return _on_grid(moved, weights, kernel)
 
 
-def smooth_path(kernel: RotationKernel, scale: Camera) -> RotationKernel:
-    """Draw one smooth curve through a kernel. The camera moves along it as fast as the kernel says.
-
-    The curve is a cubic B-spline of time, with few control points. It follows the longest branch of
-    the minimum spanning tree of the thin path. Its time is the share of the weight up to there.
+class SmoothPath(NamedTuple):
+    """A smooth curve of rotations: a cubic B-spline of time, with few control points.
 
     Parameters
     ----------
-    kernel : RotationKernel
-        A kernel.
-    scale : Camera
-        The camera of a scale where the kernel is some 30 pixels wide. Details that are smaller than
-        the pixels of this scale do not shape the curve.
-
-    Returns
-    -------
-    RotationKernel
-        The curve, on the grid of the kernel's camera. The kernel itself, if it is a point.
+    controls : (8, 3) array
+        Control points, in grid steps of the camera.
+    camera : Camera
+        The camera of a scale.
 
     """
-    reduced = kernel.for_camera(scale).resampled(grid_steps(scale))
-    thin = strongest(heaviest(thinned(reduced), _FAINT), _MOST_POINTS)
-    places = (thin.theta - thin.centroid) / thin.steps
-    places[:, np.ptp(places, 0) < _LEAST_TURN] = 0
-    branch, held = _longest_branch(places, thin.weights)
-    if len(branch) == 1:
-        return kernel
-    basis = _spline(np.cumsum(held) - held / 2)
-    bends = np.diff(np.eye(_CONTROLS), 2, axis=0)
-    pull = basis.T * held
-    normal = pull @ basis + _STIFFNESS * bends.T @ bends + _LEAST_PULL * np.eye(_CONTROLS)
-    controls = np.linalg.solve(normal, pull @ places[branch])
-    fine = replace(kernel, steps=grid_steps(kernel.camera))
-    controls *= thin.steps / fine.steps
+
+    controls: Points
+    camera: Camera
+
+    @classmethod
+    def through(cls, kernel: RotationKernel, scale: Camera) -> SmoothPath | None:
+        """Draw a curve through a kernel. It moves as fast as the kernel says.
+
+        The curve follows the longest branch of the minimum spanning tree of the thin path. Its time
+        is the share of the weight up to there.
+
+        Parameters
+        ----------
+        kernel : RotationKernel
+            A kernel.
+        scale : Camera
+            The camera of a scale where the kernel is some 30 pixels wide. Details that are smaller
+            than the pixels of this scale do not shape the curve.
+
+        Returns
+        -------
+        SmoothPath or None
+            None if the kernel is a point.
+
+        """
+        reduced = kernel.for_camera(scale).resampled(grid_steps(scale))
+        thin = strongest(heaviest(thinned(reduced), _FAINT), _MOST_POINTS)
+        places = (thin.theta - thin.centroid) / thin.steps
+        places[:, np.ptp(places, 0) < _LEAST_TURN] = 0
+        branch, held = _longest_branch(places, thin.weights)
+        if len(branch) == 1:
+            return None
+        basis = _spline(np.cumsum(held) - held / 2)
+        bends = np.diff(np.eye(_CONTROLS), 2, axis=0)
+        pull = basis.T * held
+        normal = pull @ basis + _STIFFNESS * bends.T @ bends + _LEAST_PULL * np.eye(_CONTROLS)
+        controls: Points = np.linalg.solve(normal, pull @ places[branch]).astype(np.float64)
+        return cls(controls, scale)
+
+    @property
+    def length(self) -> float:
+        """Length of the curve in grid steps of its camera."""
+        return _length(self.controls)
+
+    def basis(self, count: int) -> Points:
+        """Return the weights (count, 8) of the control points at equal steps of time."""
+        return _spline((np.arange(count) + 0.5) / count)
+
+    def kernel(self, camera: Camera) -> RotationKernel:
+        """Return the kernel of the curve, centred, on the grid of a camera of any size."""
+        steps = grid_steps(camera)
+        controls = self.controls * (grid_steps(self.camera) / steps)
+        count = max(int(_DENSITY * _length(controls)), _CONTROLS)
+        curve = self.basis(count) @ controls
+        rest = RotationKernel.delta(camera, steps=steps)
+        return _on_grid(curve - curve.mean(0), np.full(count, 1 / count), rest)
+
+
+def _length(controls: Points) -> float:
+    """Return the length of the curve of control points, in their unit."""
     pieces = np.diff(_spline(np.linspace(0, 1, 10 * _CONTROLS)) @ controls, axis=0)
-    count = max(int(_DENSITY * np.linalg.norm(pieces, axis=1).sum()), _CONTROLS)
-    curve = _spline((np.arange(count) + 0.5) / count) @ controls
-    return _on_grid(curve - curve.mean(0), np.full(count, 1 / count), fine)
+    return float(np.linalg.norm(pieces, axis=1).sum())
 
 
 def _spline(time: Points) -> Points:

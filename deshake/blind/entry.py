@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from deshake.blind.agreement import agreement
-from deshake.blind.camera_path import smooth_path, thinned
+from deshake.blind.camera_path import thinned
 from deshake.blind.candidate import refined
 from deshake.blind.trimming import heaviest
 from deshake.operators.strips import in_order
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
     from deshake.blind.candidate import Axes, Refinement
     from deshake.blind.judge import Judge
-    from deshake.geometry.camera import Camera
     from deshake.geometry.kernel import RotationKernel
     from deshake.run import Run
     from deshake.signal.pyramid import Pyramid
@@ -67,13 +66,9 @@ class Entry(NamedTuple):
         """Return the margin of the kernel, less `_ROLL_WORTH` if it has roll."""
         return judge.margin(self.kernel) - _ROLL_WORTH * self.rolls
 
-    def thin(self, width: float = 1.0) -> Entry:
-        """Reduce the kernel to a thin path; `width` is that of the neighbourhood, in grid steps."""
-        return self._replace(name=f"{self.name}, thin", kernel=thinned(self.kernel, width))
-
-    def smooth(self, scale: Camera) -> Entry:
-        """Draw a smooth path through the kernel; `scale` is the camera of a scale that suits it."""
-        return self._replace(name=f"{self.name}, path", kernel=smooth_path(self.kernel, scale))
+    def thin(self) -> Entry:
+        """Reduce the kernel to a thin path."""
+        return self._replace(name=f"{self.name}, thin", kernel=thinned(self.kernel))
 
     def refined(self, pyramid: Pyramid, how: Refinement, axes: Axes) -> Entry:
         """Refine the kernel at its scale, unless it is a point there."""

@@ -2,9 +2,10 @@
 
 Each kernel is judged at the scale that resolves it well, whatever the width of the others. At a
 coarser scale right and wrong kernels differ little; at a finer one a wide kernel is a thin line
-that only few tiles can hold. Two measures count: the judge's margin, and how much sparser the
-restored picture is. In most photos the margin separates right kernels from wrong ones. In photos of
-fine texture, or with a bent tone curve, it shows little difference; there the sparsity decides.
+that only few tiles can hold. Three measures count. One is the judge's margin. In photos of fine
+texture, or with a bent tone curve, it shows little difference between right and wrong kernels; so
+the second is how much sparser the restored picture is. The third needs no restored picture: how
+well the spectra of the photo match the kernel.
 """
 
 from __future__ import annotations
@@ -15,13 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake.blind.judge import Judge
+from deshake.blind.spectral_match import SpectralMatch
 from deshake.blind.spot import is_spot
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from deshake.blind.entry import Entry
-    from deshake.geometry.camera import Camera
+    from deshake.blind.tile_plan import Part
     from deshake.geometry.kernel import RotationKernel
     from deshake.signal.pyramid import Pyramid
 
@@ -33,7 +35,9 @@ COLLAPSED = 10.0
 """Margin: penalty of a small round spot, larger than any gain."""
 
 _WIDTH = 28.0  # px of a kernel at the scale where it is judged
-_SHARPENING_WORTH = 0.3  # margin per gain of 1 in -ln nsp
+_SHARPENING_WORTH = 0.15  # margin per gain of 1 in -ln nsp
+_MATCH_WORTH = 0.45  # margin per correlation of 1 of the spectra
+_MOST_MATCH = 0.35  # correlation; the texture of few tiles can match a wrong kernel better
 
 
 class Comparison:
@@ -51,10 +55,11 @@ class Comparison:
     def __init__(self, pyramid: Pyramid) -> None:
         self.pyramid = pyramid
         self._judges: dict[int, Judge] = {}
+        self._spectra_of: dict[tuple[int, Part], SpectralMatch] = {}
         self._scores: dict[tuple[Judge, RotationKernel], float] = {}
 
     def scores(self, entries: Sequence[Entry]) -> Scores:
-        """Return the margins of kernels, and the worth of the sparsity of the restored picture."""
+        """Return the margins of kernels, with the worth of the sparsity and of the match."""
         levels = [self._level(entry) for entry in entries]
         by_level: dict[int, list[Entry]] = {}
         for entry, level in zip(entries, levels, strict=True):
@@ -71,17 +76,32 @@ class Comparison:
         self._make_room(level, [entry])
         return self._judges[level]
 
-    def scale(self, entry: Entry) -> Camera:
-        """Return the camera of the scale where a kernel is judged."""
-        return self.pyramid.at(self._level(entry)).camera
-
     def score(self, entry: Entry, judge: Judge) -> float:
         """Return the score of a kernel at a judge's scale; a spot is not penalised."""
         key = judge, entry.kernel
         if key not in self._scores:
             sharper = judge.sharpening(entry.kernel)
-            self._scores[key] = entry.margin(judge) + _SHARPENING_WORTH * sharper
+            match = min(self.match(entry), _MOST_MATCH)
+            self._scores[key] = (
+                entry.margin(judge) + _SHARPENING_WORTH * sharper + _MATCH_WORTH * match
+            )
         return self._scores[key]
+
+    def match(self, entry: Entry) -> float:
+        """Return how well the spectra of tiles that no kernel was fitted to match, -1..1."""
+        return self._spectra(entry, "apart").value(entry.kernel)
+
+    def matched(self, entry: Entry) -> Entry:
+        """Draw a smooth path through a kernel, and fit it to the spectra of the photo."""
+        kernel = self._spectra(entry, "fitted").fitted(entry.kernel)
+        return entry._replace(name=f"{entry.name}, path", kernel=kernel)
+
+    def _spectra(self, entry: Entry, part: Part) -> SpectralMatch:
+        """Return the spectra of the tiles of a part, at the scale of a kernel."""
+        key = self._level(entry), part
+        if key not in self._spectra_of:
+            self._spectra_of[key] = SpectralMatch(self.pyramid, *key)
+        return self._spectra_of[key]
 
     def _make_room(self, level: int, entries: Sequence[Entry]) -> None:
         """Replace the judge of a scale, unless it has room for the kernels."""

@@ -1,8 +1,9 @@
 """Polish kernels: refine a path through each again and again, as long as the score rises.
 
 Refinement alone gets stuck: a kernel that is too wide gives a latent picture that is too
-sharp, and the two fit each other. Reduced to a thin or a smooth path, a kernel that is nearly right
-leaves this state and comes nearer to the truth; a wrong one seldom gains.
+sharp, and the two fit each other. Reduced to a thin path, or to a smooth path that matches the
+spectra of the photo, a kernel that is nearly right leaves this state and comes nearer to the truth;
+a wrong one seldom gains.
 """
 
 from __future__ import annotations
@@ -27,10 +28,8 @@ if TYPE_CHECKING:
 __all__ = ["polished"]
 
 _OTHER_EDGES = Refinement(1e-2)  # price in squared contrast: fewer edges, from the same start
-_PATHS = (  # grid steps: width of the neighbourhood on a thin path; refinement of that path
-    (1.4, Refinement(2e-3, iterations=4, cut=0.01, room=False)),
-    (1.0, Refinement(2e-3, iterations=4)),
-)
+_THIN = Refinement(2e-3, iterations=4)
+"""Refinement of a thin path. The price is in squared contrast."""
 _SMOOTH = Refinement(2e-3, iterations=3)
 """Refinement of a smooth path. The price is in squared contrast."""
 _LINES = 2  # number of starts whose best kernel is polished in the first round
@@ -81,7 +80,6 @@ class _Line:
 
     def __init__(self, comparison: Comparison, entry: Entry, axes: Axes) -> None:
         self.comparison = comparison
-        self.scale = comparison.scale(entry)
         self.judge = comparison.judge(entry)
         self.axes = (axes[0], axes[1], axes[2] and entry.rolls)
         self.name = f"{entry.name}, polished"
@@ -93,9 +91,8 @@ class _Line:
         """Replace the kernel by the best refinement of it or its source, if the score rises."""
         if not self.rises:
             return
-        smooth = self.best.smooth(self.scale)
-        jobs = [(self.best.thin(width), how, self.axes) for width, how in _PATHS]
-        jobs.append((smooth, _SMOOTH, self.axes))
+        smooth = self.comparison.matched(self.best)
+        jobs = [(self.best.thin(), _THIN, self.axes), (smooth, _SMOOTH, self.axes)]
         if source is not None:
             jobs.append((source, _OTHER_EDGES, self.axes))
         new = all_refined(self.comparison.pyramid, jobs, run)

@@ -6,8 +6,10 @@ finest scale that it can reach.
 
 Two measures then rank the kernels. One is the score of their comparison, on tiles that no candidate
 used (`kernel_comparison`). The other is the agreement with the kernels of other starts, because
-kernels that agree from independent starts are seldom wrong. The best kernels are refined, with roll
-and without, and are ranked again. The best kernels of two starts are polished (`polish`).
+kernels that agree from independent starts are seldom wrong. A smooth path through each kernel is
+fitted to the spectra of the photo (`spectral_match`). The best kernels are refined, with roll and
+without, fitted to the spectra once more, and ranked again. The best kernels of two starts are
+polished (`polish`).
 
 Every second start carries its kernel as a thin path from scale to scale. Wide shakes often succeed
 in only one of the two ways.
@@ -45,10 +47,10 @@ _FEWEST_STARTS = 4  # number of starts; with fewer, every scale is a first scale
 _SETTINGS = (FINE, THIN)  # the starts use them in turn
 _SNAPSHOTS = 2  # number of last scales of a candidate whose kernels are kept
 _REFINED = 3  # number of starts whose last kernels are refined
-_SMOOTHED = 4  # number of starts whose best kernel is reduced to a smooth path
+_MATCHED = 4  # number of starts whose best kernel is matched to the spectra again
 _REFINEMENT = Refinement(2e-3, iterations=5)  # price in squared contrast of the pyramid
 _UNIFORM_REFINEMENT = Refinement(1e-3, iterations=5)  # the same price, for the uniform model
-_AGREEMENT_WORTH = 0.3  # margin per agreement of 1
+_AGREEMENT_WORTH = 0.15  # margin per agreement of 1
 
 
 class Finish(NamedTuple):
@@ -60,6 +62,8 @@ class Finish(NamedTuple):
         The best kernel.
     margin : float
         Margin of the winner: its gain in the judge's ``-ln E`` over a still camera.
+    match : float
+        Correlation of the spectra of the photo with those of the winner, -1..1.
     agreement : float
         Mean agreement of the winner with the nearest kernels of other starts, 0..1.
     at_rest : bool
@@ -69,6 +73,7 @@ class Finish(NamedTuple):
 
     winner: Entry
     margin: float
+    match: float
     agreement: float
     at_rest: bool
 
@@ -106,12 +111,13 @@ def race(
     entries = course.started(starts[:2], run.part(0.0, 0.15))
     if may_rest and all(is_spot(e.kernel) and e.level == 0 for e in _last(entries)):
         run.report(1.0, "the photo is not shaken")
-        return Finish(_last(entries)[0], 0.0, 1.0, at_rest=True)
+        return Finish(_last(entries)[0], 0.0, 0.0, 1.0, at_rest=True)
     entries += course.started(starts[2:], run.part(0.15, 0.5))
     winner = course.best(entries) if quick else course.finished(entries, run.part(0.5, 1.0))
     margin = winner.margin(course.comparison.judge(winner))
     run.report(1.0, "kernel estimated")
-    return Finish(winner, margin, course.agreement(winner, entries), at_rest=False)
+    match = course.comparison.match(winner)
+    return Finish(winner, margin, match, course.agreement(winner, entries), at_rest=False)
 
 
 class _Course:
@@ -147,12 +153,13 @@ class _Course:
 
     def finished(self, entries: list[Entry], run: Run) -> Entry:
         """Refine the kernels of the best starts, add them to the entries, and return the best."""
-        best = [entry.start for entry in best_of_starts(self._ranked(entries))][:_REFINED]
         ends = _last(entries)
+        entries += self._matched(ends)
+        best = [entry.start for entry in best_of_starts(self._ranked(entries))][:_REFINED]
         taken = [e for e in ends if e.start in best]
         taken = [e for e in taken if not is_spot(e.kernel)] or taken
         entries += self._refined(taken, run.part(0.0, 0.5))
-        entries += self._smoothed(self._ranked(entries))
+        entries += self._matched(best_of_starts(self._ranked(entries))[:_MATCHED])
         ranked = self._ranked(entries)
         return polished(self.comparison, ranked, ends, self.axes, run.part(0.5, 1.0))
 
@@ -162,10 +169,9 @@ class _Course:
         chances = self.comparison.scores(entries) + _AGREEMENT_WORTH * alike
         return [entries[i] for i in np.argsort(-chances, kind="stable")]
 
-    def _smoothed(self, ranked: Sequence[Entry]) -> list[Entry]:
-        """Draw a smooth path through the best kernel of each of the best starts."""
-        best = best_of_starts([entry for entry in ranked if not is_spot(entry.kernel)])
-        return [entry.smooth(self.comparison.scale(entry)) for entry in best[:_SMOOTHED]]
+    def _matched(self, entries: Sequence[Entry]) -> list[Entry]:
+        """Fit a smooth path through each kernel to the spectra of the photo."""
+        return [self.comparison.matched(e) for e in entries if not is_spot(e.kernel)]
 
     def _refined(self, entries: Sequence[Entry], run: Run) -> list[Entry]:
         """Refine kernels, with roll and without."""

@@ -18,10 +18,11 @@ from deshake.geometry.rotations import reach
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from deshake.blind.tile_choice import Corners
     from deshake.geometry.kernel import RotationKernel
     from deshake.signal.pyramid import Pyramid
 
-__all__ = ["Budget", "Part", "planned_tiles"]
+__all__ = ["Budget", "Part", "informative_corners", "planned_tiles"]
 
 Part = Literal["fitted", "apart", "all"]
 
@@ -91,15 +92,22 @@ def planned_tiles(
     if not covers or len(corners) > most:
         count = most if covers else min(max(int(budget.tiles / size**2), _FEWEST), most)
         width = max(kernel.above(_CUT).extent_px(), _NARROW)
-        corners = chosen(
-            pyramid,
-            level,
-            size,
-            count,
-            width=width,
-            allowed=lambda x, y: _belongs(_colour(x, y), part),
-        )
+        corners = informative_corners(pyramid, level, size, count, width=width, part=part)
     return Tiles(scale, corners, size, far)
+
+
+def informative_corners(
+    pyramid: Pyramid, level: int, size: int, count: int, *, width: float, part: Part
+) -> Corners:
+    """Choose the most informative tiles of a part; see `tile_choice.chosen`."""
+    return chosen(
+        pyramid,
+        level,
+        size,
+        count,
+        width=width,
+        allowed=lambda x, y: _belongs(_colour(x, y), part),
+    )
 
 
 def _size(theta: NDArray[np.float64], far: int, most: int) -> int:

@@ -40,13 +40,6 @@ def test_a_point_is_not_refined(entry, pyramid) -> None:
     assert point.refined(pyramid, Refinement(2e-3), ALL_AXES) is point
 
 
-def test_a_smooth_path_names_itself_and_looks_like_the_kernel(entry, shaken) -> None:
-    smooth = entry.smooth(shaken.camera)
-    assert smooth.name == "truth, path"
-    assert (smooth.start, smooth.level) == (entry.start, entry.level)
-    assert agreement(smooth.kernel, shaken.kernel) > 0.9
-
-
 def test_the_best_of_each_start_comes_first(entry) -> None:
     ranked = [entry._replace(name=f"{start}{i}", start=start) for i, start in enumerate("bacab")]
     assert [one.name for one in best_of_starts(ranked)] == ["b0", "a1", "c2"]

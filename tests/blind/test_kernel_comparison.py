@@ -7,6 +7,7 @@ import pytest
 
 from deshake.blind.entry import Entry
 from deshake.blind.kernel_comparison import COLLAPSED, Comparison
+from deshake.blind.spectral_match import SpectralMatch
 from deshake.geometry.kernel import RotationKernel
 
 
@@ -36,8 +37,19 @@ def test_the_score_of_a_kernel_alone_does_not_depend_on_others(entries, pyramid)
     assert comparison.scores(entries)[0] == pytest.approx(alone, abs=0.02)
 
 
-def test_the_sharpness_of_the_restored_picture_counts(entries, pyramid) -> None:
+def test_margin_sharpness_and_spectra_count(entries, pyramid) -> None:
     comparison = Comparison(pyramid)
-    judge = comparison.judge(entries[0])
-    score = entries[0].margin(judge) + 0.3 * judge.sharpening(entries[0].kernel)
+    true = entries[0]
+    judge = comparison.judge(true)
+    match = SpectralMatch(pyramid, 0, "apart").value(true.kernel)
+    score = true.margin(judge) + 0.15 * judge.sharpening(true.kernel) + 0.45 * match
+    assert match < 0.35
     assert comparison.scores(entries[:1])[0] == pytest.approx(score)
+
+
+def test_a_path_through_a_kernel_matches_the_spectra_better(entries, pyramid) -> None:
+    rough = entries[0]._replace(kernel=entries[0].kernel.resampled(entries[0].kernel.steps * 2))
+    path = Comparison(pyramid).matched(rough)
+    assert (path.name, path.start, path.level) == ("0, path", 0, 0)
+    match = SpectralMatch(pyramid, 0, "fitted")
+    assert match.value(path.kernel) > match.value(rough.kernel)

@@ -12,7 +12,9 @@ EVIDENCE = 0.5
 @pytest.fixture(scope="module")
 def ended(shaken) -> Finish:
     """A race that the true kernel won, some twelve pixels wide."""
-    return Finish(Entry("true", 3, 0, shaken.kernel), margin=0.05, agreement=0.9, at_rest=False)
+    return Finish(
+        Entry("true", 3, 0, shaken.kernel), margin=0.05, match=0.3, agreement=0.9, at_rest=False
+    )
 
 
 def wide(kernel: RotationKernel, times: int) -> RotationKernel:

@@ -1,0 +1,218 @@
+"""How well the spectra of a photo match a kernel, and the camera path that they match best.
+
+Where the filter H of a blur has a zero in the frequency domain, the power of the photo is low,
+whatever the scene. The power of most scenes changes slowly with the frequency. So the fluctuations
+of the log power of the photo are those of ``ln |H|^2``, and noise. Their correlation needs no
+estimate of the sharp picture. It is high only for kernels that are nearly right, and it changes
+smoothly with the path of the camera. So a descent brings a path that is nearly right much nearer to
+the truth. An alternation with a sharp picture ends farther away, because its errors and those of
+the kernel fit each other.
+
+The power is the same for a kernel and for its reflection about its centroid. The judge tells them
+apart.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from deshake.blind.camera_path import SmoothPath
+from deshake.blind.tile_choice import covering
+from deshake.blind.tile_plan import informative_corners
+from deshake.geometry.rotations import displacements, grid_steps, homographies
+from deshake.operators.bilinear import splat
+
+if TYPE_CHECKING:
+    from deshake.blind.tile_plan import Part
+    from deshake.geometry.kernel import RotationKernel
+    from deshake.signal.pyramid import Pyramid
+
+__all__ = ["SpectralMatch"]
+
+Image = NDArray[np.float32]
+Spectrum = NDArray[np.complex64]
+Points = NDArray[np.float64]
+
+_SIZE = 128  # px of the scale: side of a tile
+_TILES = 24  # largest number of tiles
+_EDGES = 12.0  # px of the scale: least length of the edges that count for the choice of tiles
+_FLOOR = 0.01  # power of the filter that the noise hides, in shares of the power at rest
+_BAND = (1 / 56, 0.4)  # cycles per pixel of the scale: frequencies that count
+_SMOOTHING = 3  # frequencies: side of the box that smooths the power
+_FLUCTUATION = 7  # frequencies: side of the box whose mean, taken twice, is subtracted
+_LEAST_POWER = 1e-9  # share of the largest power
+_ITERATIONS = 25  # of the descent
+_BENDING = 1e-3  # weight of the mean squared acceleration of the path, in squared px
+_ALONG = 2.0  # rotations per pixel of the path
+_FEWEST, _MOST = 24, 120  # rotations on a path
+
+
+class SpectralMatch:
+    """Tiles of one scale of a photo, and the fluctuations of their spectra.
+
+    Parameters
+    ----------
+    pyramid : Pyramid
+        The photo.
+    level : int
+        The scale. The kernels are some 30 pixels wide there.
+    part : {"fitted", "apart", "all"}
+        The tiles.
+
+    """
+
+    def __init__(self, pyramid: Pyramid, level: int, part: Part) -> None:
+        scale = pyramid.at(level)
+        self.camera = scale.camera
+        size = min(_SIZE, *(n - n % 2 for n in scale.camera.shape))
+        corners = informative_corners(pyramid, level, size, _TILES, width=_EDGES, part=part)
+        corners = corners or covering(scale.camera.shape, size)[:_TILES]
+        self.size = size
+        self.centres = np.array(corners)[:, ::-1] + (size - 1) / 2
+        taper = np.hanning(size + 2)[1:-1].astype(np.float32)
+        window = np.outer(taper, taper)
+        tiles = np.stack([scale.picture[y : y + size, x : x + size] for y, x in corners])
+        tiles = tiles - (tiles * window).sum((1, 2), keepdims=True) / window.sum()
+        frequency = np.fft.fftfreq(size)
+        radius = np.hypot(frequency[:, None], frequency)
+        self.band = ((radius > _BAND[0]) & (radius < _BAND[1])).astype(np.float32)
+        power = _smoothed(self._power(tiles * window)[1], _SMOOTHING)
+        floor = np.float32(_LEAST_POWER) * power.max() + np.finfo(np.float32).tiny
+        observed = self.band * _fluctuations(np.log(power + floor))
+        length = float(np.linalg.norm(observed))
+        self.observed = observed / np.float32(length or 1.0)
+
+    def value(self, kernel: RotationKernel) -> float:
+        """Return the correlation of the fluctuations, -1..1, for a kernel of the photo's camera."""
+        kernel = kernel.for_camera(self.camera)
+        moved = displacements(homographies(self.camera, kernel.theta), self.centres)
+        moved -= np.einsum("k,pki->pi", kernel.weights, moved)[:, None]
+        return self._correlation(splat(moved, kernel.weights, (self.size, self.size)))[0]
+
+    def fitted(self, kernel: RotationKernel) -> RotationKernel:
+        """Draw a smooth path through a kernel, and move it to where it matches best.
+
+        Parameters
+        ----------
+        kernel : RotationKernel
+            A kernel that is nearly right, for the camera of the photo.
+
+        Returns
+        -------
+        RotationKernel
+            The path, on the grid of the kernel's camera. The kernel itself, if it is a point.
+
+        """
+        from scipy.optimize import minimize  # noqa: PLC0415 - slow to import, for estimates alone
+
+        path = SmoothPath.through(kernel, self.camera)
+        if path is None:
+            return kernel
+        count = int(np.clip(_ALONG * path.length, _FEWEST, _MOST))
+        basis = path.basis(count)
+        flat = np.ptp(path.controls, axis=0) == 0
+        slopes = self._slopes()
+        stiffness = _BENDING * np.square(slopes).mean((0, 1))
+
+        def descent(flattened: Points) -> tuple[float, Points]:
+            controls = flattened.reshape(path.controls.shape)
+            match, gradient = self._along(basis @ controls, slopes)
+            bends = np.diff(controls, 2, axis=0)
+            value = float((np.square(bends) * stiffness).sum()) - match
+            change = basis.T @ -gradient
+            change[:-2] += 2 * stiffness * bends
+            change[1:-1] -= 4 * stiffness * bends
+            change[2:] += 2 * stiffness * bends
+            change[:, flat] = 0
+            return value, change.ravel()
+
+        end = minimize(
+            descent,
+            path.controls.ravel(),
+            jac=True,
+            method="L-BFGS-B",
+            options={"maxiter": _ITERATIONS},
+        )
+        return path._replace(controls=end.x.reshape(path.controls.shape)).kernel(kernel.camera)
+
+    def _slopes(self) -> Points:
+        """Return how a tile's centre moves (P, 2, 3), in pixels per grid step about each axis."""
+        steps = grid_steps(self.camera)
+        turned = displacements(homographies(self.camera, np.diag(steps)), self.centres)
+        return np.swapaxes(turned, 1, 2)
+
+    def _along(self, rotations: Points, slopes: Points) -> tuple[float, Points]:
+        """Return the correlation of a path (T, 3) in grid steps, and its gradient (T, 3)."""
+        count = len(rotations)
+        moved = np.einsum("pij,tj->pti", slopes, rotations - rotations.mean(0))
+        filters = splat(moved, np.full(count, 1 / count), (self.size, self.size))
+        match, change = self._correlation(filters)
+        across, down = _gradient_at(change, moved)
+        gradient = np.einsum("pt,pj->tj", across, slopes[:, 0])
+        gradient += np.einsum("pt,pj->tj", down, slopes[:, 1])
+        gradient -= gradient.mean(0)
+        return match, gradient / count
+
+    def _correlation(self, filters: Image) -> tuple[float, Image]:
+        """Return the correlation for filters (P, N, N), and its gradient by their pixels."""
+        spectra, power = self._power(filters)
+        power = _smoothed(power, _SMOOTHING) + np.float32(_FLOOR)
+        expected = self.band * _fluctuations(np.log(power))
+        length = max(float(np.linalg.norm(expected)), 1e-6)
+        match = float(np.vdot(self.observed, expected)) / length
+        change = (self.observed - np.float32(match / length) * expected) / np.float32(length)
+        by_power = _smoothed(_fluctuations(change) / power, _SMOOTHING)
+        half = by_power[:, :, : spectra.shape[2]] * spectra
+        shape = self.size, self.size
+        gradient = scipy.fft.irfft2(half, shape, overwrite_x=True, workers=1)
+        return match, 2 * self.size**2 * gradient
+
+    def _power(self, blocks: Image) -> tuple[Spectrum, Image]:
+        """Return the half spectra of blocks, and their power at all frequencies, (P, N, N)."""
+        spectra = scipy.fft.rfft2(blocks, workers=1)
+        half = spectra.real**2 + spectra.imag**2
+        n = self.size
+        power = np.empty((len(blocks), n, n), np.float32)
+        columns = n // 2 + 1
+        power[:, :, :columns] = half
+        mirrored = half[:, :, (n - 1) // 2 : 0 : -1]
+        power[:, 0, columns:] = mirrored[:, 0]
+        power[:, 1:, columns:] = mirrored[:, :0:-1]
+        return spectra, power
+
+
+def _smoothed(spectra: Image, side: int, times: int = 1) -> Image:
+    """Take means over boxes of periodic spectra (P, N, N), once or more often."""
+    smooth = np.empty_like(spectra)
+    room = side // 2 * times
+    for wide, one in zip(smooth, spectra, strict=True):
+        around = cv2.copyMakeBorder(one, room, room, room, room, cv2.BORDER_WRAP)
+        for _ in range(times):
+            around = cv2.blur(around, (side, side))
+        wide[:] = around[room:-room, room:-room]
+    return smooth
+
+
+def _fluctuations(spectra: Image) -> Image:
+    """Return what changes fast with the frequency. The operation is self-adjoint."""
+    return spectra - _smoothed(spectra, _FLUCTUATION, 2)
+
+
+def _gradient_at(blocks: Image, places: Points) -> tuple[Points, Points]:
+    """Return the slopes of periodic blocks (P, N, N), interpolated, at places (P, T, 2)."""
+    size = blocks.shape[-1]
+    low = np.floor(places)
+    a, b = np.moveaxis(places - low, -1, 0)
+    left, top = np.moveaxis(low.astype(np.int64), -1, 0) % size
+    right, bottom = (left + 1) % size, (top + 1) % size
+    tile = np.arange(len(blocks))[:, None]
+    upper_left, upper_right = blocks[tile, top, left], blocks[tile, top, right]
+    lower_left, lower_right = blocks[tile, bottom, left], blocks[tile, bottom, right]
+    across = (1 - b) * (upper_right - upper_left) + b * (lower_right - lower_left)
+    down = (1 - a) * (lower_left - upper_left) + a * (lower_right - upper_right)
+    return across, down

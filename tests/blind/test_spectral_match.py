@@ -1,0 +1,108 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from deshake.blind.agreement import agreement
+from deshake.blind.camera_path import SmoothPath
+from deshake.blind.spectral_match import SpectralMatch
+from deshake.geometry.kernel import RotationKernel
+from deshake.geometry.rotations import grid_steps
+from deshake.signal.pyramid import Pyramid
+
+FINE = 0.1  # share of the kernel's spread: smoothing of a strict agreement
+
+
+@pytest.fixture(scope="module")
+def match(pyramid) -> SpectralMatch:
+    return SpectralMatch(pyramid, 0, "all")
+
+
+@pytest.fixture(scope="module")
+def bent(shaken) -> RotationKernel:
+    """The true path, its parts moved by about two pixels."""
+    steps = grid_steps(shaken.camera)
+    path = np.array([[-3.0, -4, -2], [1, -1, 0], [1, 3, 0], [3, 4, 3]]) * steps
+    return RotationKernel.from_path(path, shaken.camera).centred()
+
+
+def test_the_true_kernel_matches_best(match, shaken, bent) -> None:
+    true = shaken.kernel
+    twice = replace(true, theta=2 * true.theta)
+    mirrored = replace(true, theta=true.theta * [1, -1, 1])
+    values = [match.value(kernel) for kernel in (true, bent, twice, mirrored)]
+    assert values[0] > 0.2
+    assert np.argmax(values) == 0
+    assert max(np.abs(values)) <= 1
+
+
+def test_a_kernel_turned_by_half_a_turn_matches_as_well(match, shaken) -> None:
+    turned = replace(shaken.kernel, theta=-shaken.kernel.theta)
+    assert match.value(turned) == pytest.approx(match.value(shaken.kernel), abs=0.02)
+
+
+def test_a_kernel_may_be_moved(match, shaken) -> None:
+    moved = replace(shaken.kernel, theta=shaken.kernel.theta + 3 * shaken.kernel.steps)
+    assert match.value(moved) == pytest.approx(match.value(shaken.kernel), abs=0.02)
+
+
+def test_a_camera_at_rest_matches_nothing(match, shaken) -> None:
+    assert match.value(RotationKernel.delta(shaken.camera)) == pytest.approx(0, abs=1e-3)
+
+
+def test_noise_matches_nothing(shaken) -> None:
+    grain = np.random.default_rng(1).normal(0.5, 0.05, shaken.camera.shape).astype(np.float32)
+    noise = SpectralMatch(Pyramid(grain, shaken.camera), 0, "all")
+    assert abs(noise.value(shaken.kernel)) < 0.1
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("when", [3, 20, 44])
+def test_the_gradient_is_that_of_finite_differences(match, bent, axis, when) -> None:
+    path = SmoothPath.through(bent, match.camera)
+    rotations = path.basis(48) @ path.controls
+    slopes = match._slopes()
+    gradient = match._along(rotations, slopes)[1]
+    step = np.zeros_like(rotations)
+    step[when, axis] = 1e-2
+    change = (
+        match._along(rotations + step, slopes)[0] - match._along(rotations - step, slopes)[0]
+    ) / 2e-2
+    assert change == pytest.approx(gradient[when, axis], rel=0.1, abs=1e-4)
+
+
+def test_a_path_that_is_nearly_right_comes_nearer_to_the_truth(match, shaken, bent) -> None:
+    fitted = match.fitted(bent)
+    assert match.value(fitted) > match.value(bent) + 0.02
+    near = agreement(fitted, shaken.kernel, smoothing=FINE)
+    assert near > agreement(bent, shaken.kernel, smoothing=FINE) + 0.02
+    assert fitted.camera is bent.camera
+    assert fitted.weights.sum() == pytest.approx(1)
+
+
+def test_tiles_that_the_path_was_not_fitted_to_match_better_too(shaken, bent) -> None:
+    pyramid = shaken.pyramid
+    fitted = SpectralMatch(pyramid, 0, "fitted").fitted(bent)
+    apart = SpectralMatch(pyramid, 0, "apart")
+    assert apart.value(fitted) > apart.value(bent)
+
+
+def test_a_path_without_roll_gets_none(match, bent) -> None:
+    flat = replace(bent, theta=bent.theta * [1, 1, 0])
+    fitted = match.fitted(flat)
+    assert np.ptp(fitted.theta[:, 2]) < 0.1 * fitted.steps[2]
+
+
+def test_a_point_stays_a_point(match, shaken) -> None:
+    point = RotationKernel.delta(shaken.camera)
+    assert match.fitted(point) is point
+
+
+def test_a_photo_smaller_than_a_tile_is_one_tile(shake) -> None:
+    small = shake().pyramid.at(3)
+    pyramid = Pyramid(small.picture, small.camera)
+    tiny = SpectralMatch(pyramid, 0, "all")
+    assert tiny.size == min(small.camera.shape) // 2 * 2
+    assert len(tiny.centres) >= 1
