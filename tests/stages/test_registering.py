@@ -19,7 +19,6 @@ from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.estimate_options import EstimateOptions
 from deshake.stages.registering import checkerboard, register_file, registration_name
 
-OPTIONS = EstimateOptions(camera=CameraChoice(focal_35mm=40))
 NEAR = EstimateOptions(camera=CameraChoice(focal_35mm=40), search_angle=4)  # a quick search
 
 
