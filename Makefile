@@ -49,7 +49,9 @@ $(STAMP): pyproject.toml
 demo: $(STAMP)
 	$(PY) scripts/demo.py --output out/demo $${PHOTO:+"$$PHOTO"}
 
-test: lint types coverage
+# The types are checked beside the tests: they take one core for long.
+test: lint
+	@$(MAKE) --no-print-directory -j 2 types coverage
 
 lint: $(STAMP)
 	$(PY) -m ruff check $(CODE)

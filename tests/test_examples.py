@@ -55,10 +55,10 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     grey = np.random.default_rng(0).random((18, 22)).repeat(10, 0).repeat(10, 1)
     scene = 0.9 * grey[..., None] * (1, 0.9, 0.8)
-    shaken = deshake.simulate(scene, deshake.Camera.from_focal(155.0, 180, 220), blur_px=6, seed=1)
+    shaken = deshake.simulate(scene, deshake.Camera.from_focal(129.0, 180, 220), blur_px=6, seed=1)
     height, width = shaken.blurred.shape[:2]
-    top, left = (height - 144) // 2, (width - 192) // 2
-    deshake.write_photo("photo.jpg", shaken.blurred[top : top + 144, left : left + 192])
+    top, left = (height - 120) // 2, (width - 160) // 2
+    deshake.write_photo("photo.jpg", shaken.blurred[top : top + 120, left : left + 160])
     deshake.write_kernel("photo.kernel.npz", shaken.kernel)
     (tmp_path / "notes.txt").write_text("no photo", "utf-8")
     return tmp_path

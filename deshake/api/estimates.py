@@ -98,8 +98,8 @@ def estimate_blind(
     --------
     >>> import numpy as np
     >>> import deshake
-    >>> sharp = np.random.default_rng(0).random((16, 20)).repeat(10, 0).repeat(10, 1)
-    >>> camera = deshake.Camera.from_focal(200.0, *sharp.shape)
+    >>> sharp = np.random.default_rng(0).random((12, 15)).repeat(10, 0).repeat(10, 1)
+    >>> camera = deshake.Camera.from_focal(150.0, *sharp.shape)
     >>> shaken = deshake.simulate(sharp, camera, blur_px=6, seed=1)
     >>> blur = deshake.estimate_blind(shaken.blurred, shaken.kernel.camera, blur_size=8)
     >>> 0.5 < blur.confidence <= 1

@@ -8,13 +8,14 @@ zero-normalised cross-correlation (ZNCC) where both pictures have pixels.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from deshake.blind.variational.coarse_to_fine import turn
+from deshake.blind.variational.coarse_to_fine import warped
 from deshake.geometry.rotations import compose, displacements, grid_steps, homographies
 from deshake.operators.strips import in_order
 from deshake.pair.registration_settings import SETTINGS
@@ -69,16 +70,16 @@ def exhaustive_search(
     correlate = _Correlation(a, min(reach, min(camera.shape) - 1))
     pictures = np.stack([b, np.ones_like(b)])
 
-    def best_shift(theta: NDArray[np.float64]) -> Candidate:
-        turned, mask = turn(pictures, camera, -theta)
-        score, dx, dy = correlate.best(turned, mask)
-        shift = np.arctan2([-dy, dx, 0], camera.focal_px)
-        return Candidate(compose(shift, theta), score)
+    def best_shift(h: NDArray[np.float64]) -> tuple[float, int, int]:
+        return correlate.best(*warped(pictures, camera, h))
 
-    candidates = []
-    for _, candidate in in_order(best_shift, steps, run):
-        candidates.append(candidate)
-        run.report(len(candidates) / len(steps), "registering")
+    shifts = []
+    for _, shift in in_order(best_shift, list(homographies(camera, -steps)), run):
+        shifts.append(shift)
+        run.report(len(shifts) / len(steps), "registering")
+    scores, dx, dy = np.array(shifts).T
+    turns = np.arctan2(np.stack([-dy, dx, 0 * dx], -1), camera.focal_px)
+    candidates = map(Candidate, compose(turns, steps), scores.tolist())
     return sorted(candidates, key=lambda candidate: -candidate.score)
 
 
@@ -109,13 +110,13 @@ def _tilts(camera: Camera, max_angle: float) -> int:
     return min(count, SETTINGS.most_tilts)
 
 
-def _steps(camera: Camera, max_angle: float) -> list[NDArray[np.float64]]:
-    """Return the rotations that are tried, each with all shifts around it."""
+def _steps(camera: Camera, max_angle: float) -> NDArray[np.float64]:
+    """Return the rotations (K, 3) that are tried, each with all shifts around it."""
     count = _tilts(camera, max_angle)
     tilts = (np.arange(count) - (count - 1) / 2) * (2 * max_angle / count)
     turns = int(np.ceil(max_angle / grid_steps(camera)[2]))
     rolls = np.linspace(-max_angle, max_angle, 2 * turns + 1)
-    return [np.array([x, y, z]) for x in tilts for y in tilts for z in rolls]
+    return np.array(list(product(tilts, tilts, rolls)))
 
 
 class _Correlation:

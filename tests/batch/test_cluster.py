@@ -48,7 +48,11 @@ def start(tmp_path_factory):
     def begin(workers):
         words = [sys.executable, script, str(workers)]
         process = subprocess.Popen(
-            words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=script.parent
+            words,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            cwd=script.parent,
+            env=os.environ | {"DASK_DISTRIBUTED__WORKER__MULTIPROCESSING_METHOD": "forkserver"},
         )
         running.append(process)
         address, *pids = process.stdout.readline().decode().split()

@@ -21,7 +21,7 @@ from deshake.signal.pyramid import Pyramid
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-SHAPE = 200, 240
+SHAPE = 150, 180
 MARGIN = 16
 PATH = np.array([[-1.0, -4, -2], [0, 0, 0], [2, 1, 0], [1, 4, 3]])  # in grid steps
 NOISE = 0.003

@@ -77,14 +77,15 @@ def test_progress_rises_from_nothing_to_one(result, progress) -> None:
 
 def test_a_part_of_the_photo_gives_the_kernel_of_the_whole(shaken) -> None:
     spoilt = shaken.grey.copy()
-    spoilt[:, 200:] = np.random.default_rng(0).random((200, 40))
-    part = estimate_kernel(spoilt, shaken.camera, region=(10, 5, 186, 190), quick=True, run=Run(1))
+    spoilt[:, 150:] = np.random.default_rng(0).random((150, 30))
+    part = estimate_kernel(spoilt, shaken.camera, region=(6, 4, 140, 142), quick=True, run=Run(1))
     assert part.kernel.camera is shaken.camera
     assert agreement(part.kernel, shaken.kernel) > 0.85
-    assert part.latent.shape == (2, 190, 186)
+    assert part.latent.shape == (2, 142, 140)
 
 
-def test_clipped_pixels_are_ignored(shaken) -> None:
+def test_clipped_pixels_are_ignored(shake) -> None:
+    shaken = shake(Camera.from_focal(240.0, 200, 240))
     most = np.quantile(shaken.grey, 0.97)
     result = estimate_kernel(
         np.minimum(shaken.grey, most).astype(np.float32),
@@ -97,9 +98,9 @@ def test_clipped_pixels_are_ignored(shaken) -> None:
 
 
 def test_uniform_kernels_do_not_roll(shake) -> None:
-    camera = Camera.uniform(200, 240)
+    camera = Camera.uniform(150, 180)
     shaken = shake(camera, np.array([[-1.0, -4, 0], [0, 0, 0], [2, 1, 0], [1, 4, 0]]))
-    lens = Camera.from_focal(240.0, 200, 240)
+    lens = Camera.from_focal(180.0, 150, 180)
     result = estimate_kernel(shaken.grey, lens, uniform=True, quick=True, run=Run(1))
     assert result.kernel.camera.is_uniform
     assert not result.kernel.theta[:, 2].any()

@@ -65,7 +65,8 @@ def shaken(tmp_path: Path) -> Callable[..., Path]:
 
     Those of 100 x 80 are shaken too little: they are left as they are. From `large` ones, of
     200 x 160, a kernel can be estimated with ``--blur-size 10``; from those of 140 x 112 one that
-    may differ over the frame, with ``--blur-size 9``.
+    may differ over the frame, and from those of 150 x 120 one that does not, with
+    ``--blur-size 9``.
     """
 
     def save(

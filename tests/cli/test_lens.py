@@ -105,12 +105,13 @@ def test_a_pair_through_a_lens(deshake, pair, tmp_path):
     near = ("--camera", lens, "--search-angle", 4)  # a narrow search tries few rotations
     assert deshake("register", blurred, noisy, "-o", registration, *near).code == 0
     assert read_registration(registration).camera.distortion.tolist() == [-0.02, 0, 0, 0]
+    blur = ("--blur-size", 7, "--uniform")
     kernel, one, two = tmp_path / "k.npz", tmp_path / "one.png", tmp_path / "two.png"
     by = ("--registration", registration)
-    assert deshake("estimate-pair", blurred, noisy, "-o", kernel, *by, "--blur-size", 7).code == 0
+    assert deshake("estimate-pair", blurred, noisy, "-o", kernel, *by, *blur).code == 0
     more = ("--noisy", noisy, "--keep-geometry", "--quality", "fast")
     assert deshake("deblur", blurred, kernel, "-o", one, *more, *by).code == 0
-    args = (*near, "--blur-size", 7)
+    args = (*near, *blur)
     assert deshake("fix", blurred, "-o", two, *more, *args, "--no-provenance").code == 0
     np.testing.assert_array_equal(np.asarray(Image.open(one)), np.asarray(Image.open(two)))
 

@@ -18,7 +18,7 @@ from deshake.files.registration_file import read_registration
 from deshake.geometry.camera import Camera
 from deshake.geometry.rotations import homographies
 
-pytestmark = pytest.mark.usefixtures("one_thread")
+pytestmark = [pytest.mark.long, pytest.mark.usefixtures("one_thread")]
 
 LENS = ("--focal-px", 240)
 NARROW = ("--search-angle", 4)  # quick: a narrow search tries few rotations
@@ -50,7 +50,7 @@ def pair(tmp_path):
 
 
 def test_writes_a_registration_with_its_provenance(deshake, pair, tmp_path):
-    outcome = deshake("register", *pair, *LENS, "--json", "--threads", 1)
+    outcome = deshake("register", *pair, *NEAR, "--json")
     assert outcome.code == 0
     content = read_registration(tmp_path / "long.registration.npz")
     assert np.degrees(content.theta) == pytest.approx(np.degrees(THETA), abs=0.3)

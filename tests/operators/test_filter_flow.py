@@ -41,18 +41,19 @@ SHAKES = {
 
 
 @pytest.mark.parametrize(
-    ("name", "extent"), [("x", 20), ("y", 60), ("z", 60), ("all", 20), ("curved", 60)]
+    ("name", "extent"), [("x", 10), ("y", 30), ("z", 30), ("all", 16), ("curved", 30)]
 )
 def test_blur_is_within_a_thousandth_of_exact_warps(
     photo: np.ndarray, name: str, extent: int
 ) -> None:
-    camera = Camera.from_focal(1024.0, 768, 1024)
+    camera = Camera.from_focal(512.0, 384, 512)
     kernel = shake(camera, SHAKES[name], extent)
     assert kernel.extent_px() == pytest.approx(extent, rel=0.1)
     exact, flow = Warps(camera, kernel.theta), FilterFlow(camera, kernel.theta)
-    f = np.pad(photo, exact.margin, mode="reflect")
+    middle = photo[192:576, 256:768]  # of it all four photographs have a quarter
+    f = np.pad(middle, exact.margin, mode="reflect")
     expected = exact.blur(f, kernel.weights)
-    assert rms(expected - photo) > 0.02
+    assert rms(expected - middle) > 0.02
     assert rms(flow.blur(f, kernel.weights) - expected) < 1e-3
 
 

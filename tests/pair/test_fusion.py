@@ -99,7 +99,7 @@ def test_what_moved_between_the_photos_is_as_in_the_noisy_one(lab, pair):
 
 
 def test_the_noisy_photo_shows_the_scene_beyond_the_border(lab):
-    sharp = lab.colours()
+    sharp = lab.scene()
     g = lab.noisy(lab.shaken(lab.all_axes, sharp), 0.003)
     noise = np.random.default_rng(3).normal(0, 0.02, sharp.shape)
     f_N = (sharp + noise).astype(np.float32)
@@ -115,8 +115,9 @@ def test_the_noisy_photo_shows_the_scene_beyond_the_border(lab):
 
 def test_clipped_pixels_of_the_noisy_photo_are_not_used(lab, pair):
     frame, g, f_N, valid, _ = pair(0.02)
-    clipped = frame.max(-1) > 0.55
-    low = np.where(clipped[..., None], np.minimum(f_N, 0.5), f_N)
+    frame, g, f_N = (np.ascontiguousarray(picture[..., 0]) for picture in (frame, g, f_N))
+    clipped = frame > 0.55
+    low = np.where(clipped, np.minimum(f_N, 0.5), f_N)
     with_mask, without_mask = (
         fused_with(g, low, valid, lab.all_axes, noisy_clipped=mask).pixels
         for mask in (clipped, None)

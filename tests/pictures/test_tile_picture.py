@@ -109,13 +109,11 @@ def test_tiles_lie_in_the_region():
 
 def test_large_photos_are_reduced_and_wide_blurs_seen_at_a_coarse_scale():
     camera = Camera.from_focal(2600, 1200, 2000)
-    picture = tile_picture(scene(1200, 2000), camera, pan(150, camera))
+    grey = scene(1200, 2000)
+    picture, other = (tile_picture(grey, camera, pan(width, camera)) for width in (150, 10))
     assert picture.shape[1] == 1600
     assert 960 < picture.shape[0] < 1020
-    wide, narrow = (
-        np.nonzero(where(tile_picture(scene(1200, 2000), camera, kernel)[:960], ORANGE))
-        for kernel in (pan(150, camera), pan(10, camera))
-    )
+    wide, narrow = (np.nonzero(where(each[:960], ORANGE)) for each in (picture, other))
     assert len(set(wide[1])) != len(set(narrow[1]))
 
 

@@ -19,7 +19,6 @@ from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.estimate_options import EstimateOptions
 from deshake.stages.registering import checkerboard, register_file, registration_name
 
-OPTIONS = EstimateOptions(camera=CameraChoice(focal_35mm=40))
 NEAR = EstimateOptions(camera=CameraChoice(focal_35mm=40), search_angle=4)  # a quick search
 
 
@@ -41,14 +40,14 @@ def test_registrations_are_named_after_the_blurred_photo(tmp_path):
 
 
 def test_a_shift_is_estimated_and_written(pair, tmp_path):
-    options = replace(OPTIONS, transfer="linear")
+    options = replace(NEAR, transfer="linear")
     match = register_file(*pair, tmp_path / "r.npz", options, run=Run(1))
     read = read_registration(tmp_path / "r.npz")
     assert np.array_equal(read.theta, match.registration.theta)
     assert read.scale == match.registration.scale == pytest.approx(4, rel=0.1)
     shift = match.registration.theta[1] * match.registration.camera.focal_px
     assert abs(shift) == pytest.approx(4, abs=0.7)
-    assert read.provenance["options"] == {"transfer": "linear", "search_angle": None}
+    assert read.provenance["options"] == {"transfer": "linear", "search_angle": 4}
     assert len(read.provenance["noisy_sha256"]) == 64
     assert read.provenance["noisy_sha256"] != read.provenance["input_sha256"]
 

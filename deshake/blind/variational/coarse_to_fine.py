@@ -31,6 +31,7 @@ __all__ = [
     "resize",
     "turn",
     "turned_gradients",
+    "warped",
 ]
 
 Image = NDArray[np.float32]
@@ -135,7 +136,11 @@ def next_kernel(
 
 def turn(image: Image, camera: Camera, theta: NDArray[np.float64]) -> Image:
     """Turn a picture (C, h, w): the result at x is the picture at ``H(theta) x``."""
-    h = homographies(camera, theta)
+    return warped(image, camera, homographies(camera, theta))
+
+
+def warped(image: Image, camera: Camera, h: NDArray[np.float64]) -> Image:
+    """Warp a picture (C, h, w) by a homography: the result at x is the picture at ``H x``."""
     size = (camera.width, camera.height)
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     return np.stack([cv2.warpPerspective(c, h, size, flags=flags) for c in image])

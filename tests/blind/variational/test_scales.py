@@ -56,7 +56,7 @@ def ended(gradients: np.ndarray) -> dict[str, ScaleByScale]:
         "finest": under_way(gradients, 8, finest=True),
     }
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(scales, "SETTINGS", replace(SETTINGS, enough_blur=5.0, iterations=4))
+        patch.setattr(scales, "SETTINGS", replace(SETTINGS, enough_blur=5.0, iterations=3))
         for work in works.values():
             work.run()
     return works
@@ -72,7 +72,7 @@ def test_wide_blur_ends_at_a_coarser_scale_unless_the_finest_is_asked_for(
 def test_a_trial_stops_at_a_coarse_scale_and_goes_on_from_there(
     gradients: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(scales, "SETTINGS", replace(SETTINGS, trial_side=60, iterations=4))
+    monkeypatch.setattr(scales, "SETTINGS", replace(SETTINGS, trial_side=60, iterations=2))
     work, straight = under_way(gradients, 6), under_way(gradients, 6)
     assert work.try_coarse() == work.outermost
     assert 60 <= work.reports[-1].width < 60 * 1.5
@@ -86,7 +86,7 @@ def test_a_trial_stops_at_a_coarse_scale_and_goes_on_from_there(
 def test_a_box_too_small_is_touched(
     gradients: np.ndarray, ended: dict[str, ScaleByScale], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(scales, "SETTINGS", replace(SETTINGS, iterations=4))
+    monkeypatch.setattr(scales, "SETTINGS", replace(SETTINGS, iterations=3))
     tight = under_way(gradients, 1)
     tight.run()
     assert tight.outermost > ended["finest"].outermost
