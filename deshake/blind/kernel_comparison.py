@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from deshake.blind.agreement import agreement
 from deshake.blind.judge import Judge
 from deshake.blind.spot import is_spot
 
@@ -34,6 +35,7 @@ COLLAPSED = 10.0
 
 _WIDTH = 28.0  # px of a kernel at the scale where it is judged
 _SHARPENING_WORTH = 0.3  # margin per gain of 1 in -ln nsp
+_WITNESS_WORTH = 0.5  # margin per agreement of 1 with the streaks of lights
 
 
 class Comparison:
@@ -45,11 +47,14 @@ class Comparison:
     ----------
     pyramid : Pyramid
         The photo.
+    witness : RotationKernel, optional
+        The kernel that the streaks of lights draw. Kernels that agree with it score higher.
 
     """
 
-    def __init__(self, pyramid: Pyramid) -> None:
+    def __init__(self, pyramid: Pyramid, witness: RotationKernel | None = None) -> None:
         self.pyramid = pyramid
+        self.witness = witness
         self._judges: dict[int, Judge] = {}
         self._scores: dict[tuple[Judge, RotationKernel], float] = {}
 
@@ -80,7 +85,10 @@ class Comparison:
         key = judge, entry.kernel
         if key not in self._scores:
             sharper = judge.sharpening(entry.kernel)
-            self._scores[key] = entry.margin(judge) + _SHARPENING_WORTH * sharper
+            score = entry.margin(judge) + _SHARPENING_WORTH * sharper
+            if self.witness is not None:
+                score += _WITNESS_WORTH * agreement(entry.kernel, self.witness)
+            self._scores[key] = score
         return self._scores[key]
 
     def _make_room(self, level: int, entries: Sequence[Entry]) -> None:
