@@ -38,6 +38,7 @@ def deblur(
     iterations: int | None = None,
     search_angle: float | None = None,
     keep_geometry: bool = False,
+    protect_moving: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Photo: ...
@@ -53,6 +54,7 @@ def deblur(
     iterations: int | None = None,
     search_angle: float | None = None,
     keep_geometry: bool = False,
+    protect_moving: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> NDArray[np.float32]: ...
@@ -67,6 +69,7 @@ def deblur(
     iterations: int | None = None,
     search_angle: float | None = None,
     keep_geometry: bool = False,
+    protect_moving: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Picture:
@@ -100,6 +103,9 @@ def deblur(
     keep_geometry : bool
         Whether the result keeps the distortion of the photo's lens, if there is any. By default the
         result is straight.
+    protect_moving : bool
+        Whether the result keeps the photo where its blur is not that of the camera, because
+        something moved.
     threads : int, optional
         Threads to use; by default all processors.
     progress : callable, optional
@@ -171,6 +177,7 @@ def deblur(
         registration=registration,
         search_angle=search_angle,
         keep_geometry=keep_geometry,
+        protect_moving=protect_moving,
         run=Run(threads, progress),
     )
     return result if isinstance(photo, Photo) else pixels_of(result, photo)

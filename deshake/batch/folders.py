@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING
 from deshake.errors import PhotoError
 from deshake.formats.encoding import READ_ONLY, SUFFIXES
 from deshake.pictures.comparison import SUFFIX as SHEET
+from deshake.stages.blending import MASK
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
 __all__ = ["InputPhoto", "find_photos", "identity", "natural_order"]
 
-_RESULTS = (".deshaken", SHEET)
+_RESULTS = (".deshaken", SHEET, MASK)
 _SUFFIXES = frozenset([*SUFFIXES, *READ_ONLY])
 
 
@@ -44,9 +45,9 @@ def find_photos(
     """List the photos among `inputs` and those in the folders among them.
 
     In a folder, a photo is a file with the ending of a photo format. Hidden files and results of
-    deshake itself (``<stem>.deshaken.<ext>``, ``<stem>.compare.png``) are left out. Photos of a
-    folder come in natural order (``IMG_2`` before ``IMG_10``), and before those of the folders in
-    it.
+    deshake itself (``<stem>.deshaken.<ext>``, ``<stem>.compare.png``, ``<stem>.mask.png``) are left
+    out. Photos of a folder come in natural order (``IMG_2`` before ``IMG_10``), and before those of
+    the folders in it.
 
     Parameters
     ----------

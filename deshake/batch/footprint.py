@@ -38,6 +38,10 @@ _RESTORATION: Final = {1: 70, 3: 115}
 """Bytes a pixel for deblurring, by its colours."""
 _PAIR: Final = {1: 180, 3: 290}
 """The same with a noisy photo."""
+_MOVING: Final = 80
+"""Bytes a pixel for the search of parts that moved, beside the photo and its result."""
+_MOST_MOVING: Final = 8e6
+"""Pixels of that search, at most."""
 _MASK: Final = 4
 """Bytes a pixel for a mask."""
 _LENS: Final = 14
@@ -110,7 +114,11 @@ def restoration_memory(
     extent = default_blur(worked) if blur is None else blur
     more = _BLUR * extent**2 + _THREAD * (threads - 1)
     reading = photo_memory(size) + mask * size.pixels
-    return int(max(reading, _PROCESS + (each + mask) * worked.pixels + more))
+    needed = max(reading, _PROCESS + (each + mask) * worked.pixels + more)
+    if finish is not None and finish.protect_moving:
+        search = _MOVING * min(worked.pixels, _MOST_MOVING) + 4 * worked.channels * worked.pixels
+        needed = max(needed, photo_memory(worked) + mask * worked.pixels + search)
+    return int(needed)
 
 
 def worked_size(size: PictureSize, finish: FinishingOptions | None) -> PictureSize:

@@ -67,7 +67,8 @@ class Job:
     output : Path or None
         Where its result goes.
     others : mapping of str to Path
-        Where other outputs go, by their kinds: ``kernel``, ``latent``, ``sheet``, ``tiles``.
+        Where other outputs go, by their kinds: ``kernel``, ``latent``,
+        ``moving_mask``, ``sheet``, ``tiles``.
     needs : mapping of str to Path
         Other inputs, by their kinds: ``noisy``, ``kernel``, ``mask``.
     problem : DeshakeError or None

@@ -27,6 +27,9 @@ from deshake.stages.registering import known_registration
 if TYPE_CHECKING:
     from pathlib import Path
 
+    import numpy as np
+    from numpy.typing import NDArray
+
     from deshake.batch.plan import Job
     from deshake.formats.photo import Photo
     from deshake.formats.picture_size import PictureSize
@@ -245,24 +248,39 @@ class Deblur:
 
 
 class _Observer:
-    """Makes the pictures of a photo and its result for a report, if there is one."""
+    """Makes the pictures of a photo and its result for a report, and measures what moves."""
 
     def __init__(self, room: int | None) -> None:
         self._room = room
         self._pictures: ReportPictures | None = None
+        self._moving: float | None = None
 
-    def __call__(self, photo: Photo, result: Photo, kernel: RotationKernel) -> None:
+    def __call__(
+        self,
+        photo: Photo,
+        result: Photo,
+        kernel: RotationKernel,
+        moving: NDArray[np.float32] | None,
+    ) -> None:
+        if moving is not None:
+            self._moving = round(float(moving.mean(dtype=float)), 4)
         if self._room is not None:
-            self._pictures = report_pictures(photo, result, kernel, self._room)
+            self._pictures = report_pictures(photo, result, kernel, self._room, moving=moving)
 
     def figures(self) -> dict[str, Any]:
-        """Return the pictures as `run_job` takes them."""
-        return {} if self._pictures is None else {"pictures": self._pictures}
+        """Return the share that moves and the pictures, as `run_job` takes them."""
+        figures = {"moving": self._moving, "pictures": self._pictures}
+        return {name: value for name, value in figures.items() if value is not None}
 
 
 def _finishing(finish: FinishingOptions, job: Job) -> FinishingOptions:
-    """Return the finishing options of a job: with its mask, and the name of its result."""
-    return replace(finish, mask=job.needs.get("mask"), file=finish.file.called(job.place))
+    """Return the finishing options of a job: with its masks, and the name of its result."""
+    return replace(
+        finish,
+        mask=job.needs.get("mask"),
+        moving_mask=job.others.get("moving_mask"),
+        file=finish.file.called(job.place),
+    )
 
 
 @lru_cache

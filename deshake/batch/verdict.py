@@ -28,6 +28,7 @@ UNSHAKEN: Final = "unshaken"
 
 _LEFT: Final = "left as it is"
 _STILL: Final = "by its kernel, the camera stood still"
+_SEEN_TO_MOVE: Final = 0.005  # share of the frame
 _WORDS: Final = ((0.9, "confident"), (DOUBTFUL, "fairly confident"))
 
 
@@ -65,7 +66,9 @@ def summary_words(figures: Mapping[str, Any]) -> str:
     if figures["verdict"] == "left":
         return f"{_LEFT}: {figures['reason']}"
     extent, words = figures["extent_px"], confidence_words(figures["confidence"])
-    return f"shake of {extent:.{0 if extent >= 10 else 1}f} px, {words}"
+    moving = figures.get("moving", 0)
+    kept = f", {moving:.0%} kept where something moved" if moving >= _SEEN_TO_MOVE else ""
+    return f"shake of {extent:.{0 if extent >= 10 else 1}f} px, {words}{kept}"
 
 
 def blur_words(figures: Mapping[str, Any]) -> str:

@@ -7,7 +7,7 @@ no full race if the finest starts end in a small round spot.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from deshake.blind.blur_kind import measured
 from deshake.blind.bounds import check_size
 from deshake.blind.camera_path import filled_path
+from deshake.blind.drawn_path import drawing
 from deshake.blind.kernel_faults import FILLED, faults
 from deshake.blind.latent_picture import latent_gradients
 from deshake.blind.race import race
@@ -127,14 +128,17 @@ def estimate_kernel(
     if looks_sharp(pyramid):
         run.report(1.0, "the photo looks sharp")
         return _unchanged(pyramid, whole, _UNCHANGED, SHARP)
-    result = race(
-        pyramid,
-        axes=(True, True, not uniform),
-        bound=blur_px,
-        quick=quick,
-        may_rest=sharpness(pyramid, 0) > _FAIRLY_SHARP,
-        run=run.part(0, _RACE_SHARE),
-    )
+    how: dict[str, Any] = {"axes": (True, True, not uniform), "bound": blur_px, "quick": quick}
+    result, start = None, 0.0
+    drawn = drawing(pyramid, roll=not uniform, bound=blur_px)
+    if drawn is not None:
+        start = _RACE_SHARE / 2
+        result = race(drawn.pyramid, **how, may_rest=False, drawn=drawn, run=run.part(0, start))
+        if confidence(result, measured(pyramid).evidence) < _EVEN:
+            result = None  # the streaks mislead, or their surroundings are needed
+    if result is None:
+        may_rest = sharpness(pyramid, 0) > _FAIRLY_SHARP
+        result = race(pyramid, **how, may_rest=may_rest, run=run.part(start, _RACE_SHARE))
     estimate = _concluded(pyramid, whole, result, blur_px)
     run.report(1.0, "kernel estimated")
     return estimate

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from deshake.blind.agreement import agreement
 from deshake.blind.judge import Judge
 from deshake.blind.spectral_match import SpectralMatch
 from deshake.blind.spot import is_spot
@@ -38,6 +39,7 @@ _WIDTH = 28.0  # px of a kernel at the scale where it is judged
 _SHARPENING_WORTH = 0.15  # margin per gain of 1 in -ln nsp
 _MATCH_WORTH = 0.45  # margin per correlation of 1 of the spectra
 _MOST_MATCH = 0.35  # correlation; the texture of few tiles can match a wrong kernel better
+_WITNESS_WORTH = 0.5  # margin per agreement of 1 with the streaks of lights
 
 
 class Comparison:
@@ -49,11 +51,14 @@ class Comparison:
     ----------
     pyramid : Pyramid
         The photo.
+    witness : RotationKernel, optional
+        The kernel that the streaks of lights draw. Kernels that agree with it score higher.
 
     """
 
-    def __init__(self, pyramid: Pyramid) -> None:
+    def __init__(self, pyramid: Pyramid, witness: RotationKernel | None = None) -> None:
         self.pyramid = pyramid
+        self.witness = witness
         self._judges: dict[int, Judge] = {}
         self._spectra_of: dict[tuple[int, Part], SpectralMatch] = {}
         self._scores: dict[tuple[Judge, RotationKernel], float] = {}
@@ -82,9 +87,10 @@ class Comparison:
         if key not in self._scores:
             sharper = judge.sharpening(entry.kernel)
             match = min(self.match(entry), _MOST_MATCH)
-            self._scores[key] = (
-                entry.margin(judge) + _SHARPENING_WORTH * sharper + _MATCH_WORTH * match
-            )
+            score = entry.margin(judge) + _SHARPENING_WORTH * sharper + _MATCH_WORTH * match
+            if self.witness is not None:
+                score += _WITNESS_WORTH * agreement(entry.kernel, self.witness)
+            self._scores[key] = score
         return self._scores[key]
 
     def match(self, entry: Entry) -> float:

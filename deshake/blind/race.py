@@ -38,6 +38,7 @@ from deshake.run import Run
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from deshake.blind.drawn_path import Drawing
     from deshake.signal.pyramid import Pyramid
 
 __all__ = ["Finish", "race"]
@@ -45,6 +46,7 @@ __all__ = ["Finish", "race"]
 _COARSEST_START = 11  # index of a scale
 _FEWEST_STARTS = 4  # number of starts; with fewer, every scale is a first scale
 _SETTINGS = (FINE, THIN)  # the starts use them in turn
+_OF_STREAKS = -1  # number of the start that is no scale
 _SNAPSHOTS = 2  # number of last scales of a candidate whose kernels are kept
 _REFINED = 3  # number of starts whose last kernels are refined
 _MATCHED = 4  # number of starts whose best kernel is matched to the spectra again
@@ -85,6 +87,7 @@ def race(
     bound: float | None = None,
     quick: bool = False,
     may_rest: bool = True,
+    drawn: Drawing | None = None,
     run: Run = Run(),
 ) -> Finish:
     """Estimate a kernel from several first scales, and keep the best.
@@ -102,22 +105,29 @@ def race(
     may_rest : bool
         Whether the race may stop early if the finest starts end in a spot. A wide shake may end in
         a spot, too. So this is only safe if the photo looks fairly sharp.
+    drawn : Drawing, optional
+        What the streaks of lights say of the shake; it takes part in the race.
     run : Run, optional
         Threads to use, and who receives the progress.
 
     """
-    course = _Course(pyramid, axes, bound)
+    course = _Course(pyramid, axes, bound, drawn)
     starts = _first_scales(pyramid.coarsest)
     entries = course.started(starts[:2], run.part(0.0, 0.15))
     if may_rest and all(is_spot(e.kernel) and e.level == 0 for e in _last(entries)):
         run.report(1.0, "the photo is not shaken")
         return Finish(_last(entries)[0], 0.0, 0.0, 1.0, at_rest=True)
     entries += course.started(starts[2:], run.part(0.15, 0.5))
+    if drawn is not None:
+        entries.append(Entry("streaks", _OF_STREAKS, drawn.level, drawn.kernel))
     winner = course.best(entries) if quick else course.finished(entries, run.part(0.5, 1.0))
     margin = winner.margin(course.comparison.judge(winner))
     run.report(1.0, "kernel estimated")
     match = course.comparison.match(winner)
-    return Finish(winner, margin, match, course.agreement(winner, entries), at_rest=False)
+    alike = course.agreement(winner, entries)
+    if drawn is not None:
+        alike = max(alike, agreement(winner.kernel, drawn.kernel))
+    return Finish(winner, margin, match, alike, at_rest=False)
 
 
 class _Course:
@@ -128,11 +138,12 @@ class _Course:
         pyramid: Pyramid,
         axes: Axes,
         bound: float | None,
+        drawn: Drawing | None,
     ) -> None:
         self.pyramid = pyramid
         self.axes = (axes[0], axes[1], axes[2] and not pyramid.camera.is_uniform)
         self.bound = bound
-        self.comparison = Comparison(pyramid)
+        self.comparison = Comparison(pyramid, None if drawn is None else drawn.kernel)
         self._agreement = functools.cache(agreement)
 
     def started(self, starts: Sequence[int], run: Run) -> list[Entry]:
@@ -165,8 +176,10 @@ class _Course:
 
     def _ranked(self, entries: Sequence[Entry]) -> list[Entry]:
         """Sort kernels, the best first, by their scores and their agreement."""
-        alike = np.array([self.agreement(entry, entries) for entry in entries])
-        chances = self.comparison.scores(entries) + _AGREEMENT_WORTH * alike
+        chances = self.comparison.scores(entries)
+        if self.comparison.witness is None:  # streaks are a better witness than the starts
+            alike = np.array([self.agreement(entry, entries) for entry in entries])
+            chances += _AGREEMENT_WORTH * alike
         return [entries[i] for i in np.argsort(-chances, kind="stable")]
 
     def _matched(self, entries: Sequence[Entry]) -> list[Entry]:

@@ -13,7 +13,7 @@ from deshake.cli.batch import (
     run_batch,
 )
 from deshake.cli.file_options import file_options, planned_results
-from deshake.cli.finishing_options import finish_options
+from deshake.cli.finishing_options import finish_options, moving_masks
 from deshake.cli.general_options import general_options
 from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
@@ -88,6 +88,7 @@ def command(
     search_angle: float | None,
     transfer: TransferName | None,
     mask: Path | None,
+    keep_masks: Path | None,
     finish: FinishingOptions,
     report: ReportOptions,
     batch: Batch,
@@ -137,6 +138,7 @@ def command(
     if mask is not None:
         needs["mask"] = for_masks(mask, photos)
     extras = {"sheet": Extra(None, comparison_name)} if finish.compare else {}
+    extras |= moving_masks(keep_masks)
     jobs = planned_results(photos, output, batch, finish, extras=extras, needs=needs)
     work = Deblur(chosen, transfer, finish, search_angle, report.room(len(jobs)))
     return run_batch(context, jobs, work, batch, report=report)

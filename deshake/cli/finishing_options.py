@@ -7,19 +7,25 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
-from deshake.cli.options import FILE, no_stdin
+from deshake.cli.options import FILE, no_stdin, only_with
 from deshake.cli.values import Share
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
-__all__ = ["finish_options"]
+    from deshake.batch.plan import Extra
+
+__all__ = ["finish_options", "moving_masks"]
 
 F = TypeVar("F", bound="Callable[..., Any]")
 
 
 def finish_options(command: F) -> F:
-    """Add the options of `FinishingOptions`, passed as ``finish``; --mask is passed separately."""
+    """Add the options of `FinishingOptions`, passed as ``finish``.
+
+    --mask and --keep-masks are passed separately.
+    """
 
     @wraps(command)
     def collected(
@@ -29,8 +35,10 @@ def finish_options(command: F) -> F:
     ) -> Any:  # noqa: ANN401
         from deshake.stages.finishing import FinishingOptions
 
-        names = "strength", "preview", "compare", "keep_geometry", "linear"
+        names = "strength", "preview", "protect_moving", "compare", "keep_geometry", "linear"
         given = {name: values.pop(name) for name in names}
+        if values["keep_masks"] is not None and not given["protect_moving"]:
+            raise click.UsageError("--keep-masks needs --protect-moving.")
         finish = FinishingOptions(**given, with_provenance=not no_provenance)
         return command(*args, finish=finish, **values)
 
@@ -65,6 +73,21 @@ def finish_options(command: F) -> F:
             "that is kept fits the whole photo.",
         ),
         click.option(
+            "--keep-masks",
+            type=FILE,
+            metavar="DIR",
+            callback=only_with("protect_moving"),
+            help="Write the mask of --protect-moving for each photo into this folder, as --mask "
+            "takes it.",
+        ),
+        click.option(
+            "--protect-moving",
+            is_flag=True,
+            is_eager=True,  # --keep-masks looks at it
+            help="Keep the photo where its blur is not that of the camera: people, cars and water "
+            "that moved.",
+        ),
+        click.option(
             "--mask",
             type=FILE,
             callback=no_stdin,
@@ -83,3 +106,13 @@ def finish_options(command: F) -> F:
     ):
         collected = option(collected)
     return cast("F", collected)
+
+
+def moving_masks(folder: Path | None) -> dict[str, Extra]:
+    """Return the masks of moving parts as outputs beside the results, if they are kept."""
+    if folder is None:
+        return {}
+    from deshake.batch.plan import Extra
+    from deshake.stages.blending import mask_name
+
+    return {"moving_mask": Extra(folder, mask_name)}

@@ -15,7 +15,7 @@ from deshake.cli.batch import (
     run_batch,
 )
 from deshake.cli.file_options import file_options, planned_results
-from deshake.cli.finishing_options import finish_options
+from deshake.cli.finishing_options import finish_options, moving_masks
 from deshake.cli.general_options import general_options
 from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
@@ -89,6 +89,7 @@ def command(
     quality: str,
     iterations: int | None,
     mask: Path | None,
+    keep_masks: Path | None,
     finish: FinishingOptions,
     report: ReportOptions,
     batch: Batch,
@@ -124,6 +125,7 @@ def command(
         needs["mask"] = for_masks(mask, photos)
     if finish.compare:
         extras["sheet"] = Extra(None, comparison_name)
+    extras |= moving_masks(keep_masks)
     jobs = planned_results(photos, output, batch, finish, extras=extras, needs=needs)
     estimate, room = chosen_estimate(camera, **choices), report.room(len(jobs))
     work = Fix(estimate, chosen, finish, room, only_shaken)

@@ -32,14 +32,21 @@ GROUPS: Final[Mapping[str, Sequence[str]]] = {
         *("--camera", "--focal", "--focal-px", "--focal-35mm", "--lens", "--lens-model"),
         *("--chessboard", "--board", "--keep-geometry"),
     ),
-    "Restoring": ("--kernel", "--method", "--quality", "--iterations", "--mask"),
+    "Restoring": (
+        "--kernel",
+        "--method",
+        "--quality",
+        "--iterations",
+        "--mask",
+        "--protect-moving",
+    ),
     "Many photos": (
         *("--recursive", "--only-shaken", "--skip-existing", "--retry-failed", "--fail-fast"),
         *("--dry-run", "--json", "--jobs", "--memory", "--scheduler"),
     ),
     "Files": (
         *("--format", "--jpeg-quality", "--max-size", "--preserve", "--transfer", "--linear"),
-        *("--keep-kernels", "--report-images", "--no-provenance"),
+        *("--keep-kernels", "--keep-masks", "--report-images", "--no-provenance"),
     ),
     "General": ("--verbose", "--quiet", "--log", "--progress", "--threads", "--help"),
 }

@@ -33,7 +33,7 @@ _OF_THE_RUN = {
     *("output", "report", "report_images", "open_after", "overwrite", "skip_existing", "dry_run"),
     *("as_json", "fail_fast", "scheduler", "memory", "jobs", "recursive", "retry_failed"),
     "only_shaken",
-    *("noisy", "kernel", "registration", "mask", "keep_kernels"),  # named by each job
+    *("noisy", "kernel", "registration", "mask", "keep_kernels", "keep_masks"),  # named by each job
 }
 """Options that a command for one photo does not repeat unchanged."""
 
@@ -241,6 +241,8 @@ def _commands(ctx: click.Context) -> Callable[[Job], str]:
             words += [f"--{name}", _argument(path)]
         if "kernel" in job.others:
             words += ["--keep-kernels", _argument(job.others["kernel"].parent)]
+        if "moving_mask" in job.others:
+            words += ["--keep-masks", _argument(job.others["moving_mask"].parent)]
         for name, typed in options.items():
             words += typed if _concerns(job, name, typed[-1]) else []
         return shlex.join(words)

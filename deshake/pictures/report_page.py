@@ -311,6 +311,15 @@ def _facts(entry: Entry, pictures: ReportPictures | None, place: Place) -> str:
             f'loading="lazy" src="{source}"><figcaption>The path of the shake in nine places of '
             "the photo</figcaption></figure>"
         )
+    if pictures is not None and pictures.moving is not None:
+        drawn = pictures.moving
+        source = html.escape(place("moving", drawn))
+        kernel += (
+            f'<figure><img class="kernel" width="{drawn.width}" height="{drawn.height}" '
+            'alt="The frame, with a colour where the result keeps the photo" '
+            f'loading="lazy" src="{source}"><figcaption>In colour: the blur is not the '
+            "camera's, so the photo is kept</figcaption></figure>"
+        )
     facts: list[tuple[str, str]] = []
     if entry.extent_px is not None:
         facts.append(("Shake", f"{entry.extent_px:.1f} px over the frame"))

@@ -46,6 +46,10 @@ _SHRINK: Final = 0.85  # factor of the sides from one try to the next
 _LEAST_SIDE: Final = 48  # px: no picture is made smaller than this
 _FILTERS: Final = 3  # number of local filters down and across the frame
 _KERNEL_SIDE: Final = 600  # px
+_MOVING_SHARE: Final = 0.1  # of the room, for the picture of what moved
+_MOVING_SIDE: Final = 600  # px of its longer side, at most
+_TINT: Final = (255, 120, 0)
+_TINTED: Final = np.float32(0.7)  # share of the colour where the whole photo is kept
 _FAINT: Final = 0.01  # of the largest weight: lighter rotations are not drawn
 _KERNEL_COLOURS: Final = 16  # greys of the picture of a kernel
 
@@ -77,6 +81,8 @@ class ReportPictures:
         Left, top, width and height of the most detailed place, in pixels of the part.
     kernel : Encoded, optional
         The paths that points of light draw in nine places of the frame.
+    moving : Encoded, optional
+        The frame with the parts tinted that keep the photo because they moved.
 
     """
 
@@ -88,6 +94,7 @@ class ReportPictures:
     at: tuple[int, int]
     detail: Rectangle
     kernel: Encoded | None
+    moving: Encoded | None = None
 
 
 def room_for(photos: int, *, beside: bool = False) -> int:
@@ -101,7 +108,12 @@ def room_for(photos: int, *, beside: bool = False) -> int:
 
 
 def report_pictures(
-    photo: Photo, result: Photo, kernel: RotationKernel, room: int
+    photo: Photo,
+    result: Photo,
+    kernel: RotationKernel,
+    room: int,
+    *,
+    moving: NDArray[np.float32] | None = None,
 ) -> ReportPictures:
     """Make the pictures of a photo and its result.
 
@@ -113,6 +125,8 @@ def report_pictures(
         The kernel of the deblurring. If it is that of a still camera, there is no `after`.
     room : int
         Bytes that all pictures together may take, `_FEWEST_BYTES` at least.
+    moving : (H, W) array of float32, optional
+        Share of the photo that the result keeps where something moved.
 
     """
     still = not kernel.theta[kernel.weights > 0].any()
@@ -120,6 +134,8 @@ def report_pictures(
     photos = [photo] if still else [photo, result]
     left = room - (0 if drawn is None else len(drawn.data))
     frames = [_reduced(each, _FRAME_SIDE) for each in photos]
+    tinted = None if still or moving is None else _tinted(frames[0], moving, _MOVING_SHARE * left)
+    left -= 0 if tinted is None else len(tinted.data)
     place = _detail(frames[0], photo.shape)
 
     def frame(share: float) -> list[Picture]:
@@ -142,7 +158,18 @@ def report_pictures(
         (x, y),
         (place[0] - x, place[1] - y, *place[2:]),
         drawn,
+        tinted,
     )
+
+
+def _tinted(frame: Picture, moving: NDArray[np.float32], limit: float) -> Encoded:
+    """Draw the frame in grey, with a colour where the photo is kept, in at most `limit` bytes."""
+    grey = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)[..., None].astype(np.float32)
+    share = cv2.resize(moving, frame.shape[1::-1], interpolation=cv2.INTER_AREA)[..., None]
+    mixed = grey + _TINTED * share * (np.array(_TINT, np.float32) - grey)
+    picture = np.rint(mixed).astype(np.uint8)
+    size = min(1.0, _MOVING_SIDE / max(picture.shape))
+    return _fitted(lambda factor: [_resized(picture, factor)], limit, size)[0][0]
 
 
 def _around(place: Rectangle, shape: tuple[int, int], share: float) -> Rectangle:

@@ -123,6 +123,15 @@ class Pyramid:
         value: T = self._kept[key]
         return value
 
+    def without(self, hidden: Mask) -> Pyramid:
+        """Return the photo with more unusable pixels; `hidden` (h, w) may be of any scale."""
+        grey, usable, camera = self._light[0]
+        shown = cv2.resize(
+            hidden.astype(np.uint8), grey.shape[::-1], interpolation=cv2.INTER_NEAREST
+        )
+        left = (shown == 0) if usable is None else usable & (shown == 0)
+        return Pyramid(grey, camera, left, gamma=self.gamma)
+
     def level_of(self, pixels: float) -> int:
         """Return the index of the finest scale with at most so many pixels."""
         return max(int(np.ceil(np.log2(max(np.prod(self.camera.shape) / pixels, 1)))), 0)

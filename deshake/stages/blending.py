@@ -6,12 +6,14 @@ zero at a pixel, the pixel keeps the photo's value exactly.
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image as Picture
 
 from deshake.errors import PhotoError
 from deshake.formats.encoding import SUFFIXES
@@ -24,9 +26,21 @@ if TYPE_CHECKING:
 
     from deshake.formats.photo import Photo
 
-__all__ = ["Mask", "blended", "find_mask", "fit_mask", "read_mask"]
+__all__ = [
+    "MASK",
+    "Mask",
+    "blended",
+    "find_mask",
+    "fit_mask",
+    "mask_bytes",
+    "mask_name",
+    "read_mask",
+]
 
 Image = NDArray[np.float32]
+
+MASK: Final = ".mask"
+"""The part of a written mask's name before the ending."""
 
 _GREY = 0.05  # share of full scale: largest difference of channels in a grey picture (JPEG)
 _ROWS = 256  # rows in one step of the mix
@@ -110,23 +124,40 @@ def fit_mask(mask: Image, shape: tuple[int, int]) -> Image:
 
 
 def find_mask(folder: Path, source: Path) -> Path | None:
-    """Find the mask of a photo in a folder: the picture with its stem; None: there is none.
+    """Find the mask of a photo in a folder; None: there is none.
+
+    It is the picture with the photo's stem, or with this stem and ``.mask``.
 
     Raises
     ------
     PhotoError
-        If several pictures have its stem.
+        If there are several such pictures.
 
     """
     candidates = sorted(
         path
         for path in folder.glob("*")
-        if path.stem == source.stem and path.suffix.lower() in SUFFIXES and path.is_file()
+        if path.stem in {source.stem, f"{source.stem}{MASK}"}
+        and path.suffix.lower() in SUFFIXES
+        and path.is_file()
     )
     if len(candidates) > 1:
         names = " and ".join(path.name for path in candidates)
         raise PhotoError(f"{names} could both be its mask", hint="keep one of them", file=source)
     return candidates[0] if candidates else None
+
+
+def mask_name(source: Path) -> str:
+    """Return the name of the mask that is written for a photo: ``<stem>.mask.png``."""
+    return f"{source.stem}{MASK}.png"
+
+
+def mask_bytes(share: Image) -> bytes:
+    """Return a mask as a PNG of 8 bits, as `read_mask` takes it; `share` is (H, W), 0..1."""
+    grey = np.rint(np.clip(share, 0, 1) * 255).astype(np.uint8)
+    stream = io.BytesIO()
+    Picture.fromarray(grey).save(stream, "PNG")
+    return stream.getvalue()
 
 
 def blended(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from deshake.files.kernel_file import KernelFile, read_kernel
 from deshake.formats.output_names import default_output
 from deshake.formats.photo import read_pair, read_photo
 from deshake.geometry.camera import Camera
+from deshake.lens.lens_warp import LensWarp
 from deshake.lens.straightening import bent, straight_kernel, straight_pair, straightened
 from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import ShakeBlur
@@ -27,8 +28,10 @@ from deshake.pair.clipped_noise import unclipped_mean
 from deshake.pair.denoising import NoisyPhoto, noisy_photo
 from deshake.pair.registration import register, registered
 from deshake.restore.dark_halos import without_dark_halos
+from deshake.restore.moving_parts import moving_share
 from deshake.run import Run
 from deshake.signal.luminance import luminance
+from deshake.stages.blending import blended
 from deshake.stages.calibration import camera_for
 from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.finishing import AS_IT_IS, FinishingOptions
@@ -40,22 +43,39 @@ from deshake.stages.preview import preview_photo
 from deshake.stages.registering import known_registration, search_range
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
+
+    from numpy.typing import NDArray
 
     from deshake.formats.photo import Photo
     from deshake.formats.transfer import TransferName
     from deshake.geometry.kernel import RotationKernel
     from deshake.pair.registration import Registration
     from deshake.restore.restoration import Restoration
+    from deshake.stages.outputs import Observer
 
-    Observer = Callable[[Photo, Photo, RotationKernel], None]
-
-__all__ = ["deblur", "deblur_file"]
+__all__ = ["Deblurred", "deblur", "deblur_file", "deblurred"]
 
 _log = logging.getLogger(__name__)
 
 _REGISTERED = 0.1  # share of the time for the registration
+
+
+class Deblurred(NamedTuple):
+    """A deblurred photo.
+
+    Parameters
+    ----------
+    photo : Photo
+        The result.
+    kept : (H, W) array of float32 or None
+        Share of the photo that was kept where something moved, 0..1; None: it was not asked for,
+        or there was nothing to undo.
+
+    """
+
+    photo: Photo
+    kept: NDArray[np.float32] | None = None
 
 
 def deblur(
@@ -67,8 +87,36 @@ def deblur(
     registration: Registration | None = None,
     search_angle: float | None = None,
     keep_geometry: bool = False,
+    protect_moving: bool = False,
     run: Run = Run(),
 ) -> Photo:
+    """Deblur a photo as `deblurred` does, and return the photo alone."""
+    result = deblurred(
+        photo,
+        kernel,
+        options,
+        noisy=noisy,
+        registration=registration,
+        search_angle=search_angle,
+        keep_geometry=keep_geometry,
+        protect_moving=protect_moving,
+        run=run,
+    )
+    return result.photo
+
+
+def deblurred(
+    photo: Photo,
+    kernel: RotationKernel,
+    options: RestorationOptions | None = None,
+    *,
+    noisy: Photo | None = None,
+    registration: Registration | None = None,
+    search_angle: float | None = None,
+    keep_geometry: bool = False,
+    protect_moving: bool = False,
+    run: Run = Run(),
+) -> Deblurred:
     """Deblur a photo with a kernel for its size, alone or with a noisy photo of the same scene.
 
     Format, depth, opacity and metadata do not change. The kernel of a still camera leaves the photo
@@ -92,8 +140,14 @@ def deblur(
         Range of the search for the registration, in degrees about any axis; by default 10.
     keep_geometry : bool
         Whether the result keeps the lens distortion of the photo.
+    protect_moving : bool
+        Whether parts whose blur is not that of the camera keep the photo (`moving_share`).
     run : Run, optional
         Threads to use, and who receives the progress.
+
+    Returns
+    -------
+    Deblurred
 
     Raises
     ------
@@ -112,7 +166,7 @@ def deblur(
     lens = kernel.camera if registration is None else registration.camera
     if not kernel.theta[kernel.weights > 0].any():
         run.report(1.0, "nothing to undo")
-        return photo if keep_geometry else straightened(photo, lens)[0]
+        return Deblurred(photo if keep_geometry else straightened(photo, lens)[0])
     try:
         if noisy is None:
             straight, pinhole = straightened(photo, lens, whole=keep_geometry)
@@ -125,6 +179,7 @@ def deblur(
                 run=run,
             )
             pixels = without_dark_halos(restored.pixels, straight.pixels, kernel)
+            kernel = kernel.centred()  # the frame of the result
         else:
             straight, other, pinhole = straight_pair(photo, noisy, lens, whole=keep_geometry)
             kernel = straight_kernel(kernel, lens, pinhole)
@@ -155,8 +210,17 @@ def deblur(
         error.file = error.file or str(photo.source)
         raise
     _log.info("%s: deblurred in %d iterations", photo.source, restored.iterations)
-    result = straight.with_pixels(pixels)
-    return bent(result, photo, lens) if keep_geometry else result
+    del restored
+    result, kept = straight.with_pixels(pixels), None
+    if protect_moving:
+        kept = moving_share(
+            straight.pixels, pixels, kernel, clipped=straight.clipped, run=run.silent()
+        )
+        result = blended(straight, result, mask=kept)
+    if keep_geometry and not lens.is_pinhole:
+        result = bent(result, photo, lens)
+        kept = None if kept is None else LensWarp(lens, pinhole).bend(kept)
+    return Deblurred(result, kept)
 
 
 def deblur_file(
@@ -218,7 +282,7 @@ def deblur_file(
         other = preview_photo(other)
         given = None if given is None else replace(given, camera=given.camera.scaled(*photo.shape))
     kernel = fitting_kernel(content, photo, kernel_file)
-    result = deblur(
+    result, kept = deblurred(
         photo,
         kernel,
         restoration,
@@ -226,6 +290,7 @@ def deblur_file(
         registration=given,
         search_angle=search_angle,
         keep_geometry=finish.keep_geometry,
+        protect_moving=finish.protect_moving,
         run=run,
     )
     provenance = photo_provenance(
@@ -244,6 +309,7 @@ def deblur_file(
         photo,
         mask,
         kernel,
+        moving=kept,
         finish=finish,
         provenance=provenance,
         observer=observer,

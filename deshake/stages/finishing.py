@@ -10,15 +10,19 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 from deshake.files.disk import check_output
+from deshake.geometry.distortion import pinhole
 from deshake.lens.lens_warp import LensWarp
 from deshake.lens.straightening import straightened
 from deshake.pictures.comparison import comparison_name
-from deshake.stages.blending import Mask, blended, fit_mask, read_mask
+from deshake.stages.blending import Mask, blended, fit_mask, mask_bytes, read_mask
 from deshake.stages.preview import preview_photo
 from deshake.stages.result_file import AS_THE_PHOTO, ResultFile
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
 
     from deshake.formats.photo import Photo
     from deshake.geometry.camera import Camera
@@ -38,6 +42,10 @@ class FinishingOptions:
         A grey picture, white where the photo is kept (`read_mask`).
     preview : bool
         Whether to do everything at a quarter of the size (`preview_photo`).
+    protect_moving : bool
+        Whether parts whose blur is not that of the camera keep the photo.
+    moving_mask : Path, optional
+        File for the mask of these parts, as `read_mask` takes it.
     compare : bool
         Whether to draw a sheet that compares before and after.
     keep_geometry : bool
@@ -52,13 +60,15 @@ class FinishingOptions:
     Raises
     ------
     ValueError
-        If the strength is not from 0 to 1.
+        If the strength is not from 0 to 1, or there is a file for a mask that is not computed.
 
     """
 
     strength: float = 1.0
     mask: Path | None = None
     preview: bool = False
+    protect_moving: bool = False
+    moving_mask: Path | None = None
     compare: bool = False
     keep_geometry: bool = False
     linear: bool = False
@@ -66,16 +76,18 @@ class FinishingOptions:
     file: ResultFile = AS_THE_PHOTO
 
     def __post_init__(self) -> None:
-        """Check the strength."""
+        """Check the strength, and that the mask is computed if it is written."""
         if not 0 <= self.strength <= 1:
             raise ValueError(f"a strength of {self.strength} is not from 0 to 1")
+        if self.moving_mask is not None and not self.protect_moving:
+            raise ValueError("the mask of moving parts is computed only if they are protected")
 
     def sheet(self, output: Path) -> Path | None:
         """Return the path of the sheet that compares before and after; None: there is no sheet."""
         return output.with_name(comparison_name(output)) if self.compare else None
 
     def check(self, output: Path, *inputs: Path, overwrite: bool) -> None:
-        """Check that no output is the mask, and that the sheet may be written.
+        """Check that no output is the mask, and that sheet and written mask may be written.
 
         Parameters
         ----------
@@ -84,20 +96,20 @@ class FinishingOptions:
         *inputs : Path
             Files that must not be overwritten.
         overwrite : bool
-            Whether an existing sheet may be replaced.
+            Whether an existing sheet or mask may be replaced.
 
         Raises
         ------
         OutputError
-            If an output is the mask or an input, or the sheet exists already.
+            If an output is the mask or an input, or the sheet or the written mask exists already.
 
         """
         if self.mask is not None:
             check_output(output, self.mask, overwrite=True)
             inputs = *inputs, self.mask
-        sheet = self.sheet(output)
-        if sheet is not None:
-            check_output(sheet, output, *inputs, overwrite=overwrite)
+        for other in (self.sheet(output), self.moving_mask):
+            if other is not None:
+                check_output(other, output, *inputs, overwrite=overwrite)
 
     def prepare(self, photo: Photo) -> tuple[Photo, Mask | None]:
         """Return a photo, reduced for a preview, and its mask at the same size, if there is one.
@@ -129,6 +141,21 @@ class FinishingOptions:
         share = None if mask is None else mask.share
         return blended(photo, result, strength=self.strength, mask=share)
 
+    def mask_of(self, share: NDArray[np.float32], camera: Camera) -> bytes:
+        """Return the file of a mask, in the geometry of the photo.
+
+        Parameters
+        ----------
+        share : (H, W) array of float32
+            Share of the photo that is kept, in the geometry of the result.
+        camera : Camera
+            The kernel's camera.
+
+        """
+        if not (camera.is_pinhole or self.keep_geometry):
+            share = LensWarp(camera, pinhole(camera)).bend(share)
+        return mask_bytes(share)
+
     def provenance(self, mask_sha256: str | None = None) -> dict[str, Any]:
         """Return the options that differ from the default, for the provenance of the result.
 
@@ -145,6 +172,8 @@ class FinishingOptions:
             options["mask_sha256"] = mask_sha256
         if self.preview:
             options["preview"] = True
+        if self.protect_moving:
+            options["protect_moving"] = True
         if self.keep_geometry:
             options["keep_geometry"] = True
         if self.linear:

@@ -15,7 +15,7 @@ from deshake.files.disk import check_output
 from deshake.formats.photo import read_pair, read_photo
 from deshake.run import Run
 from deshake.stages.blind_estimate import estimate_blind
-from deshake.stages.deblurring import deblur
+from deshake.stages.deblurring import deblurred
 from deshake.stages.finishing import AS_IT_IS, FinishingOptions
 from deshake.stages.methods import RestorationOptions, default_method
 from deshake.stages.outputs import prepared, write_result
@@ -25,15 +25,13 @@ from deshake.stages.preview import preview_estimate, preview_options, preview_ph
 from deshake.stages.registering import find_registration
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
     from deshake.formats.photo import Photo
-    from deshake.geometry.kernel import RotationKernel
     from deshake.stages.estimate_options import EstimateOptions
     from deshake.stages.estimate_result import Estimate
+    from deshake.stages.outputs import Observer
 
-    Observer = Callable[[Photo, Photo, RotationKernel], None]
 
 __all__ = ["fix_file"]
 
@@ -123,13 +121,14 @@ def fix_file(
         estimate = estimate_blind(photo, options, run=first)
     del whole
     kernel = estimate.content.kernel
-    result = deblur(
+    result, kept = deblurred(
         photo,
         kernel,
         restoration,
         noisy=other,
         registration=estimate.registration,
         keep_geometry=finish.keep_geometry,
+        protect_moving=finish.protect_moving,
         run=second,
     )
     provenance = photo_provenance(
@@ -148,6 +147,7 @@ def fix_file(
         photo,
         mask,
         kernel,
+        moving=kept,
         finish=finish,
         provenance=provenance,
         observer=observer,

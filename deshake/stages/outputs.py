@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from deshake.files.disk import check_output
 from deshake.files.joint_outputs import joint_outputs
 from deshake.files.kernel_file import KernelFile, kernel_bytes
@@ -17,14 +19,18 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
     from deshake.formats.photo import Photo
     from deshake.geometry.kernel import RotationKernel
     from deshake.stages.blending import Mask
     from deshake.stages.finishing import FinishingOptions
 
-    Observer = Callable[[Photo, Photo, RotationKernel], None]
+    Observer = Callable[[Photo, Photo, RotationKernel, NDArray[np.float32] | None], None]
+    """Receives the photo, its result, the kernel, and the share of the photo that was kept where
+    something moved, before they are written."""
 
-__all__ = ["prepared", "write_result"]
+__all__ = ["Observer", "prepared", "write_result"]
 
 _log = logging.getLogger(__name__)
 
@@ -69,6 +75,7 @@ def write_result(
     mask: Mask | None,
     kernel: RotationKernel,
     *,
+    moving: NDArray[np.float32] | None = None,
     finish: FinishingOptions,
     provenance: Mapping[str, Any] | None,
     kept: tuple[Path, KernelFile] | None = None,
@@ -92,6 +99,8 @@ def write_result(
         The photo and its mask from `FinishingOptions.prepare`.
     kernel : RotationKernel
         The blur that was removed.
+    moving : (H, W) array of float32, optional
+        Share of the photo that the result keeps where something moved.
     finish : FinishingOptions
         Options beside the deblurring.
     provenance : mapping or None
@@ -99,7 +108,7 @@ def write_result(
     kept : (Path, KernelFile), optional
         Path and content of a kernel file to write.
     observer : callable, optional
-        Receives the photo, its result and the kernel, before they are written.
+        Receives what is written, see `Observer`.
     overwrite, overwrite_others : bool
         Whether an existing photo, or other existing outputs, may be replaced.
     keep_result : bool
@@ -113,10 +122,11 @@ def write_result(
         If an output cannot be written.
 
     """
+    seen = photo.shape
     photo, mask = finish.before(photo, mask, kernel.camera)
     result = finish.blend(photo, result, mask)
     if observer is not None:
-        observer(photo, result, kernel)
+        observer(photo, result, kernel, moving)
     sheet = finish.sheet(output)
     drawn = b"" if sheet is None else comparison_sheet(photo, result, kernel)
     form = finish.file.format_of(output, result)
@@ -128,6 +138,11 @@ def write_result(
             add(kept[0], kernel_bytes(kept[1]), overwrite=overwrite_others)
         if sheet is not None:
             add(sheet, drawn, overwrite=overwrite_others)
+        if finish.moving_mask is not None:
+            share = np.zeros(seen, np.float32) if moving is None else moving
+            add(
+                finish.moving_mask, finish.mask_of(share, kernel.camera), overwrite=overwrite_others
+            )
         if not keep_result:
             check_output(output, photo.source, overwrite=overwrite)
             data = photo_bytes(output, result, form)

@@ -56,6 +56,9 @@ def test_previews_masks_and_lenses_count(photo, tmp_path):
     masked = replace(job, needs={"mask": job.source})
     assert memory_needed(masked, Fix(options), 1) == plain + 4 * pixels
     assert memory_needed(job, Fix(options, finish=FinishingOptions(preview=True)), 1) < plain
+    narrow = Fix(EstimateOptions(blur_size=4))
+    protected = replace(narrow, finish=FinishingOptions(protect_moving=True))
+    assert memory_needed(job, protected, 1) >= memory_needed(job, narrow, 1)
     camera = Camera.from_focal(1500, 1000, 1500)
     lens = CameraFile(camera.with_lens(np.array([-0.1, 0, 0, 0])), "made up")
     by_name, by_file = (
