@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.blind.blur_kind import measured
 from deshake.blind.bounds import check_size
 from deshake.blind.camera_path import filled_path
 from deshake.blind.drawn_path import drawing
@@ -134,7 +133,7 @@ def estimate_kernel(
     if drawn is not None:
         start = _RACE_SHARE / 2
         result = race(drawn.pyramid, **how, may_rest=False, drawn=drawn, run=run.part(0, start))
-        if confidence(result, measured(pyramid).evidence) < _EVEN:
+        if confidence(result) < _EVEN:
             result = None  # the streaks mislead, or their surroundings are needed
     if result is None:
         may_rest = sharpness(pyramid, 0) > _FAIRLY_SHARP
@@ -149,7 +148,7 @@ def _concluded(
 ) -> BlindEstimate:
     """Turn the result of a race into an estimate for the photo."""
     kernel = result.winner.kernel
-    trust = 0.0 if result.at_rest else confidence(result, measured(pyramid).evidence)
+    trust = confidence(result)
     if result.at_rest or is_spot(kernel):
         point = len(kernel.weights) == 1 or not kernel.extent_px() > 1
         return _unchanged(pyramid, whole, min(trust, _UNCHANGED), SHARP if point else SOFT)
