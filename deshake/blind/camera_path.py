@@ -21,6 +21,8 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from deshake.geometry.camera import Camera
 
 __all__ = ["SmoothPath", "filled_path", "thinned"]
@@ -93,11 +95,14 @@ class SmoothPath(NamedTuple):
     camera: Camera
 
     @classmethod
-    def through(cls, kernel: RotationKernel, scale: Camera) -> SmoothPath | None:
-        """Draw a curve through a kernel. It moves as fast as the kernel says.
+    def through(
+        cls, kernel: RotationKernel, scale: Camera, evenness: Sequence[float] = (0.0,)
+    ) -> list[SmoothPath]:
+        """Draw curves through a kernel: one place of the curve, and several courses of time.
 
         The curve follows the longest branch of the minimum spanning tree of the thin path. Its time
-        is the share of the weight up to there.
+        is the share of the weight up to there, the share of the length, or a mean of the two. An
+        estimate often puts too much weight on one place, where the camera did not rest.
 
         Parameters
         ----------
@@ -106,11 +111,14 @@ class SmoothPath(NamedTuple):
         scale : Camera
             The camera of a scale where the kernel is some 30 pixels wide. Details that are smaller
             than the pixels of this scale do not shape the curve.
+        evenness : sequence of float
+            Shares of the length in the time, 0..1, one for each curve. At 0 the camera moves as
+            fast as the kernel says, at 1 it moves evenly.
 
         Returns
         -------
-        SmoothPath or None
-            None if the kernel is a point.
+        list of SmoothPath
+            A curve for each evenness; none if the kernel is a point.
 
         """
         reduced = kernel.for_camera(scale).resampled(grid_steps(scale))
@@ -119,13 +127,13 @@ class SmoothPath(NamedTuple):
         places[:, np.ptp(places, 0) < _LEAST_TURN] = 0
         branch, held = _longest_branch(places, thin.weights)
         if len(branch) == 1:
-            return None
-        basis = _spline(np.cumsum(held) - held / 2)
-        bends = np.diff(np.eye(_CONTROLS), 2, axis=0)
-        pull = basis.T * held
-        normal = pull @ basis + _STIFFNESS * bends.T @ bends + _LEAST_PULL * np.eye(_CONTROLS)
-        controls: Points = np.linalg.solve(normal, pull @ places[branch]).astype(np.float64)
-        return cls(controls, scale)
+            return []
+        lengths = np.linalg.norm(np.diff(places[branch], axis=0), axis=1)
+        along = np.convolve(lengths, [0.5, 0.5]) / lengths.sum()
+        return [
+            cls(_controls(places[branch], (1 - even) * held + even * along), scale)
+            for even in evenness
+        ]
 
     @property
     def length(self) -> float:
@@ -144,6 +152,16 @@ class SmoothPath(NamedTuple):
         curve = self.basis(count) @ controls
         rest = RotationKernel.delta(camera, steps=steps)
         return _on_grid(curve - curve.mean(0), np.full(count, 1 / count), rest)
+
+
+def _controls(places: Points, duration: Points) -> Points:
+    """Fit the control points of a curve to places (n, 3), by the time that each of them lasts."""
+    basis = _spline(np.cumsum(duration) - duration / 2)
+    bends = np.diff(np.eye(_CONTROLS), 2, axis=0)
+    pull = basis.T * duration
+    normal = pull @ basis + _STIFFNESS * bends.T @ bends + _LEAST_PULL * np.eye(_CONTROLS)
+    controls: Points = np.linalg.solve(normal, pull @ places).astype(np.float64)
+    return controls
 
 
 def _length(controls: Points) -> float:

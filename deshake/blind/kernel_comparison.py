@@ -86,8 +86,8 @@ class Comparison:
         key = judge, entry.kernel
         if key not in self._scores:
             sharper = judge.sharpening(entry.kernel)
-            match = min(self.match(entry), _MOST_MATCH)
-            score = entry.margin(judge) + _SHARPENING_WORTH * sharper + _MATCH_WORTH * match
+            score = entry.margin(judge) + _SHARPENING_WORTH * sharper
+            score += _MATCH_WORTH * min(self.match(entry), _MOST_MATCH)
             if self.witness is not None:
                 score += _WITNESS_WORTH * agreement(entry.kernel, self.witness)
             self._scores[key] = score
@@ -101,6 +101,11 @@ class Comparison:
         """Draw a smooth path through a kernel, and fit it to the spectra of the photo."""
         kernel = self._spectra(entry, "fitted").fitted(entry.kernel)
         return entry._replace(name=f"{entry.name}, path", kernel=kernel)
+
+    def weighed(self, entry: Entry) -> Entry:
+        """Fit the weights of a kernel to the spectra of the photo."""
+        kernel = self._spectra(entry, "fitted").weighed(entry.kernel)
+        return entry._replace(name=f"{entry.name}, weights", kernel=kernel)
 
     def _spectra(self, entry: Entry, part: Part) -> SpectralMatch:
         """Return the spectra of the tiles of a part, at the scale of a kernel."""

@@ -228,8 +228,9 @@ def _unbounded(gram: Vector, right: Vector, free: NDArray[np.bool_]) -> tuple[Ve
     used = np.flatnonzero(free)
     w = np.zeros_like(right)
     if len(used):
-        part = gram[np.ix_(used, used)]
-        w[used] = scipy.linalg.solve(part, right[used], assume_a="pos", overwrite_a=True)
+        part = gram[np.ix_(used, used)].T  # equal, and in the order of LAPACK
+        factor = scipy.linalg.cho_factor(part, lower=True, overwrite_a=True, check_finite=False)
+        w[used] = scipy.linalg.cho_solve(factor, right[used], check_finite=False)
     return w, gram[:, used] @ w[used] - right
 
 

@@ -98,7 +98,7 @@ class _Line:
         new = all_refined(self.comparison.pyramid, jobs, run)
         if source is not None:
             new += [self.best.thin(), new[-1].thin()]
-        new.append(smooth)
+        new += [smooth, self.comparison.weighed(self.best)]
         scores = [self._score(entry) for entry in new]
         top = int(np.argmax(scores))
         self.rises = scores[top] > self.score

@@ -14,6 +14,7 @@ apart.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import cv2
@@ -24,8 +25,9 @@ from numpy.typing import NDArray
 from deshake.blind.camera_path import SmoothPath
 from deshake.blind.tile_choice import covering
 from deshake.blind.tile_plan import informative_corners
+from deshake.blind.trimming import heaviest, strongest
 from deshake.geometry.rotations import displacements, grid_steps, homographies
-from deshake.operators.bilinear import splat
+from deshake.operators.bilinear import gathering_matrix, splat
 
 if TYPE_CHECKING:
     from deshake.blind.tile_plan import Part
@@ -46,10 +48,15 @@ _BAND = (1 / 56, 0.4)  # cycles per pixel of the scale: frequencies that count
 _SMOOTHING = 3  # frequencies: side of the box that smooths the power
 _FLUCTUATION = 7  # frequencies: side of the box whose mean, taken twice, is subtracted
 _LEAST_POWER = 1e-9  # share of the largest power
-_ITERATIONS = 25  # of the descent
+_EVENNESS = (0.0, 0.5, 1.0)  # shares of the length in the time of a path, see `SmoothPath.through`
+_FIRST_ITERATIONS = 6  # of the descent from each of them; the best one goes on
+_ITERATIONS = 18  # of that one
+_WEIGHT_ITERATIONS = 12  # of the descent of the weights; more of them fit the noise
+_FAINT = 0.03  # share of the kernel's weight that the descent of the weights does not count
+_LIGHT = 1e-4  # share of the kernel's weight; rotations that hold less are discarded
 _BENDING = 1e-3  # weight of the mean squared acceleration of the path, in squared px
 _ALONG = 2.0  # rotations per pixel of the path
-_FEWEST, _MOST = 24, 120  # rotations on a path
+_FEWEST, _MOST = 24, 150  # rotations on a path; the second for the weights, too
 
 
 class SpectralMatch:
@@ -108,11 +115,56 @@ class SpectralMatch:
             The path, on the grid of the kernel's camera. The kernel itself, if it is a point.
 
         """
+        paths = SmoothPath.through(kernel, self.camera, _EVENNESS)
+        if not paths:
+            return kernel
+        begun = [self._moved(path, _FIRST_ITERATIONS) for path in paths]
+        best = min(begun, key=lambda one: one[0])[1]
+        return self._moved(best, _ITERATIONS)[1].kernel(kernel.camera)
+
+    def weighed(self, kernel: RotationKernel) -> RotationKernel:
+        """Change the weights of a kernel's rotations to those that match best.
+
+        A smooth path has few control points. Some kernels are not so simple.
+
+        Parameters
+        ----------
+        kernel : RotationKernel
+            A kernel that is nearly right, for the camera of the photo.
+
+        Returns
+        -------
+        RotationKernel
+            The kernel with other weights, on the grid of the scale.
+
+        """
         from scipy.optimize import minimize  # noqa: PLC0415 - slow to import, for estimates alone
 
-        path = SmoothPath.through(kernel, self.camera)
-        if path is None:
-            return kernel
+        own = kernel.for_camera(self.camera).resampled(grid_steps(self.camera))
+        own = strongest(heaviest(own, _FAINT), _MOST).centred()
+        moved = displacements(homographies(self.camera, own.theta), self.centres)
+        matrix = gathering_matrix(moved, (self.size, self.size))
+        blocks = len(self.centres), self.size, self.size
+
+        def descent(roots: Points) -> tuple[float, Points]:
+            total = roots @ roots
+            weights = roots**2 / total
+            filters = (matrix.T @ weights.astype(np.float32)).reshape(blocks)
+            match, change = self._correlation(filters)
+            gradient = matrix @ change.ravel()
+            return -match, -2 / total * roots * (gradient - weights @ gradient)
+
+        roots = np.sqrt(own.weights)
+        end = minimize(
+            descent, roots, jac=True, method="L-BFGS-B", options={"maxiter": _WEIGHT_ITERATIONS}
+        )
+        weights = end.x**2 / (end.x @ end.x)
+        return heaviest(replace(own, weights=weights), _LIGHT).centred().for_camera(kernel.camera)
+
+    def _moved(self, path: SmoothPath, iterations: int) -> tuple[float, SmoothPath]:
+        """Descend from a path; return the value of its end, and the end."""
+        from scipy.optimize import minimize  # noqa: PLC0415 - slow to import, for estimates alone
+
         count = int(np.clip(_ALONG * path.length, _FEWEST, _MOST))
         basis = path.basis(count)
         flat = np.ptp(path.controls, axis=0) == 0
@@ -136,9 +188,9 @@ class SpectralMatch:
             path.controls.ravel(),
             jac=True,
             method="L-BFGS-B",
-            options={"maxiter": _ITERATIONS},
+            options={"maxiter": iterations},
         )
-        return path._replace(controls=end.x.reshape(path.controls.shape)).kernel(kernel.camera)
+        return float(end.fun), path._replace(controls=end.x.reshape(path.controls.shape))
 
     def _slopes(self) -> Points:
         """Return how a tile's centre moves (P, 2, 3), in pixels per grid step about each axis."""

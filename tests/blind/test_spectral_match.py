@@ -61,7 +61,7 @@ def test_noise_matches_nothing(shaken) -> None:
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("when", [3, 20, 44])
 def test_the_gradient_is_that_of_finite_differences(match, bent, axis, when) -> None:
-    path = SmoothPath.through(bent, match.camera)
+    path = SmoothPath.through(bent, match.camera)[0]
     rotations = path.basis(48) @ path.controls
     slopes = match._slopes()
     gradient = match._along(rotations, slopes)[1]
@@ -87,6 +87,32 @@ def test_tiles_that_the_path_was_not_fitted_to_match_better_too(shaken, bent) ->
     fitted = SpectralMatch(pyramid, 0, "fitted").fitted(bent)
     apart = SpectralMatch(pyramid, 0, "apart")
     assert apart.value(fitted) > apart.value(bent)
+
+
+def test_a_place_where_an_estimate_rests_too_long_becomes_lighter(match, shaken) -> None:
+    true = shaken.kernel
+    weights = true.weights.copy()
+    weights[len(weights) // 3] += 0.5
+    spiked = replace(true, weights=weights / weights.sum())
+    fitted = match.fitted(spiked)
+    before, after = (agreement(k, true, smoothing=FINE) for k in (spiked, fitted))
+    assert after > before + 0.03
+
+
+def test_weights_that_are_a_little_wrong_come_nearer_to_the_truth(match, shaken) -> None:
+    true = shaken.kernel
+    noise = np.random.default_rng(2).uniform(0.3, 1.7, len(true.weights))
+    wrong = replace(true, weights=true.weights * noise / (true.weights @ noise))
+    weighed = match.weighed(wrong)
+    assert match.value(weighed) > match.value(wrong) + 0.02
+    assert weighed.weights.sum() == pytest.approx(1)
+    assert weighed.weights.min() >= 0
+    assert weighed.camera is true.camera
+
+
+def test_the_weights_of_a_point_do_not_change(match, shaken) -> None:
+    point = RotationKernel.delta(shaken.camera)
+    assert match.weighed(point).weights.tolist() == [1]
 
 
 def test_a_path_without_roll_gets_none(match, bent) -> None:
