@@ -23,7 +23,7 @@ from deshake.operators.shake_blur import ShakeBlur
 if TYPE_CHECKING:
     from pathlib import Path
 
-pytestmark = [pytest.mark.long, pytest.mark.usefixtures("one_thread")]
+pytestmark = pytest.mark.long
 
 FAST = ("--blur-size", 3)
 FREE = (*FAST, "--estimator", "edges")
@@ -160,7 +160,7 @@ def fine(picture: np.ndarray) -> np.ndarray:
 def test_the_latent_picture_is_sharper_than_the_photo(deshake, tmp_path):
     photo, sharp = write_street(tmp_path, 130, 100)
     latent = tmp_path / "latent.png"
-    args = ("--estimator", "variational", "--blur-size", 8, "--focal-px", 130, "--threads", 2)
+    args = ("--estimator", "variational", "--blur-size", 8, "--focal-px", 130)
     outcome = deshake("estimate-blind", photo, *args, "--latent", latent, "--json")
     assert outcome.code == 0
     assert json.loads(outcome.out)["latent"] == str(latent)

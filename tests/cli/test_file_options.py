@@ -16,8 +16,6 @@ from deshake.formats.photo import read_photo
 from deshake.metadata.provenance import read_provenance
 from deshake.stages.reducing import reduced
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 FAST = ("--blur-size", 3, "--uniform", "--focal-35mm", 40, "--iterations", 2)
 TIME = 1_500_000_000_123_456_789
 

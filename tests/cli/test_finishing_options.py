@@ -14,7 +14,7 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.metadata.provenance import read_provenance
 
-pytestmark = [pytest.mark.long, pytest.mark.usefixtures("one_thread")]
+pytestmark = pytest.mark.long
 
 FAST = ("--blur-size", 9, "--estimator", "edges", "--uniform", "--iterations", 2)
 NARROW = ("--search-angle", 4)  # quick: a narrow search tries few rotations

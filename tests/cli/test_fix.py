@@ -15,7 +15,7 @@ from PIL import Image
 from deshake.files.kernel_file import read_kernel
 from deshake.metadata.provenance import read_provenance
 
-pytestmark = [pytest.mark.long, pytest.mark.usefixtures("one_thread")]
+pytestmark = pytest.mark.long
 
 LENS = ("--focal-35mm", 40)
 EDGES = ("--estimator", "edges")

@@ -18,8 +18,6 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.metadata.provenance import read_provenance
 from deshake.operators.shake_blur import ShakeBlur
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 HEIGHT, WIDTH = 150, 180
 CAMERA = Camera.from_focal(300.0, HEIGHT, WIDTH)
 OBJECT = np.s_[40:120, 20:80]

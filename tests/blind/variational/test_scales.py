@@ -44,7 +44,7 @@ def under_way(
         np.ones(SHAPE, bool) if usable is None else usable,
         finest=finest,
         roll_rate=0.01,
-        run=Run(2, lambda _share, _text: None),
+        run=Run(1, lambda _share, _text: None),
     )
 
 
