@@ -165,6 +165,7 @@ def _no_file_of_the_developer(tmp_path_factory: pytest.TempPathFactory) -> Itera
 @pytest.fixture(scope="session", autouse=True)
 def _one_thread_by_default() -> Iterator[None]:
     """By default a computation uses one thread: other files of tests run beside it."""
+    cv2.setNumThreads(1)
     patch = pytest.MonkeyPatch()
     for name in ("deshake.run.available_threads", "deshake.batch.jobs.available_threads"):
         patch.setattr(name, lambda: 1)
