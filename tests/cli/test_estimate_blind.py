@@ -71,7 +71,8 @@ def test_a_camera_file_stands_for_the_options(deshake, shaken, tmp_path):
     photo = shaken("a.jpg")
     deshake("calibrate", photo, *LENS, "-o", tmp_path / "c.npz")
     for name, lens in (("one", LENS), ("two", ("--camera", tmp_path / "c.npz"))):
-        assert deshake("estimate-blind", photo, *EDGES, *PART, *lens, "-o", tmp_path / name).code == 0
+        args = (*EDGES, *PART, *lens, "-o", tmp_path / name)
+        assert deshake("estimate-blind", photo, *args).code == 0
     assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
 
 
