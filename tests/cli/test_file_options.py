@@ -469,7 +469,8 @@ def test_what_the_format_can_hold_is_checked_before_the_work(deblur, photo_of, t
 def test_fix_gives_the_bytes_of_its_stages(deshake, shaken, tmp_path):
     photo, kernels = shaken("a.jpg", large=True, size=(150, 120)), tmp_path / "k"
     words = ("--max-size", 90, "--jpeg-quality", 60, "--iterations", 2)
-    fixed = ("--blur-size", 9, "--uniform", "--keep-kernels", kernels, *words)
+    estimate = ("--blur-size", 9, "--uniform", "--region", "20,10,110,100")
+    fixed = (*estimate, "--keep-kernels", kernels, *words)
     assert deshake("fix", photo, *fixed, "-o", tmp_path / "fixed.jpg").code == 0
     stages = (kernels / "a.kernel.npz", *words, "-o", tmp_path / "stages.jpg")
     assert deshake("deblur", photo, *stages).code == 0
