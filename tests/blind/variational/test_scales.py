@@ -18,8 +18,8 @@ from deshake.operators.shake_blur import ShakeBlur
 from deshake.run import Run
 from deshake.signal.poisson import poisson_image
 
-SHAPE = 100, 130
-CAMERA = Camera.from_focal(130.0, *SHAPE)
+SHAPE = 84, 110
+CAMERA = Camera.from_focal(110.0, *SHAPE)
 
 
 @pytest.fixture(scope="module")
