@@ -12,13 +12,15 @@ STAMP := $(VENV)/.installed
 CODE := deshake scripts tests
 
 # Two to four files of tests at a time, so that what the tests of a file share is made once; each
-# of them uses one thread for its linear algebra. Files marked as long begin first. Python keeps what
-# it compiled, whatever the environment says: tests start many programs.
+# of them uses one thread for its linear algebra. Files marked as long begin first.
 WORKERS ?= $(shell n=$$(getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2); \
 	if [ "$$n" -lt 2 ]; then n=2; fi; if [ "$$n" -gt 4 ]; then n=4; fi; echo $$n)
 
-PYTEST = PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PY) -m pytest -n $(WORKERS) \
+PYTEST = OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PY) -m pytest -n $(WORKERS) \
 	--dist loadfile --no-loadscope-reorder
+
+# Python compiles a module when it is first imported, and keeps it, whatever the environment says.
+export PYTHONDONTWRITEBYTECODE :=
 
 export PHOTO
 
@@ -43,7 +45,7 @@ $(STAMP): pyproject.toml
 		echo "error: $(PYTHON) cannot make virtual environments" >&2; \
 		echo "hint: install its venv module (Debian, Ubuntu: apt install python3-venv)" >&2; exit 1; }
 	"$(PYTHON)" -m venv $(VENV)
-	$(PY) -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	$(PY) -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[dev]'
 	@touch $@
 
 demo: $(STAMP)

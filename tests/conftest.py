@@ -162,6 +162,17 @@ def _no_file_of_the_developer(tmp_path_factory: pytest.TempPathFactory) -> Itera
     patch.undo()
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _one_thread_by_default() -> Iterator[None]:
+    """By default a computation uses one thread: other files of tests run beside it."""
+    cv2.setNumThreads(1)
+    patch = pytest.MonkeyPatch()
+    for name in ("deshake.run.available_threads", "deshake.batch.jobs.available_threads"):
+        patch.setattr(name, lambda: 1)
+    yield
+    patch.undo()
+
+
 @pytest.fixture
 def environment(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """Take the developer's settings out of the environment; what a test sets stays for it."""

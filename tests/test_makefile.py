@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 MAKEFILE = Path(__file__).parent.parent / "docs" / "Makefile.example"
-FAST = "--focal-35mm 40 --blur-size 3 --uniform --estimator edges"
+FAST = "--focal-35mm 40 --blur-size 3 --uniform --estimator edges --region 20,10,60,50"
 
 pytestmark = [
     pytest.mark.skipif(shutil.which("make") is None, reason="needs make"),

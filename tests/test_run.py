@@ -1,8 +1,10 @@
 from __future__ import annotations
 
+import os
+
 import pytest
 
-from deshake.run import Run
+from deshake.run import Run, available_threads
 
 
 class Listener:
@@ -26,6 +28,16 @@ def test_all_processors_work_unless_the_threads_are_given(monkeypatch) -> None:
     monkeypatch.setattr("deshake.run.available_threads", lambda: 7)
     assert Run().workers == 7
     assert Run(3).workers == 3
+
+
+def test_the_processors_are_those_that_this_process_may_use(monkeypatch) -> None:
+    monkeypatch.setattr(os, "cpu_count", lambda: 5)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 2, 3}, raising=False)
+    assert available_threads() == 3
+    monkeypatch.delattr(os, "sched_getaffinity")
+    assert available_threads() == 5
+    monkeypatch.setattr(os, "cpu_count", lambda: None)
+    assert available_threads() == 1
 
 
 def test_a_report_reaches_the_listener(listener) -> None:

@@ -5,11 +5,12 @@ import os
 import pytest
 
 from deshake.batch.jobs import Resources, run_jobs
-from deshake.run import Run, available_threads
+from deshake.run import Run
 
 
-def test_processors_are_shared_out():
-    processors = available_threads()
+@pytest.mark.parametrize("processors", [1, 2, 8])
+def test_processors_are_shared_out(monkeypatch, processors):
+    monkeypatch.setattr("deshake.batch.jobs.available_threads", lambda: processors)
     assert Resources().shared(1, None) == (1, processors)
     assert Resources().shared(1000, None) == (processors, 1)
     assert Resources(photos_at_once=2).shared(1000, None) == (2, max(1, processors // 2))

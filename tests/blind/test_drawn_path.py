@@ -15,10 +15,10 @@ from deshake.operators.shake_blur import ShakeBlur
 from deshake.run import Run
 from deshake.signal.pyramid import Pyramid
 
-HEIGHT, WIDTH = 240, 320
-CAMERA = Camera.from_focal(400.0, HEIGHT, WIDTH)
-PATH = np.array([(-12, -6, -3), (-2, 2, -1), (4, -4, 1), (10, 9, 3)]) / 400  # radians
-LAMPS = [(40, 50), (50, 250), (120, 150), (180, 60), (190, 270), (110, 220), (200, 160)]
+HEIGHT, WIDTH = 150, 200
+CAMERA = Camera.from_focal(1.25 * WIDTH, HEIGHT, WIDTH)
+PATH = np.array([(-12, -6, -3), (-2, 2, -1), (4, -4, 1), (10, 9, 3)]) / 500  # radians
+LAMPS = [(25, 31), (31, 156), (75, 94), (112, 38), (119, 169), (69, 138), (125, 100)]
 
 
 def kernel_of(path) -> RotationKernel:
@@ -41,7 +41,8 @@ def night(kernel, lamps=LAMPS, light=150.0, seed=0):
 
 
 def pyramid_of(g, clipped):
-    return Pyramid(g, CAMERA, ~clipped)
+    height, width = g.shape
+    return Pyramid(g, Camera.from_focal(1.25 * width, height, width), ~clipped)
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +83,7 @@ def test_a_path_beyond_the_bound_is_no_start(shaken) -> None:
 
 
 def test_a_photo_that_is_mostly_lamps_keeps_its_pixels() -> None:
-    lamps = [(y, x) for y in range(30, 225, 30) for x in range(30, 305, 35)]
+    lamps = [(y, x) for y in range(20, 140, 20) for x in range(20, 190, 22)]
     g, clipped = night(kernel_of(PATH), lamps)
     assert drawing(pyramid_of(g, clipped)) is None
 
@@ -102,7 +103,7 @@ def test_a_daylight_photo_draws_nothing(picture) -> None:
 
 
 def test_lamps_of_different_shapes_draw_nothing() -> None:
-    g = np.full(CAMERA.shape, 0.02, np.float32)
+    g = np.full((240, 320), 0.02, np.float32)
     g += np.random.default_rng(0).normal(0, 0.002, g.shape).astype(np.float32)
     cv2.line(g, (40, 40), (70, 42), 1.0, 3)
     cv2.ellipse(g, (150, 60), (16, 12), 0, 20, 320, 1.0, 3)

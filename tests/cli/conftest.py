@@ -54,12 +54,6 @@ def trial(monkeypatch: pytest.MonkeyPatch) -> Trial:
 
 
 @pytest.fixture
-def one_thread(environment: pytest.MonkeyPatch) -> None:
-    """Commands use one thread unless a test says otherwise: other files of tests run beside."""
-    environment.setenv("DESHAKE_THREADS", "1")
-
-
-@pytest.fixture
 def shaken(tmp_path: Path) -> Callable[..., Path]:
     """Save a small shaken photo under a name; a 16-bit one if asked.
 

@@ -14,8 +14,6 @@ from deshake.files.registration_file import RegistrationFile, write_registration
 from deshake.geometry.camera import Camera
 from deshake.geometry.rotations import grid_steps
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 SHAPE = (100, 140)
 CAMERA = Camera.from_focal(150.0, *SHAPE)
 STEPS = grid_steps(CAMERA)

@@ -16,8 +16,6 @@ from deshake.formats.photo import read_photo
 from deshake.metadata.provenance import read_provenance
 from deshake.stages.reducing import reduced
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 FAST = ("--blur-size", 3, "--uniform", "--focal-35mm", 40, "--iterations", 2)
 TIME = 1_500_000_000_123_456_789
 
@@ -471,7 +469,8 @@ def test_what_the_format_can_hold_is_checked_before_the_work(deblur, photo_of, t
 def test_fix_gives_the_bytes_of_its_stages(deshake, shaken, tmp_path):
     photo, kernels = shaken("a.jpg", large=True, size=(150, 120)), tmp_path / "k"
     words = ("--max-size", 90, "--jpeg-quality", 60, "--iterations", 2)
-    fixed = ("--blur-size", 9, "--uniform", "--keep-kernels", kernels, *words)
+    estimate = ("--blur-size", 9, "--uniform", "--region", "20,10,110,100")
+    fixed = (*estimate, "--keep-kernels", kernels, *words)
     assert deshake("fix", photo, *fixed, "-o", tmp_path / "fixed.jpg").code == 0
     stages = (kernels / "a.kernel.npz", *words, "-o", tmp_path / "stages.jpg")
     assert deshake("deblur", photo, *stages).code == 0

@@ -14,7 +14,7 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.metadata.provenance import read_provenance
 
-pytestmark = [pytest.mark.long, pytest.mark.usefixtures("one_thread")]
+pytestmark = pytest.mark.long
 
 FAST = ("--blur-size", 9, "--estimator", "edges", "--uniform", "--iterations", 2)
 NARROW = ("--search-angle", 4)  # quick: a narrow search tries few rotations
@@ -237,19 +237,19 @@ def test_sheets_are_planned_and_passed_over(deshake, shaken, tmp_path):
 def test_a_preview_is_small_and_its_kernel_fits_the_photo(deshake, shaken, tmp_path):
     photo, kernels, out = shaken("a.jpg"), tmp_path / "k", tmp_path / "small.jpg"
     with Image.open(photo) as image:
-        image.resize((700, 560), Image.Resampling.BICUBIC).save(photo, quality=92)
+        image.resize((700, 350), Image.Resampling.BICUBIC).save(photo, quality=92)
     args = ("--preview", "--blur-size", 20, "--focal-35mm", 40, "--uniform", "--iterations", 1)
-    region = ("--region", "150,100,300,300")
+    region = ("--region", "200,50,240,240")
     args = (*args, "--json")
     outcome = deshake("fix", photo, "-o", out, "--keep-kernels", kernels, *args, *region)
     assert outcome.code == 0, outcome.err
     assert json.loads(outcome.out)["preview"] is True
-    assert codes(out).shape == (512, 640, 3)
+    assert codes(out).shape == (320, 640, 3)
     provenance = read_provenance(out)
     assert provenance["options"]["preview"] is True
     assert provenance["kernel"]["options"]["preview"] is True
     kernel = kernels / "a.kernel.npz"
-    assert read_kernel(kernel).kernel.camera.shape == (512, 640)
+    assert read_kernel(kernel).kernel.camera.shape == (320, 640)
     again = tmp_path / "again.jpg"
     args = ("--preview", "--iterations", 1, "--json")
     outcome = deshake("deblur", photo, kernel, *args, "-o", again)
@@ -257,7 +257,7 @@ def test_a_preview_is_small_and_its_kernel_fits_the_photo(deshake, shaken, tmp_p
     assert again.read_bytes() == out.read_bytes()
     args = ("--quality", "fast", "--iterations", 1, "-o", tmp_path / "whole.jpg")
     assert deshake("deblur", photo, kernel, *args).code == 0
-    assert codes(tmp_path / "whole.jpg").shape == (560, 700, 3)
+    assert codes(tmp_path / "whole.jpg").shape == (350, 700, 3)
 
 
 def test_the_metadata_of_a_preview_are_true(deshake, make_exif, tmp_path):
@@ -315,13 +315,13 @@ def test_a_pair_has_a_preview(deshake, pair, tmp_path):
     blurred, noisy = pair
     for path in pair:
         large = cv2.resize(codes(path), (700, 500), interpolation=cv2.INTER_CUBIC)
-        cv2.imwrite(str(path), large[150:350])
+        cv2.imwrite(str(path), large[175:325])
     registration, out = tmp_path / "pair.npz", tmp_path / "out.png"
     focal = ("--focal-px", 750, *NARROW)
     args = ("--preview", "--iterations", 1, *focal, "--keep-kernels", tmp_path / "k")
     args = (*args, "--blur-size", 35, "--uniform")
     assert deshake("fix", blurred, "--noisy", noisy, "-o", out, *args).code == 0
-    assert codes(out).shape[:2] == (183, 640)
+    assert codes(out).shape[:2] == (137, 640)
     assert read_provenance(out)["options"]["preview"] is True
     assert deshake("register", blurred, noisy, "-o", registration, *focal).code == 0
     args = ("--noisy", noisy, "--registration", registration, "--preview", "--iterations", 1)
@@ -333,8 +333,8 @@ def test_a_pair_has_a_preview(deshake, pair, tmp_path):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="has no such permissions")
-@pytest.mark.parametrize("permissions", [0o600, 0o664])
-def test_outputs_take_the_permissions_of_the_photo(deshake, shaken, pan, tmp_path, permissions):
+def test_outputs_take_the_permissions_of_the_photo(deshake, shaken, pan, tmp_path):
+    permissions = 0o660  # the group may write and others may not read: no default gives that
     photo, out, kernels = shaken("a.jpg"), tmp_path / "out", tmp_path / "k"
     photo.chmod(permissions)
     kernels.mkdir()

@@ -15,7 +15,7 @@ from deshake.metadata.provenance import read_provenance
 from deshake.pair.registration import register
 from deshake.stages import deblurring, registering
 
-pytestmark = [pytest.mark.long, pytest.mark.usefixtures("one_thread")]
+pytestmark = pytest.mark.long
 
 LENS = ("--focal-px", 150)
 NEAR = (*LENS, "--search-angle", 4)  # quick: a narrow search tries few rotations

@@ -12,8 +12,6 @@ from deshake.files.kernel_file import CameraFile, read_camera, read_kernel, writ
 from deshake.files.registration_file import read_registration
 from deshake.geometry.camera import Camera
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 BARREL = np.array([-0.25, 0.03, 0, 0, 0])
 QUICK = ("--blur-size", 3, "--region", "10,10,60,50", "--uniform", "--estimator", "edges")
 

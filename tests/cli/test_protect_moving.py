@@ -18,8 +18,6 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.metadata.provenance import read_provenance
 from deshake.operators.shake_blur import ShakeBlur
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 HEIGHT, WIDTH = 150, 180
 CAMERA = Camera.from_focal(300.0, HEIGHT, WIDTH)
 OBJECT = np.s_[40:120, 20:80]
@@ -94,9 +92,9 @@ def test_the_report_shows_where_the_photo_is_kept(deshake, followed, tmp_path):
 
 
 def test_fix_gives_the_bytes_of_its_stages_and_can_be_resumed(deshake, shaken, tmp_path):
-    photo, folder = shaken("a.png", large=True), tmp_path / "k"
+    photo, folder = shaken("a.png", large=True, size=(150, 120)), tmp_path / "k"
     one, two = tmp_path / "one.png", tmp_path / "two.png"
-    fast = ("--blur-size", 10, "--uniform")
+    fast = ("--blur-size", 9, "--uniform", "--region", "20,10,110,100")
     words = (*PROTECT, folder, "--keep-kernels", folder)
     outcome = deshake("fix", photo, *fast, "-o", one, *words, "--json")
     assert outcome.code == 0, outcome.err

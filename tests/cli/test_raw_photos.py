@@ -20,8 +20,6 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.operators.warps import Warps
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 EXIF = {0x920A: ("r", [35.0]), 0xA405: ("H", [46]), 0x829A: ("r", [0.5])}
 QUIET = ("--threads", 1, "-q")
 QUICK = ("--quality", "fast")

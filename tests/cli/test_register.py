@@ -18,7 +18,7 @@ from deshake.files.registration_file import read_registration
 from deshake.geometry.camera import Camera
 from deshake.geometry.rotations import homographies
 
-pytestmark = [pytest.mark.long, pytest.mark.usefixtures("one_thread")]
+pytestmark = pytest.mark.long
 
 LENS = ("--focal-px", 240)
 NARROW = ("--search-angle", 4)  # quick: a narrow search tries few rotations

@@ -205,9 +205,9 @@ def test_narrow_photos_have_bounds_that_fit(photo):
     narrow = Camera.from_focal(200.0, 48, 220)
     g, f_reg, _, _ = shaken(photo, Camera.from_focal(200.0, *SHAPE), 0 * PATH)
     rows = slice(50, 98)
-    wide = [np.tile(picture[rows], (1, 3)) for picture in (g, f_reg)]
-    camera = narrow.cropped(-220, 0, 660, 48)
-    result = estimate_pair_kernel(*wide, np.ones((48, 660)), camera, run=Run(1))
+    wide = [np.tile(picture[rows], (1, 2)) for picture in (g, f_reg)]
+    camera = narrow.cropped(-110, 0, 440, 48)
+    result = estimate_pair_kernel(*wide, np.ones((48, 440)), camera, run=Run(1))
     assert result.kernel.extent_px() < 3
 
 

@@ -108,9 +108,9 @@ def test_tiles_lie_in_the_region():
 
 
 def test_large_photos_are_reduced_and_wide_blurs_seen_at_a_coarse_scale():
-    camera = Camera.from_focal(2600, 1200, 2000)
-    grey = scene(1200, 2000)
-    picture, other = (tile_picture(grey, camera, pan(width, camera)) for width in (150, 10))
+    camera = Camera.from_focal(2210, 1020, 1700)
+    grey = scene(1020, 1700)
+    picture, other = (tile_picture(grey, camera, pan(width, camera)) for width in (130, 9))
     assert picture.shape[1] == 1600
     assert 960 < picture.shape[0] < 1020
     wide, narrow = (np.nonzero(where(each[:960], ORANGE)) for each in (picture, other))

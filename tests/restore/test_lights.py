@@ -14,9 +14,9 @@ def night(lab):
     """Make a night photo, its first estimate and its blur."""
     sharp, g, clipped, around = lab.lamps()
     kernel = lab.all_axes
-    flow = FilterFlow(kernel.camera, kernel.theta, run=Run(2))
+    flow = FilterFlow(kernel.camera, kernel.theta, run=Run(1))
     blur = flow.filters(kernel.weights)
-    f = latent_start(g, blur, clipped=clipped, iterations=6, run=Run(2, lambda *_: None))
+    f = latent_start(g, blur, clipped=clipped, iterations=6, run=Run(1, lambda *_: None))
     return sharp, g, clipped, around, blur, f, flow.margin
 
 

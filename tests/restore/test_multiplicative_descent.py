@@ -11,7 +11,7 @@ from deshake.run import Run
 
 
 def descent(g, kernel, clipped=None, **options):
-    settings = {"fastest": 0.0, "run": Run(2), **options}
+    settings = {"fastest": 0.0, "run": Run(1), **options}
     blur = blur_filters(kernel, channels=len(channels_first(g)))
     return MultiplicativeDescent(g, blur, clipped, **settings)
 

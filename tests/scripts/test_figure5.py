@@ -102,7 +102,7 @@ def test_the_table_stands_beside_the_papers(figure5):
 
 
 def test_a_cell_is_scored(figure5, sharp):
-    small = cv2.resize(sharp, (128, 96), interpolation=cv2.INTER_AREA)
+    small = cv2.resize(sharp, (104, 78), interpolation=cv2.INTER_AREA)
     scored = figure5.score(small, figure5.Cell("Y", 5, 0), "R", 0)
     assert scored.true < scored.blurred
     assert scored.true < scored.estimated < scored.blurred

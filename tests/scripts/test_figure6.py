@@ -117,6 +117,7 @@ def test_the_table_counts_ratios(figure6):
 
 def test_a_case_is_scored(figure6, sharp, smear, tmp_path, monkeypatch):
     monkeypatch.setattr(figure6, "BORDER", 16)
+    sharp = cv2.resize(sharp, (140, 130), interpolation=cv2.INTER_AREA)
     blurred = correlate(sharp, smear.astype(np.float32), mode="mirror")
     path = tmp_path / "im01_flit01.mat"
     savemat(path, {"x": sharp, "y": blurred, "f": smear})

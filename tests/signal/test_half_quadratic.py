@@ -17,7 +17,7 @@ RHO, ALPHA = 0.3, 0.05
 def problem(lab):
     """Make a descent from a rough estimate, with uneven trust and noise."""
     kernel = lab.all_axes
-    flow = FilterFlow(kernel.camera, kernel.theta, channels=3, run=Run(2))
+    flow = FilterFlow(kernel.camera, kernel.theta, channels=3, run=Run(1))
     blur = flow.filters(kernel.weights)
     g = np.ascontiguousarray(lab.noisy(lab.shaken(kernel, lab.colours()), 0.01).transpose(2, 0, 1))
     rng = np.random.default_rng(8)
@@ -36,7 +36,7 @@ def problem(lab):
     def make(*, pair=False):
         more = second if pair else {}
         begin = f.copy(), blur.forward(f), g, PatchInverse(blur)
-        return HalfQuadratic(*begin, m=m, s=s, **more, run=Run(2))
+        return HalfQuadratic(*begin, m=m, s=s, **more, run=Run(1))
 
     return make
 

@@ -18,8 +18,8 @@ from deshake.operators.shake_blur import ShakeBlur
 from deshake.run import Run
 from deshake.signal.poisson import poisson_image
 
-SHAPE = 100, 130
-CAMERA = Camera.from_focal(130.0, *SHAPE)
+SHAPE = 84, 110
+CAMERA = Camera.from_focal(110.0, *SHAPE)
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def under_way(
         np.ones(SHAPE, bool) if usable is None else usable,
         finest=finest,
         roll_rate=0.01,
-        run=Run(2, lambda _share, _text: None),
+        run=Run(1, lambda _share, _text: None),
     )
 
 
