@@ -28,17 +28,19 @@ if TYPE_CHECKING:
     from deshake.geometry.kernel import RotationKernel
     from deshake.signal.pyramid import Pyramid
 
-__all__ = ["COLLAPSED", "Comparison"]
+__all__ = ["HOPELESS", "Comparison"]
 
 Scores = NDArray[np.float64]
 
-COLLAPSED = 10.0
-"""Margin: penalty of a small round spot, larger than any gain."""
+HOPELESS = 10.0
+"""Margin: penalty of a kernel that cannot be right, larger than any gain."""
 
 _WIDTH = 28.0  # px of a kernel at the scale where it is judged
 _SHARPENING_WORTH = 0.15  # margin per gain of 1 in -ln nsp
 _MATCH_WORTH = 0.45  # margin per correlation of 1 of the spectra
 _MOST_MATCH = 0.35  # correlation; the texture of few tiles can match a wrong kernel better
+_WIDEST = 0.25  # share of the frame's shorter side: largest extent of a kernel
+_FEWEST_TILES = 4  # number of tiles; with fewer, the match counts less: chance can match a tile
 _WITNESS_WORTH = 0.5  # margin per agreement of 1 with the streaks of lights
 
 
@@ -60,7 +62,7 @@ class Comparison:
         self.pyramid = pyramid
         self.witness = witness
         self._judges: dict[int, Judge] = {}
-        self._spectra_of: dict[tuple[int, Part], SpectralMatch] = {}
+        self._spectra: dict[tuple[int, Part], SpectralMatch] = {}
         self._scores: dict[tuple[Judge, RotationKernel], float] = {}
 
     def scores(self, entries: Sequence[Entry]) -> Scores:
@@ -73,7 +75,12 @@ class Comparison:
             self._make_room(level, group)
         judges = [self._judges[level] for level in levels]
         scores = [self.score(entry, judge) for entry, judge in zip(entries, judges, strict=True)]
-        return np.array(scores) - COLLAPSED * np.array([is_spot(entry.kernel) for entry in entries])
+        return np.array(scores) - HOPELESS * np.array([self.hopeless(entry) for entry in entries])
+
+    def hopeless(self, entry: Entry) -> bool:
+        """Return whether a kernel is a small round spot, or far too wide for the photo."""
+        widest = _WIDEST * min(self.pyramid.camera.shape)
+        return is_spot(entry.kernel) or entry.kernel.extent_px() > widest
 
     def judge(self, entry: Entry) -> Judge:
         """Return the judge at the scale of a kernel."""
@@ -82,7 +89,7 @@ class Comparison:
         return self._judges[level]
 
     def score(self, entry: Entry, judge: Judge) -> float:
-        """Return the score of a kernel at a judge's scale; a spot is not penalised."""
+        """Return the score of a kernel at a judge's scale; a hopeless one is not penalised."""
         key = judge, entry.kernel
         if key not in self._scores:
             sharper = judge.sharpening(entry.kernel)
@@ -94,25 +101,31 @@ class Comparison:
         return self._scores[key]
 
     def match(self, entry: Entry) -> float:
-        """Return how well the spectra of tiles that no kernel was fitted to match, -1..1."""
-        return self._spectra(entry, "apart").value(entry.kernel)
+        """Return how well the spectra of tiles that no kernel was fitted to match, -1..1.
+
+        At the scale of a very wide kernel the frame is a tile or two, though the photo is larger.
+        Their match counts less.
+        """
+        spectra = self._spectra_at(self._level(entry), "apart")
+        full = min(len(self._spectra_at(0, "apart").centres), _FEWEST_TILES)
+        return spectra.value(entry.kernel) * min(len(spectra.centres) / full, 1.0)
 
     def matched(self, entry: Entry) -> Entry:
         """Draw a smooth path through a kernel, and fit it to the spectra of the photo."""
-        kernel = self._spectra(entry, "fitted").fitted(entry.kernel)
+        kernel = self._spectra_at(self._level(entry), "fitted").fitted(entry.kernel)
         return entry._replace(name=f"{entry.name}, path", kernel=kernel)
 
     def weighed(self, entry: Entry) -> Entry:
         """Fit the weights of a kernel to the spectra of the photo."""
-        kernel = self._spectra(entry, "fitted").weighed(entry.kernel)
+        kernel = self._spectra_at(self._level(entry), "fitted").weighed(entry.kernel)
         return entry._replace(name=f"{entry.name}, weights", kernel=kernel)
 
-    def _spectra(self, entry: Entry, part: Part) -> SpectralMatch:
-        """Return the spectra of the tiles of a part, at the scale of a kernel."""
-        key = self._level(entry), part
-        if key not in self._spectra_of:
-            self._spectra_of[key] = SpectralMatch(self.pyramid, *key)
-        return self._spectra_of[key]
+    def _spectra_at(self, level: int, part: Part) -> SpectralMatch:
+        """Return the spectra of the tiles of a part, at a scale."""
+        key = level, part
+        if key not in self._spectra:
+            self._spectra[key] = SpectralMatch(self.pyramid, *key)
+        return self._spectra[key]
 
     def _make_room(self, level: int, entries: Sequence[Entry]) -> None:
         """Replace the judge of a scale, unless it has room for the kernels."""

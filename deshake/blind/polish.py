@@ -14,8 +14,7 @@ import numpy as np
 
 from deshake.blind.candidate import Refinement
 from deshake.blind.entry import all_refined, best_of_starts
-from deshake.blind.kernel_comparison import COLLAPSED
-from deshake.blind.spot import is_spot
+from deshake.blind.kernel_comparison import HOPELESS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -107,6 +106,6 @@ class _Line:
 
     def _score(self, entry: Entry) -> float:
         """Return the score of a kernel; one that the judge has no room for has none."""
-        if is_spot(entry.kernel) or not self.judge.has_room(entry.kernel):
-            return -COLLAPSED
+        if self.comparison.hopeless(entry) or not self.judge.has_room(entry.kernel):
+            return -HOPELESS
         return self.comparison.score(entry, self.judge)

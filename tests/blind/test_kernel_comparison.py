@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from deshake.blind.entry import Entry
-from deshake.blind.kernel_comparison import COLLAPSED, Comparison
+from deshake.blind.kernel_comparison import HOPELESS, Comparison
 from deshake.blind.spectral_match import SpectralMatch
+from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 
 
@@ -28,7 +29,24 @@ def test_the_true_kernel_has_the_highest_score(entries, pyramid) -> None:
 
 
 def test_a_point_is_penalised(entries, pyramid) -> None:
-    assert Comparison(pyramid).scores(entries)[3] < 1 - COLLAPSED
+    assert Comparison(pyramid).scores(entries)[3] < 1 - HOPELESS
+
+
+def test_a_kernel_as_wide_as_the_photo_is_penalised(entries, pyramid) -> None:
+    true = entries[0].kernel
+    wide = entries[0]._replace(kernel=replace(true, theta=5 * true.theta))
+    assert not Comparison(pyramid).hopeless(entries[0])
+    assert Comparison(pyramid).hopeless(wide)
+    assert Comparison(pyramid).scores([wide])[0] < 1 - HOPELESS
+
+
+def test_at_a_scale_of_few_tiles_a_match_counts_less(shake) -> None:
+    wide = shake(Camera.from_focal(420.0, 360, 420), path=[[0.0, -16, 0], [0, 16, 0]])
+    entry = Entry("wide", 0, 0, wide.kernel)
+    at_its_scale = SpectralMatch(wide.pyramid, 1, "apart")
+    assert len(at_its_scale.centres) < 4 <= len(SpectralMatch(wide.pyramid, 0, "apart").centres)
+    match = len(at_its_scale.centres) / 4 * at_its_scale.value(wide.kernel)
+    assert Comparison(wide.pyramid).match(entry) == pytest.approx(match)
 
 
 def test_the_score_of_a_kernel_alone_does_not_depend_on_others(entries, pyramid) -> None:
@@ -41,9 +59,9 @@ def test_margin_sharpness_and_spectra_count(entries, pyramid) -> None:
     comparison = Comparison(pyramid)
     true = entries[0]
     judge = comparison.judge(true)
-    match = SpectralMatch(pyramid, 0, "apart").value(true.kernel)
+    match = comparison.match(true)
     score = true.margin(judge) + 0.15 * judge.sharpening(true.kernel) + 0.45 * match
-    assert match < 0.35
+    assert 0 < match < 0.35
     assert comparison.scores(entries[:1])[0] == pytest.approx(score)
 
 
