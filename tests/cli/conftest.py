@@ -57,9 +57,9 @@ def trial(monkeypatch: pytest.MonkeyPatch) -> Trial:
 def shaken(tmp_path: Path) -> Callable[..., Path]:
     """Save a small shaken photo under a name; a 16-bit one if asked.
 
-    Those of 100 x 80 are shaken too little: they are left as they are. From `large` ones, of
-    200 x 160, a kernel can be estimated with ``--blur-size 10``; from those of 140 x 112 one that
-    may differ over the frame, and from those of 150 x 120 one that does not, with
+    Those of 100 x 80 are shaken little: most estimates leave them as they are. From `large` ones,
+    of 200 x 160, a kernel can be estimated with ``--blur-size 10``; from those of 140 x 112 one
+    that may differ over the frame, and from those of 150 x 120 one that does not, with
     ``--blur-size 9``.
     """
 
