@@ -138,7 +138,8 @@ class SmoothPath(NamedTuple):
     @property
     def length(self) -> float:
         """Length of the curve in grid steps of its camera."""
-        return _length(self.controls)
+        pieces = np.diff(_spline(np.linspace(0, 1, 10 * _CONTROLS)) @ self.controls, axis=0)
+        return float(np.linalg.norm(pieces, axis=1).sum())
 
     def basis(self, count: int) -> Points:
         """Return the weights (count, 8) of the control points at equal steps of time."""
@@ -147,9 +148,9 @@ class SmoothPath(NamedTuple):
     def kernel(self, camera: Camera) -> RotationKernel:
         """Return the kernel of the curve, centred, on the grid of a camera of any size."""
         steps = grid_steps(camera)
-        controls = self.controls * (grid_steps(self.camera) / steps)
-        count = max(int(_DENSITY * _length(controls)), _CONTROLS)
-        curve = self.basis(count) @ controls
+        own = SmoothPath(self.controls * (grid_steps(self.camera) / steps), camera)
+        count = max(int(_DENSITY * own.length), _CONTROLS)
+        curve = own.basis(count) @ own.controls
         rest = RotationKernel.delta(camera, steps=steps)
         return _on_grid(curve - curve.mean(0), np.full(count, 1 / count), rest)
 
@@ -162,12 +163,6 @@ def _controls(places: Points, duration: Points) -> Points:
     normal = pull @ basis + _STIFFNESS * bends.T @ bends + _LEAST_PULL * np.eye(_CONTROLS)
     controls: Points = np.linalg.solve(normal, pull @ places).astype(np.float64)
     return controls
-
-
-def _length(controls: Points) -> float:
-    """Return the length of the curve of control points, in their unit."""
-    pieces = np.diff(_spline(np.linspace(0, 1, 10 * _CONTROLS)) @ controls, axis=0)
-    return float(np.linalg.norm(pieces, axis=1).sum())
 
 
 def _spline(time: Points) -> Points:

@@ -23,7 +23,7 @@ import scipy.fft
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
-from deshake.blind.kernel_step import nonnegative
+from deshake.blind.kernel_step import nonnegative, shifted
 from deshake.blind.streaks import BLOCK, Streak, agreeing, find_streaks
 from deshake.blind.trimming import heaviest, without_light
 from deshake.geometry.kernel import RotationKernel
@@ -154,8 +154,7 @@ def _fitted(
         pairs = list(zip(streaks, at, strict=True))
         gram, right = _equations(pairs if number else pairs[:1])
         scale = gram.diagonal().mean()
-        gram /= scale
-        gram.flat[:: len(gram) + 1] += ridge
+        gram = shifted(gram / scale, ridge)
         solution = without_light(nonnegative(gram, right / scale, weights), _CUT)
         if not solution.sum() > 0:
             return weights, 0.0

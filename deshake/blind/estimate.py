@@ -7,7 +7,8 @@ no full race if the finest starts end in a small round spot.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal
+from functools import partial
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,17 +128,17 @@ def estimate_kernel(
     if looks_sharp(pyramid):
         run.report(1.0, "the photo looks sharp")
         return _unchanged(pyramid, whole, _UNCHANGED, SHARP)
-    how: dict[str, Any] = {"axes": (True, True, not uniform), "bound": blur_px, "quick": quick}
+    estimated = partial(race, axes=(True, True, not uniform), bound=blur_px, quick=quick)
     result, start = None, 0.0
     drawn = drawing(pyramid, roll=not uniform, bound=blur_px)
     if drawn is not None:
         start = _RACE_SHARE / 2
-        result = race(drawn.pyramid, **how, may_rest=False, drawn=drawn, run=run.part(0, start))
+        result = estimated(drawn.pyramid, may_rest=False, drawn=drawn, run=run.part(0, start))
         if confidence(result) < _EVEN:
             result = None  # the streaks mislead, or their surroundings are needed
     if result is None:
         may_rest = sharpness(pyramid, 0) > _FAIRLY_SHARP
-        result = race(pyramid, **how, may_rest=may_rest, run=run.part(start, _RACE_SHARE))
+        result = estimated(pyramid, may_rest=may_rest, run=run.part(start, _RACE_SHARE))
     estimate = _concluded(pyramid, whole, result, blur_px)
     run.report(1.0, "kernel estimated")
     return estimate

@@ -63,6 +63,7 @@ class Comparison:
         self.witness = witness
         self._judges: dict[int, Judge] = {}
         self._spectra: dict[tuple[int, Part], SpectralMatch] = {}
+        self._paths: dict[RotationKernel, RotationKernel] = {}
         self._scores: dict[tuple[Judge, RotationKernel], float] = {}
 
     def scores(self, entries: Sequence[Entry]) -> Scores:
@@ -107,13 +108,18 @@ class Comparison:
         Their match counts less.
         """
         spectra = self._spectra_at(self._level(entry), "apart")
+        match, count = spectra.value(entry.kernel), len(spectra.centres)
+        if count >= _FEWEST_TILES:
+            return match
         full = min(len(self._spectra_at(0, "apart").centres), _FEWEST_TILES)
-        return spectra.value(entry.kernel) * min(len(spectra.centres) / full, 1.0)
+        return match * min(count / full, 1.0)
 
     def matched(self, entry: Entry) -> Entry:
         """Draw a smooth path through a kernel, and fit it to the spectra of the photo."""
-        kernel = self._spectra_at(self._level(entry), "fitted").fitted(entry.kernel)
-        return entry._replace(name=f"{entry.name}, path", kernel=kernel)
+        if entry.kernel not in self._paths:
+            spectra = self._spectra_at(self._level(entry), "fitted")
+            self._paths[entry.kernel] = spectra.fitted(entry.kernel)
+        return entry._replace(name=f"{entry.name}, path", kernel=self._paths[entry.kernel])
 
     def weighed(self, entry: Entry) -> Entry:
         """Fit the weights of a kernel to the spectra of the photo."""

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from deshake.blind.tiles import Tiles
 
-__all__ = ["NormalEquations", "RotationGrid", "fitted_weights", "nonnegative"]
+__all__ = ["NormalEquations", "RotationGrid", "fitted_weights", "nonnegative", "shifted"]
 
 Image = NDArray[np.float32]
 Vector = NDArray[np.float64]
@@ -158,7 +158,7 @@ def fitted_weights(
         return weights
     roll = indices[:, 2] - weights @ indices[:, 2]
     ridge = _RIDGE * (1 + roll**2)
-    gram = _shifted(fit.gram / fit.energy, ridge)
+    gram = shifted(fit.gram / fit.energy, ridge)
     solution = nonnegative(gram, fit.right / fit.energy, weights)
     if not solution.sum() > _LEAST_SUM:
         return weights
@@ -190,17 +190,17 @@ def nonnegative(gram: Vector, right: Vector, start: Vector) -> Vector:
         return np.zeros_like(right)
     shift = _JITTER * largest
     try:
-        return _pivoted(_shifted(gram, shift), right, start > 0)
+        return _pivoted(shifted(gram, shift), right, start > 0)
     except scipy.linalg.LinAlgError:
         least = scipy.linalg.eigvalsh(gram, subset_by_index=(0, 0))[0]
-        return _pivoted(_shifted(gram, shift - min(2 * least, 0)), right, start > 0)
+        return _pivoted(shifted(gram, shift - min(2 * least, 0)), right, start > 0)
 
 
-def _shifted(gram: Vector, shift: Vector | float) -> Vector:
+def shifted(gram: Vector, shift: Vector | float) -> Vector:
     """Return G with numbers added to its diagonal; one number shifts all of its eigenvalues."""
-    shifted = gram.copy()
-    shifted.flat[:: len(gram) + 1] += shift
-    return shifted
+    result = gram.copy()
+    result.flat[:: len(gram) + 1] += shift
+    return result
 
 
 def _pivoted(gram: Vector, right: Vector, free: NDArray[np.bool_]) -> Vector:

@@ -90,13 +90,13 @@ class _Line:
         """Replace the kernel by the best refinement of it or its source, if the score rises."""
         if not self.rises:
             return
-        smooth = self.comparison.matched(self.best)
-        jobs = [(self.best.thin(), _THIN, self.axes), (smooth, _SMOOTH, self.axes)]
+        thin, smooth = self.best.thin(), self.comparison.matched(self.best)
+        jobs = [(thin, _THIN, self.axes), (smooth, _SMOOTH, self.axes)]
         if source is not None:
             jobs.append((source, _OTHER_EDGES, self.axes))
         new = all_refined(self.comparison.pyramid, jobs, run)
         if source is not None:
-            new += [self.best.thin(), new[-1].thin()]
+            new += [thin, new[-1].thin()]
         new += [smooth, self.comparison.weighed(self.best)]
         scores = [self._score(entry) for entry in new]
         top = int(np.argmax(scores))

@@ -15,6 +15,7 @@ apart.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import cv2
@@ -27,9 +28,11 @@ from deshake.blind.tile_choice import covering
 from deshake.blind.tile_plan import informative_corners
 from deshake.blind.trimming import heaviest, strongest
 from deshake.geometry.rotations import displacements, grid_steps, homographies
-from deshake.operators.bilinear import gathering_matrix, splat
+from deshake.operators.bilinear import bilinear_taps, gathering_matrix, splat
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from deshake.blind.tile_plan import Part
     from deshake.geometry.kernel import RotationKernel
     from deshake.signal.pyramid import Pyramid
@@ -138,8 +141,6 @@ class SpectralMatch:
             The kernel with other weights, on the grid of the scale.
 
         """
-        from scipy.optimize import minimize  # noqa: PLC0415 - slow to import, for estimates alone
-
         own = kernel.for_camera(self.camera).resampled(grid_steps(self.camera))
         own = strongest(heaviest(own, _FAINT), _MOST).centred()
         moved = displacements(homographies(self.camera, own.theta), self.centres)
@@ -154,26 +155,20 @@ class SpectralMatch:
             gradient = matrix @ change.ravel()
             return -match, -2 / total * roots * (gradient - weights @ gradient)
 
-        roots = np.sqrt(own.weights)
-        end = minimize(
-            descent, roots, jac=True, method="L-BFGS-B", options={"maxiter": _WEIGHT_ITERATIONS}
-        )
-        weights = end.x**2 / (end.x @ end.x)
+        _, roots = _minimum(descent, np.sqrt(own.weights), _WEIGHT_ITERATIONS)
+        weights = roots**2 / (roots @ roots)
         return heaviest(replace(own, weights=weights), _LIGHT).centred().for_camera(kernel.camera)
 
     def _moved(self, path: SmoothPath, iterations: int) -> tuple[float, SmoothPath]:
         """Descend from a path; return the value of its end, and the end."""
-        from scipy.optimize import minimize  # noqa: PLC0415 - slow to import, for estimates alone
-
         count = int(np.clip(_ALONG * path.length, _FEWEST, _MOST))
         basis = path.basis(count)
         flat = np.ptp(path.controls, axis=0) == 0
-        slopes = self._slopes()
-        stiffness = _BENDING * np.square(slopes).mean((0, 1))
+        stiffness = _BENDING * np.square(self._slopes).mean((0, 1))
 
         def descent(flattened: Points) -> tuple[float, Points]:
             controls = flattened.reshape(path.controls.shape)
-            match, gradient = self._along(basis @ controls, slopes)
+            match, gradient = self._along(basis @ controls)
             bends = np.diff(controls, 2, axis=0)
             value = float((np.square(bends) * stiffness).sum()) - match
             change = basis.T @ -gradient
@@ -183,24 +178,19 @@ class SpectralMatch:
             change[:, flat] = 0
             return value, change.ravel()
 
-        end = minimize(
-            descent,
-            path.controls.ravel(),
-            jac=True,
-            method="L-BFGS-B",
-            options={"maxiter": iterations},
-        )
-        return float(end.fun), path._replace(controls=end.x.reshape(path.controls.shape))
+        value, end = _minimum(descent, path.controls.ravel(), iterations)
+        return value, path._replace(controls=end.reshape(path.controls.shape))
 
+    @cached_property
     def _slopes(self) -> Points:
-        """Return how a tile's centre moves (P, 2, 3), in pixels per grid step about each axis."""
+        """How a tile's centre moves (P, 2, 3), in pixels per grid step about each axis."""
         steps = grid_steps(self.camera)
         turned = displacements(homographies(self.camera, np.diag(steps)), self.centres)
         return np.swapaxes(turned, 1, 2)
 
-    def _along(self, rotations: Points, slopes: Points) -> tuple[float, Points]:
+    def _along(self, rotations: Points) -> tuple[float, Points]:
         """Return the correlation of a path (T, 3) in grid steps, and its gradient (T, 3)."""
-        count = len(rotations)
+        count, slopes = len(rotations), self._slopes
         moved = np.einsum("pij,tj->pti", slopes, rotations - rotations.mean(0))
         filters = splat(moved, np.full(count, 1 / count), (self.size, self.size))
         match, change = self._correlation(filters)
@@ -238,6 +228,16 @@ class SpectralMatch:
         return spectra, power
 
 
+def _minimum(
+    descent: Callable[[Points], tuple[float, Points]], start: Points, iterations: int
+) -> tuple[float, Points]:
+    """Descend by L-BFGS from a start; return the value of the end, and the end."""
+    from scipy.optimize import minimize  # noqa: PLC0415 - slow to import, for estimates alone
+
+    end = minimize(descent, start, jac=True, method="L-BFGS-B", options={"maxiter": iterations})
+    return float(end.fun), end.x
+
+
 def _smoothed(spectra: Image, side: int, times: int = 1) -> Image:
     """Take means over boxes of periodic spectra (P, N, N), once or more often."""
     smooth = np.empty_like(spectra)
@@ -257,14 +257,11 @@ def _fluctuations(spectra: Image) -> Image:
 
 def _gradient_at(blocks: Image, places: Points) -> tuple[Points, Points]:
     """Return the slopes of periodic blocks (P, N, N), interpolated, at places (P, T, 2)."""
-    size = blocks.shape[-1]
-    low = np.floor(places)
-    a, b = np.moveaxis(places - low, -1, 0)
-    left, top = np.moveaxis(low.astype(np.int64), -1, 0) % size
-    right, bottom = (left + 1) % size, (top + 1) % size
-    tile = np.arange(len(blocks))[:, None]
-    upper_left, upper_right = blocks[tile, top, left], blocks[tile, top, right]
-    lower_left, lower_right = blocks[tile, bottom, left], blocks[tile, bottom, right]
+    place, _ = bilinear_taps(places, blocks.shape[1:])
+    flat = blocks.reshape(len(blocks), -1)
+    taps = np.take_along_axis(flat, place.reshape(len(blocks), -1), 1).reshape(place.shape)
+    upper_left, upper_right, lower_left, lower_right = np.moveaxis(taps, -1, 0)
+    a, b = np.moveaxis(places - np.floor(places), -1, 0)
     across = (1 - b) * (upper_right - upper_left) + b * (lower_right - lower_left)
     down = (1 - a) * (lower_left - upper_left) + a * (lower_right - upper_right)
     return across, down

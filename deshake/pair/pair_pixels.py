@@ -17,6 +17,7 @@ from deshake.errors import EstimationError
 from deshake.geometry.rotations import displacements, homographies
 from deshake.pair.kernel_settings import SETTINGS
 from deshake.pair.pair_rows import ROW_BLOCK
+from deshake.signal.pyramid import reduced
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -79,19 +80,19 @@ class PairPictures:
             _grey(f_reg, shape),
             [_grey(e, shape) for e in noise],
             np.zeros(shape, np.float32) if own is None else _grey(own, shape),
-            _reduced((valid != 0).astype(np.float32), shape),
-            _reduced((brightest >= SETTINGS.clipped).astype(np.float32), shape),
+            reduced((valid != 0).astype(np.float32), shape),
+            reduced((brightest >= SETTINGS.clipped).astype(np.float32), shape),
         )
 
     def at(self, shape: tuple[int, int]) -> PairPictures:
         """Return the pictures and masks, reduced to a size."""
         return PairPictures(
-            _reduced(self.g, shape),
-            _reduced(self.f, shape),
-            [_reduced(e, shape) for e in self.noise],
-            _reduced(self.own, shape),
-            _reduced(self.known, shape),
-            _reduced(self.clipped, shape),
+            reduced(self.g, shape),
+            reduced(self.f, shape),
+            [reduced(e, shape) for e in self.noise],
+            reduced(self.own, shape),
+            reduced(self.known, shape),
+            reduced(self.clipped, shape),
         )
 
 
@@ -136,15 +137,8 @@ class DrawnPixels(NamedTuple):
 
 def _grey(image: Image, shape: tuple[int, int]) -> Image:
     """Reduce an image to the mean of its channels, which has the least noise."""
-    small = _reduced(image, shape)
+    small = reduced(image, shape)
     return small if small.ndim == 2 else small.mean(-1, dtype=np.float32)
-
-
-def _reduced(image: Image, shape: tuple[int, int]) -> Image:
-    if image.shape[:2] == shape:
-        return image
-    size = (shape[1], shape[0])
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
 def derivatives(image: Image) -> Image:

@@ -31,6 +31,7 @@ from deshake.operators.shake_blur import ShakeBlur
 from deshake.run import Run
 from deshake.signal.luminance import luminance
 from deshake.signal.noise import noise_variance
+from deshake.signal.pyramid import reduced
 
 if TYPE_CHECKING:
     from deshake.geometry.kernel import RotationKernel
@@ -113,12 +114,12 @@ def moving_share(
     scale = min(
         _SETTINGS.extent / max(kernel.extent_px(), 1.0), math.sqrt(_MOST / math.prod(shape)), 1.0
     )
-    size = max(round(shape[1] * scale), 1), max(round(shape[0] * scale), 1)
-    light, restored = (_reduced(luminance(image), size) for image in (g, f))
+    size = [max(round(n * scale), 1) for n in shape]
+    light, restored = (reduced(luminance(image), size) for image in (g, f))
     small = kernel.at_size(*light.shape)
     unclipped = np.ones_like(light)
     if clipped is not None and clipped.any():
-        unclipped[_reduced(clipped.astype(np.float32), size) > 0] = 0
+        unclipped[reduced(clipped.astype(np.float32), size) > 0] = 0
     extent = small.extent_px()
     reach = max(int(_SETTINGS.reach * extent), _LEAST_REACH)
     misfit = _misfit(light, restored, small, unclipped, reach=reach, run=run)
@@ -169,7 +170,7 @@ def _without_gaps(share: Image, reach: int) -> Image:
     The result is smaller: its cells are a few pixels wide.
     """
     cell = max(reach // _CELLS, 1)
-    coarse = _reduced(share, (max(share.shape[1] // cell, 1), max(share.shape[0] // cell, 1)))
+    coarse = reduced(share, [max(n // cell, 1) for n in share.shape])
     side = 2 * int(_SETTINGS.gaps * reach / cell) + 1
     disk = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
     closed = cv2.morphologyEx(coarse, cv2.MORPH_CLOSE, disk)
@@ -213,10 +214,3 @@ def _mean(image: Image, reach: int) -> Image:
     side = (2 * reach + 1, 2 * reach + 1)
     once = cv2.blur(image, side, borderType=cv2.BORDER_REFLECT)
     return np.asarray(cv2.blur(once, side, borderType=cv2.BORDER_REFLECT), np.float32)
-
-
-def _reduced(image: Image, size: tuple[int, int]) -> Image:
-    """Average an image (h, w) to a size (width, height)."""
-    if size == image.shape[::-1]:
-        return np.asarray(image, np.float32)
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)

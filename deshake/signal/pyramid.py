@@ -17,11 +17,11 @@ from deshake.errors import EstimationError
 from deshake.signal.noise import noise_level
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable
+    from collections.abc import Callable, Hashable, Sequence
 
     from deshake.geometry.camera import Camera
 
-__all__ = ["RATIO", "Pyramid", "Scale"]
+__all__ = ["RATIO", "Pyramid", "Scale", "reduced"]
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -141,8 +141,8 @@ class Pyramid:
             source, usable, _ = self._linear(max(level - 2, 0))
             size = [max(round(n / RATIO**level), 1) for n in self.camera.shape]
             self._light[level] = (
-                _reduced(source, size),
-                None if usable is None else _reduced(usable.astype(np.float32), size) > _USABLE,
+                reduced(source, size),
+                None if usable is None else reduced(usable.astype(np.float32), size) > _USABLE,
                 self.camera.scaled(*size),
             )
         return self._light[level]
@@ -164,7 +164,7 @@ def contrast_factor(picture: Image) -> float:
 
     """
     shrink = min(1.0, _CONTRAST_SIDE / max(picture.shape))
-    small = _reduced(picture, [max(round(n * shrink), 2) for n in picture.shape])
+    small = reduced(picture, [max(round(n * shrink), 2) for n in picture.shape])
     across, down = np.diff(small, axis=1)[:-1], np.diff(small, axis=0)[:, :-1]
     contrast = float(np.sqrt((across**2 + down**2).mean()))
     if not contrast > _LEAST_CONTRAST:
@@ -173,6 +173,9 @@ def contrast_factor(picture: Image) -> float:
     return _CONTRAST / contrast
 
 
-def _reduced(picture: Image, shape: list[int]) -> Image:
+def reduced(picture: Image, shape: Sequence[int]) -> Image:
+    """Average a picture (h, w) or (h, w, C) to a smaller shape (rows, columns)."""
+    if picture.shape[:2] == tuple(shape):
+        return picture
     size = shape[1], shape[0]
     return cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.float32, copy=False)
