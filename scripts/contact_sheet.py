@@ -72,7 +72,7 @@ def fixed(source: Path, width: int, folder: Path | None) -> Row:
     try:
         photo = read_photo(source)
         blind_estimate = estimate_blind(photo, EstimateOptions(), run=Run(1))
-        result = deblur(photo, blind_estimate.content.kernel, run=Run(1))
+        result = deblur(photo, blind_estimate.content.kernel, run=Run(1)).photo
         seconds = time.perf_counter() - start
         if folder is not None:
             keep(folder, blind_estimate, result)

@@ -110,7 +110,7 @@ def deblurred(pair: PairToShow, threads: int) -> PairResults:
         known = {"registration": registration, "run": Run(threads)}
         kernels[model] = estimate_pair(g, f_N, options, **known)
         kernel = kernels[model].content.kernel
-        results[model] = deblur(g, kernel, RestorationOptions("fusion"), noisy=f_N, **known)
+        results[model] = deblur(g, kernel, RestorationOptions("fusion"), noisy=f_N, **known).photo
     return PairResults(registering, kernels, results, time.perf_counter() - start)
 
 

@@ -179,5 +179,5 @@ def deblur(
         keep_geometry=keep_geometry,
         protect_moving=protect_moving,
         run=Run(threads, progress),
-    )
+    ).photo
     return result if isinstance(photo, Photo) else pixels_of(result, photo)

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from deshake.restore.restoration import Restoration
     from deshake.stages.outputs import Observer
 
-__all__ = ["Deblurred", "deblur", "deblur_file", "deblurred"]
+__all__ = ["Deblurred", "deblur", "deblur_file"]
 
 _log = logging.getLogger(__name__)
 
@@ -79,33 +79,6 @@ class Deblurred(NamedTuple):
 
 
 def deblur(
-    photo: Photo,
-    kernel: RotationKernel,
-    options: RestorationOptions | None = None,
-    *,
-    noisy: Photo | None = None,
-    registration: Registration | None = None,
-    search_angle: float | None = None,
-    keep_geometry: bool = False,
-    protect_moving: bool = False,
-    run: Run = Run(),
-) -> Photo:
-    """Deblur a photo as `deblurred` does, and return the photo alone."""
-    result = deblurred(
-        photo,
-        kernel,
-        options,
-        noisy=noisy,
-        registration=registration,
-        search_angle=search_angle,
-        keep_geometry=keep_geometry,
-        protect_moving=protect_moving,
-        run=run,
-    )
-    return result.photo
-
-
-def deblurred(
     photo: Photo,
     kernel: RotationKernel,
     options: RestorationOptions | None = None,
@@ -282,7 +255,7 @@ def deblur_file(
         other = preview_photo(other)
         given = None if given is None else replace(given, camera=given.camera.scaled(*photo.shape))
     kernel = fitting_kernel(content, photo, kernel_file)
-    result, kept = deblurred(
+    result, kept = deblur(
         photo,
         kernel,
         restoration,

@@ -15,7 +15,7 @@ from deshake.files.disk import check_output
 from deshake.formats.photo import read_pair, read_photo
 from deshake.run import Run
 from deshake.stages.blind_estimate import estimate_blind
-from deshake.stages.deblurring import deblurred
+from deshake.stages.deblurring import deblur
 from deshake.stages.finishing import AS_IT_IS, FinishingOptions
 from deshake.stages.methods import RestorationOptions, default_method
 from deshake.stages.outputs import prepared, write_result
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from deshake.stages.estimate_options import EstimateOptions
     from deshake.stages.estimate_result import Estimate
     from deshake.stages.outputs import Observer
-
 
 __all__ = ["fix_file"]
 
@@ -121,7 +120,7 @@ def fix_file(
         estimate = estimate_blind(photo, options, run=first)
     del whole
     kernel = estimate.content.kernel
-    result, kept = deblurred(
+    result, kept = deblur(
         photo,
         kernel,
         restoration,

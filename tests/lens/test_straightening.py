@@ -74,15 +74,15 @@ def test_removing_the_distortion_improves_the_corners_by_a_decibel(shaken):
     kernel = simulated.kernel
     camera = kernel.camera
     plain = kernel.for_camera(Camera(camera.matrix, camera.height, camera.width))
-    without = deblur(photo, plain, FAST, run=Run(1)).pixels
-    kept = deblur(photo, kernel, FAST, keep_geometry=True, run=Run(1)).pixels
+    without = deblur(photo, plain, FAST, run=Run(1)).photo.pixels
+    kept = deblur(photo, kernel, FAST, keep_geometry=True, run=Run(1)).photo.pixels
     assert kept.shape == photo.pixels.shape
     blurred, first, second = (
         psnr_of_corners(light, simulated.sharp) for light in (photo.pixels, without, kept)
     )
     assert first > blurred + 1
     assert second > first + 1
-    straight = deblur(photo, kernel, FAST, run=Run(1))
+    straight = deblur(photo, kernel, FAST, run=Run(1)).photo
     sharp, _ = straightened(photo.with_pixels(simulated.sharp), camera)
     assert straight.shape == photo.shape
     assert psnr_of_corners(straight.pixels, sharp.pixels) > first + 0.8
@@ -104,9 +104,9 @@ def test_a_still_camera_leaves_the_photo_but_for_its_lens(scene, tmp_path):
     photo = photo_of(scene, tmp_path)
     camera = Camera.from_focal(250.0, *scene.shape).with_lens(BARREL)
     still = RotationKernel.delta(camera)
-    assert deblur(photo, still, keep_geometry=True) is photo
+    assert deblur(photo, still, keep_geometry=True).photo is photo
     np.testing.assert_array_equal(
-        deblur(photo, still).pixels, straightened(photo, camera)[0].pixels
+        deblur(photo, still).photo.pixels, straightened(photo, camera)[0].pixels
     )
 
 

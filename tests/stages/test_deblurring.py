@@ -68,7 +68,9 @@ def psnr(a, b):
 def test_the_kernel_of_a_still_camera_leaves_the_photo_as_it_is(pair):
     folder, _, _ = pair
     g, noisy = read(folder / "g.png"), read(folder / "n.png")
-    restored = deblur(g, RotationKernel.delta(CAMERA), RestorationOptions("fusion"), noisy=noisy)
+    restored = deblur(
+        g, RotationKernel.delta(CAMERA), RestorationOptions("fusion"), noisy=noisy
+    ).photo
     np.testing.assert_array_equal(restored.pixels, g.pixels)
 
 
@@ -78,7 +80,7 @@ def test_makes_a_sharper_photo(pair, method):
     blurred, noisy = read(folder / "g.png"), read(folder / "n.png")
     registration = Registration(TURNED, 1.03 * RATIO, 1.0, CAMERA)
     options = RestorationOptions(method)
-    done = deblur(blurred, kernel, options, noisy=noisy, registration=registration)
+    done = deblur(blurred, kernel, options, noisy=noisy, registration=registration).photo
     assert psnr(done.pixels, sharp) > psnr(blurred.pixels, sharp) + 3
     assert psnr(done.pixels, sharp) > 24
     assert done.encoding == blurred.encoding
@@ -94,7 +96,7 @@ def test_a_factor_that_is_a_little_off_is_corrected(pair):
             RestorationOptions("fusion", iterations=2),
             noisy=noisy,
             registration=Registration(TURNED, factor * RATIO, 1.0, CAMERA),
-        ).pixels
+        ).photo.pixels
         for factor in (0.95, 1.05)
     ]
     np.testing.assert_allclose(restored[0], restored[1], atol=2e-3)
@@ -109,7 +111,7 @@ def test_grey_noisy_photos_pass(pair, tmp_path):
     for one, other in (("g.png", path), (path, folder / "n.png")):
         options = RestorationOptions("fusion", iterations=1)
         photo = read(folder / one)
-        done = deblur(photo, kernel, options, noisy=read(other), registration=registration)
+        done = deblur(photo, kernel, options, noisy=read(other), registration=registration).photo
         assert done.pixels.shape == photo.pixels.shape
 
 
@@ -139,7 +141,7 @@ def test_the_photos_are_registered_if_no_registration_is_given(pair):
         RestorationOptions("fusion"),
         noisy=noisy,
         run=Run(progress=lambda share, text: reports.append((share, text))),
-    )
+    ).photo
     assert psnr(done.pixels, sharp) > psnr(blurred.pixels, sharp)
     shares = [share for share, _ in reports]
     assert shares == sorted(shares)

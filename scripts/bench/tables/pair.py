@@ -53,7 +53,7 @@ from deshake.pictures.sheets import detailed_part
 from deshake.run import Run
 from deshake.stages.blind_estimate import estimate_blind
 from deshake.stages.camera_choice import CameraChoice
-from deshake.stages.deblurring import deblur
+from deshake.stages.deblurring import Deblurred, deblur
 from deshake.stages.estimate_options import EstimateOptions
 from deshake.stages.methods import RestorationOptions
 from deshake.stages.pair_estimate import estimate_pair
@@ -101,16 +101,16 @@ def blind(case: PairCase, logs: Sequence[Path]) -> Score:
     pair = shaken_pair(case, logs)
     photo, _ = pair.photos()
     kernel = estimate_blind(photo, options_of(pair), run=Run(1)).content.kernel
-    shown = display(deblur(photo, kernel, run=Run(1)).pixels)
+    shown = display(deblur(photo, kernel, run=Run(1)).photo.pixels)
     truth = display(pair.sharp(pair.kernel.centroid))
     return max(Score.of(one, truth) for one in (shown, aligned(shown, truth)))
 
 
-def best_residual(known: Callable[..., Photo], truth: Image, default: Image) -> Image:
+def best_residual(known: Callable[..., Deblurred], truth: Image, default: Image) -> Image:
     """Return the residual method's result at the best of some numbers of iterations."""
     best = default
     for count in COUNTS:
-        light = known(options=RestorationOptions("residual", iterations=count)).pixels
+        light = known(options=RestorationOptions("residual", iterations=count)).photo.pixels
         if psnr(display(light), truth) <= psnr(display(best), truth):
             break
         best = light
@@ -164,7 +164,7 @@ def compare(
         "denoised": (f_D, noise),
     }
     if "single" in wanted:
-        results["single"] = (deblur(blurred, true, run=Run(1)).pixels, centred)
+        results["single"] = (deblur(blurred, true, run=Run(1)).photo.pixels, centred)
     ways = {
         "uniform": (kernels.get("uniform kernel", kernel).kernel, RestorationOptions("fusion")),
         "residual": (kernel.kernel, RESIDUAL),
@@ -176,12 +176,12 @@ def compare(
         work = partial(
             deblur, blurred, chosen, how, noisy=noisy, registration=registration, run=Run(1)
         )
-        results[what] = (timed(what, work).pixels, there)
+        results[what] = (timed(what, work).photo.pixels, there)
     known = partial(
         deblur, blurred, kernel.kernel, noisy=noisy, registration=registration, run=Run(1)
     )
     if "stopped" in wanted:
-        light = known(options=RESIDUAL).pixels
+        light = known(options=RESIDUAL).photo.pixels
         results["stopped"] = (best_residual(known, display(there), light), there)
     scores = {}
     for what, (light, sharp) in results.items():

@@ -110,7 +110,7 @@ def score(
         part = part_of(photo, wide)
         if kernel is not None:
             camera = kernel.camera.cropped(*wide)
-            part = deblur(part, kernel.for_camera(camera), run=Run(1))
+            part = deblur(part, kernel.for_camera(camera), run=Run(1)).photo
         ours = in_display(part.pixels[box.within(wide).slices])
         truth = np.ascontiguousarray(sharp[box.slices])
         errors.append(squared_error(ours, truth))

@@ -176,7 +176,7 @@ def measure(change: Change, folder: Path | None) -> Result:
 
     def fix() -> tuple[Estimate, Photo]:
         estimate = estimate_blind(photo, EstimateOptions(), run=Run(1))
-        return estimate, deblur(photo, estimate.content.kernel, run=Run(1))
+        return estimate, deblur(photo, estimate.content.kernel, run=Run(1)).photo
 
     (blind_estimate, result), cost = measured(fix)
     one, other = (encode(item.pixels, Srgb(), 8).astype(np.float32) for item in (photo, result))
