@@ -46,6 +46,17 @@ _COLUMNS: Final = {
     "Confidence": "number",
     "Time, s": "number",
 }
+_DRAWN: Final = {
+    "kernel": (
+        "The paths that points of light draw in nine places of the photo",
+        "The path of the shake in nine places of the photo",
+    ),
+    "moving": (
+        "The frame, with a colour where the result keeps the photo",
+        "In colour: the blur is not the camera's, so the photo is kept",
+    ),
+}
+"""The pictures beside the figures: what they show, and their captions."""
 _MANY: Final = 40  # photos; with more, the browser draws only the visible ones
 _UNKNOWN: Final = "-1"  # sorts before all numbers
 
@@ -299,27 +310,22 @@ def _windows(pictures: ReportPictures, window: Callable[[str, str], str]) -> str
     return f'<div class="pair">{"".join(shown)}</div>'
 
 
+def _figure(name: str, picture: Encoded, place: Place) -> str:
+    """Return one of the pictures beside the figures."""
+    what, caption = _DRAWN[name]
+    source = html.escape(place(name, picture))
+    return (
+        f'<figure><img class="kernel" width="{picture.width}" height="{picture.height}" '
+        f'alt="{what}" loading="lazy" src="{source}"><figcaption>{caption}</figcaption></figure>'
+    )
+
+
 def _facts(entry: Entry, pictures: ReportPictures | None, place: Place) -> str:
     """Return the kernel and the figures."""
-    kernel = ""
-    if pictures is not None and pictures.kernel is not None:
-        drawn = pictures.kernel
-        source = html.escape(place("kernel", drawn))
-        kernel = (
-            f'<figure><img class="kernel" width="{drawn.width}" height="{drawn.height}" '
-            'alt="The paths that points of light draw in nine places of the photo" '
-            f'loading="lazy" src="{source}"><figcaption>The path of the shake in nine places of '
-            "the photo</figcaption></figure>"
-        )
-    if pictures is not None and pictures.moving is not None:
-        drawn = pictures.moving
-        source = html.escape(place("moving", drawn))
-        kernel += (
-            f'<figure><img class="kernel" width="{drawn.width}" height="{drawn.height}" '
-            'alt="The frame, with a colour where the result keeps the photo" '
-            f'loading="lazy" src="{source}"><figcaption>In colour: the blur is not the '
-            "camera's, so the photo is kept</figcaption></figure>"
-        )
+    drawn = {} if pictures is None else {"kernel": pictures.kernel, "moving": pictures.moving}
+    figures = "".join(
+        _figure(name, picture, place) for name, picture in drawn.items() if picture is not None
+    )
     facts: list[tuple[str, str]] = []
     if entry.extent_px is not None:
         facts.append(("Shake", f"{entry.extent_px:.1f} px over the frame"))
@@ -334,7 +340,7 @@ def _facts(entry: Entry, pictures: ReportPictures | None, place: Place) -> str:
     facts += [("Note", _text(warning)) for warning in entry.warnings]
     items = "".join(f"<dt>{name}</dt><dd>{value}</dd>" for name, value in facts)
     return (
-        f'<h3>How</h3>\n<div class="facts">{kernel}<div><dl>{items}</dl>\n'
+        f'<h3>How</h3>\n<div class="facts">{figures}<div><dl>{items}</dl>\n'
         f"<p>Command</p><pre><code>{_text(entry.command)}</code></pre></div></div>"
     )
 
