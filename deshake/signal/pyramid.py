@@ -45,7 +45,7 @@ class Scale(NamedTuple):
     Parameters
     ----------
     picture : (h, w) array of float32
-        Luminance in linear light to the power of ``1 / gamma``.
+        Luminance in linear light.
     camera : Camera
         The camera of a photo of this size.
     usable : (h, w) array of bool, optional
@@ -72,8 +72,6 @@ class Pyramid:
         Its camera.
     usable : (h, w) array of bool, optional
         Pixels that are not clipped; by default all.
-    gamma : float
-        Pictures are in light to the power of ``1 / gamma``.
 
     Raises
     ------
@@ -82,11 +80,8 @@ class Pyramid:
 
     """
 
-    def __init__(
-        self, grey: Image, camera: Camera, usable: Mask | None = None, *, gamma: float = 1.0
-    ) -> None:
+    def __init__(self, grey: Image, camera: Camera, usable: Mask | None = None) -> None:
         self.camera = camera
-        self.gamma = gamma
         usable_all = usable is None or bool(usable.all())
         self._light: dict[int, tuple[Image, Mask | None, Camera]] = {
             0: (grey, None if usable_all else usable, camera)
@@ -105,10 +100,7 @@ class Pyramid:
         """Return a scale; 0 is the photo itself, one more is smaller by the root of two."""
         if level not in self._scales:
             light, usable, camera = self._linear(level)
-            picture = light
-            if self.gamma != 1:
-                picture = np.maximum(light, 0) ** np.float32(1 / self.gamma)
-            self._scales[level] = Scale(picture, camera, usable, self._contrast)
+            self._scales[level] = Scale(light, camera, usable, self._contrast)
         return self._scales[level]
 
     def noise(self, level: int) -> float:
@@ -130,7 +122,7 @@ class Pyramid:
             hidden.astype(np.uint8), grey.shape[::-1], interpolation=cv2.INTER_NEAREST
         )
         left = (shown == 0) if usable is None else usable & (shown == 0)
-        return Pyramid(grey, camera, left, gamma=self.gamma)
+        return Pyramid(grey, camera, left)
 
     def level_of(self, pixels: float) -> int:
         """Return the index of the finest scale with at most so many pixels."""
@@ -149,9 +141,7 @@ class Pyramid:
 
     def _measured_contrast(self) -> float:
         shrink = max(max(self.camera.shape) / _CONTRAST_FROM, 1)
-        light = self._linear(2 * int(np.log2(shrink)))[0]
-        picture = np.maximum(light, 0) ** np.float32(1 / self.gamma) if self.gamma != 1 else light
-        return contrast_factor(picture)
+        return contrast_factor(self._linear(2 * int(np.log2(shrink)))[0])
 
 
 def contrast_factor(picture: Image) -> float:

@@ -9,8 +9,8 @@ from deshake.geometry.camera import Camera
 from deshake.signal.pyramid import RATIO, Pyramid
 
 
-def of(grey: np.ndarray, usable: np.ndarray | None = None, **how) -> Pyramid:
-    return Pyramid(grey, Camera.from_focal(300.0, *grey.shape), usable, **how)
+def of(grey: np.ndarray, usable: np.ndarray | None = None) -> Pyramid:
+    return Pyramid(grey, Camera.from_focal(300.0, *grey.shape), usable)
 
 
 def test_the_first_scale_is_the_photo(sharp) -> None:
@@ -112,17 +112,6 @@ def test_where_all_is_usable_no_mask_is_kept(sharp) -> None:
     pyramid = of(sharp, np.ones(sharp.shape, bool))
     assert pyramid.at(0).usable is None
     assert pyramid.at(3).usable is None
-
-
-def test_a_gamma_bends_light_after_it_was_reduced(sharp) -> None:
-    below = sharp.copy()
-    below[3, 4] = -0.1  # noise of a dark pixel
-    plain, bent = of(below), of(below, gamma=2.2)
-    for level in (0, 1, 4):
-        light = np.maximum(plain.at(level).picture, 0)
-        np.testing.assert_allclose(bent.at(level).picture, light ** (1 / 2.2), atol=1e-6)
-    root = Pyramid(np.maximum(below, 0) ** np.float32(1 / 2.2), plain.camera)
-    assert bent.at(0).contrast == pytest.approx(root.at(0).contrast, rel=1e-5)
 
 
 def test_what_was_made_of_a_photo_is_kept_under_its_key(sharp) -> None:
