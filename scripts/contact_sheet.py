@@ -26,7 +26,8 @@ from deshake.batch.folders import find_photos
 from deshake.errors import DeshakeError, OutputError
 from deshake.files.disk import check_output
 from deshake.files.kernel_file import write_kernel
-from deshake.formats.photo import read_photo, write_photo
+from deshake.formats.photo import read_photo
+from deshake.formats.photo_writing import write_photo
 from deshake.pictures.comparison import before_and_after
 from deshake.pictures.sheets import CHARACTER, GAP, Row, sheet
 from deshake.run import Run

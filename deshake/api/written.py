@@ -12,7 +12,7 @@ from deshake.errors import OutputError
 from deshake.files.kernel_file import KernelFile
 from deshake.files.kernel_file import write_kernel as write_kernel_file
 from deshake.formats.photo import Photo
-from deshake.formats.photo import write_photo as write_photo_file
+from deshake.formats.photo_writing import write_photo as write_photo_file
 from deshake.geometry.kernel import RotationKernel
 from deshake.stages.estimate_result import Estimate
 

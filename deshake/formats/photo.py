@@ -1,9 +1,8 @@
-"""A photo: pixels in linear light, and all that is needed to write it back the same way."""
+"""A photo: pixels in linear light, read from a file with all that a file of it needs."""
 
 from __future__ import annotations
 
 import hashlib
-import logging
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,47 +11,34 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deshake.errors import PhotoError
-from deshake.files.disk import check_output, read_bytes, write_bytes
-from deshake.formats.avif import decode_avif, encode_avif
-from deshake.formats.carrying import carried
-from deshake.formats.conversion import converted, encoded, output_format
-from deshake.formats.encoding import SUFFIXES, WRITTEN_AS, Decoded, Encoding, turned
+from deshake.files.disk import read_bytes
+from deshake.formats.avif import decode_avif
+from deshake.formats.encoding import Decoded, Encoding, turned
 from deshake.formats.heif import decode_heif
 from deshake.formats.icc import profile_transfer
-from deshake.formats.jpeg import decode_jpeg, encode_jpeg
-from deshake.formats.jpeg2000 import decode_jpeg2000, encode_jpeg2000
+from deshake.formats.jpeg import decode_jpeg
+from deshake.formats.jpeg2000 import decode_jpeg2000
 from deshake.formats.jpeg_frame import Frame
-from deshake.formats.png import decode_png, encode_png
+from deshake.formats.png import decode_png
 from deshake.formats.raw import decode_raw
 from deshake.formats.signatures import photo_format
-from deshake.formats.tiff import decode_tiff, encode_tiff
-from deshake.formats.transfer import LINEAR, NAMED, Power, decode, is_clipped
-from deshake.formats.webp import decode_webp, encode_webp
-from deshake.metadata.profiles import linear_profile, power_profile
+from deshake.formats.tiff import decode_tiff
+from deshake.formats.transfer import LINEAR, NAMED, clipped_pixels, decode, reduced_light
+from deshake.formats.webp import decode_webp
+from deshake.metadata.profiles import linear_profile
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from numpy.typing import NDArray
 
     from deshake.formats.encoding import Format
-    from deshake.formats.transfer import Codes, Transfer, TransferName
+    from deshake.formats.transfer import Codes, TransferName
     from deshake.metadata.metadata import Metadata
 
-__all__ = [
-    "Photo",
-    "balanced",
-    "encode_photo",
-    "photo_bytes",
-    "read_pair",
-    "read_photo",
-    "write_photo",
-]
-
-_log = logging.getLogger(__name__)
+__all__ = ["Photo", "balanced", "read_pair", "read_photo"]
 
 _MAX_BYTES = 4 << 30  # a larger file is an error
-_BAND = 128  # rows that are decoded at once where a photo is reduced as it is read
 _DECODERS: dict[Format, Callable[[bytes], Decoded]] = {
     "JPEG": decode_jpeg,
     "PNG": decode_png,
@@ -62,14 +48,6 @@ _DECODERS: dict[Format, Callable[[bytes], Decoded]] = {
     "JPEG2000": decode_jpeg2000,
     "HEIF": decode_heif,
     "RAW": decode_raw,
-}
-_ENCODERS: dict[Format, Callable[[Decoded], bytes]] = {
-    "JPEG": encode_jpeg,
-    "PNG": encode_png,
-    "TIFF": encode_tiff,
-    "WEBP": encode_webp,
-    "AVIF": encode_avif,
-    "JPEG2000": encode_jpeg2000,
 }
 
 
@@ -245,12 +223,12 @@ def read_photo(
     turn = decoded.metadata.orientation
     codes = turned(decoded.codes, turn)
     curve = LINEAR if encoding.format == "RAW" else encoding.transfer
-    pixels = decode(codes, curve) if reduction is None else _reduced(codes, curve, reduction)
+    pixels = decode(codes, curve) if reduction is None else reduced_light(codes, curve, reduction)
     saturated = None if decoded.saturated is None else turned(decoded.saturated, turn)
     has_frame = bool(decoded.frame) and turn == 1 and reduction is None
     return Photo(
         pixels=pixels,
-        clipped=_clipped(codes, saturated),
+        clipped=clipped_pixels(codes, saturated),
         alpha=None if decoded.alpha is None else turned(decoded.alpha, turn),
         encoding=encoding,
         metadata=decoded.metadata.upright(),
@@ -284,137 +262,6 @@ def balanced(photo: Photo, reference: Photo) -> Photo:
     gains = np.divide(wanted, own).astype(np.float32)
     encoding = replace(photo.encoding, balance=wanted)
     return replace(photo.with_pixels(photo.pixels * gains), encoding=encoding)
-
-
-def encode_photo(photo: Photo, form: Format | None = None) -> bytes:
-    """Encode a photo, by default in the format and depth of its file.
-
-    Parameters
-    ----------
-    photo : Photo
-        The photo. If the pixels of a JPEG are unchanged, its compressed picture is copied.
-    form : Format, optional
-        Another format. JPEG and WebP hold 8 bits; WebP holds grey as RGB. deshake does not write
-        RAW and HEIC: by default, RAW becomes TIFF, and HEIC becomes JPEG.
-
-    Raises
-    ------
-    PhotoError
-        If the format cannot hold the photo: its size, its metadata, or transparency in a JPEG.
-
-    """
-    encoding, alpha = photo.encoding, photo.alpha
-    if encoding.format in WRITTEN_AS:
-        form = form or SUFFIXES[WRITTEN_AS[encoding.format]]
-    metadata = photo.metadata
-    if form is not None and form != encoding.format:
-        encoding = converted(encoding, form)
-        if not metadata.icc and isinstance(encoding.transfer, Power):  # a PNG states it elsewhere
-            profile = power_profile(encoding.transfer.gamma, grey=encoding.grey)
-            metadata = replace(metadata, icc=profile)
-        if alpha is not None and alpha.dtype == np.uint16 and encoding.depth == 8:
-            alpha = np.rint(alpha / 257).astype(np.uint8)
-    if alpha is not None and encoding.format == "JPEG":
-        if alpha.min() < np.iinfo(alpha.dtype).max:
-            raise PhotoError(
-                "a JPEG cannot hold transparency",
-                hint="write a PNG, TIFF or WebP",
-                file=photo.source,
-            )
-        alpha = None
-    frame = photo.frame.of(photo.pixels) if photo.frame and encoding.format == "JPEG" else b""
-    codes = encoded(photo.pixels, encoding)
-    metadata = carried(metadata, encoding.format, *photo.shape).metadata
-    try:
-        return _ENCODERS[encoding.format](Decoded(codes, alpha, encoding, metadata, frame=frame))
-    except PhotoError as error:
-        error.file = str(photo.source)
-        raise
-
-
-def write_photo(
-    path: str | os.PathLike[str],
-    photo: Photo,
-    *,
-    overwrite: bool = False,
-    made_from: Sequence[str | os.PathLike[str]] | None = None,
-) -> None:
-    """Write a photo to a file, whole or not at all; warn of metadata that it cannot hold.
-
-    Parameters
-    ----------
-    path : path
-        The file; `output_format` decides its format.
-    photo : Photo
-        The photo.
-    overwrite : bool, keyword-only
-        Whether an existing file may be replaced. The photo's source never is.
-    made_from : sequence of path, keyword-only
-        The inputs, whose permissions the file takes; by default the photo's source. Without inputs
-        the system decides.
-
-    Raises
-    ------
-    OutputError
-        If the file may not or cannot be written.
-    PhotoError
-        If the format cannot hold the photo.
-
-    """
-    check_output(path, photo.source, overwrite=overwrite)
-    data = photo_bytes(path, photo)
-    inputs = [photo.source] if made_from is None else made_from
-    write_bytes(path, data, overwrite=overwrite, made_from=inputs)
-
-
-def photo_bytes(path: str | os.PathLike[str], photo: Photo, form: Format | None = None) -> bytes:
-    """Return the bytes of a photo's file; warn of metadata that the format cannot hold.
-
-    Parameters
-    ----------
-    path : path
-        Name of the file; `output_format` decides its format.
-    photo : Photo
-        The photo.
-    form : Format, optional
-        A format, whatever the name is.
-
-    Raises
-    ------
-    OutputError
-        If the name's ending stands for no format that deshake writes.
-    PhotoError
-        If the format cannot hold the photo.
-
-    """
-    form = form or output_format(path, photo.source, photo.encoding)
-    for loss in carried(photo.metadata, form, *photo.shape).losses:
-        _log.warning("%s: %s", photo.source, loss)
-    return encode_photo(photo, form)
-
-
-def _reduced(
-    codes: Codes,
-    curve: Transfer,
-    reduction: Callable[[NDArray[np.float32]], NDArray[np.float32]],
-) -> NDArray[np.float32]:
-    """Turn codes into linear light and reduce it to grey, band by band."""
-    grey = np.empty(codes.shape[:2], np.float32)
-    for top in range(0, len(codes), _BAND):
-        grey[top : top + _BAND] = reduction(decode(codes[top : top + _BAND], curve))
-    return grey
-
-
-def _clipped(codes: Codes, saturated: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
-    """Return the pixels of which a code is clipped, or saturated."""
-    clipped = np.empty(codes.shape[:2], bool)
-    for top in range(0, len(codes), _BAND):
-        band = slice(top, top + _BAND)
-        marks = is_clipped(codes[band]) if saturated is None else saturated[band]
-        if marks.ndim == 3:  # NumPy's `any` over the colours takes ten times as long
-            marks = marks[..., 0] | marks[..., 1] | marks[..., 2]
-        clipped[band] = marks
-    return clipped
 
 
 def _encoding(decoded: Decoded, transfer: TransferName | None) -> Encoding:

@@ -31,15 +31,18 @@ __all__ = [
     "Table",
     "Transfer",
     "TransferName",
+    "clipped_pixels",
     "decode",
     "encode",
     "is_clipped",
+    "reduced_light",
 ]
 
 Codes = NDArray[np.unsignedinteger]  # or float32, in floating-point TIFFs
 Depth = Literal[8, 16, 32]
 TransferName = Literal["srgb", "linear", "gamma22"]
 
+_BAND = 128  # rows of a photo that are reduced to grey at once
 _BLOCK = 1 << 20  # values encoded at once, so that the intermediate floats stay small
 
 
@@ -229,6 +232,30 @@ def is_clipped(codes: Codes) -> NDArray[np.bool_]:
         return np.zeros(codes.shape, bool)
     top = np.iinfo(codes.dtype).max
     return np.asarray(codes >= round(top * 254 / 255))
+
+
+def reduced_light(
+    codes: Codes,
+    transfer: Transfer,
+    reduction: Callable[[NDArray[np.float32]], NDArray[np.float32]],
+) -> NDArray[np.float32]:
+    """Turn codes into linear light and reduce it to grey (H, W), band by band."""
+    grey = np.empty(codes.shape[:2], np.float32)
+    for top in range(0, len(codes), _BAND):
+        grey[top : top + _BAND] = reduction(decode(codes[top : top + _BAND], transfer))
+    return grey
+
+
+def clipped_pixels(codes: Codes, saturated: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
+    """Return the pixels (H, W) of which a code is clipped, or `saturated`; band by band."""
+    clipped = np.empty(codes.shape[:2], bool)
+    for top in range(0, len(codes), _BAND):
+        band = slice(top, top + _BAND)
+        marks = is_clipped(codes[band]) if saturated is None else saturated[band]
+        if marks.ndim == 3:  # NumPy's `any` over the colours takes ten times as long
+            marks = marks[..., 0] | marks[..., 1] | marks[..., 2]
+        clipped[band] = marks
+    return clipped
 
 
 def _beyond(

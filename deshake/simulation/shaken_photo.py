@@ -19,7 +19,8 @@ from deshake.files.joint_outputs import joint_outputs
 from deshake.files.kernel_file import KernelFile, kernel_bytes, read_camera
 from deshake.formats.conversion import output_format
 from deshake.formats.output_names import output_ending
-from deshake.formats.photo import photo_bytes, read_photo
+from deshake.formats.photo import read_photo
+from deshake.formats.photo_writing import photo_bytes
 from deshake.geometry.distortion import bent_camera
 from deshake.geometry.rotations import reach
 from deshake.lens.frame_tags import reframed

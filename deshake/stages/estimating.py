@@ -11,7 +11,8 @@ from deshake.files.disk import STREAM, check_output
 from deshake.files.joint_outputs import joint_outputs
 from deshake.files.kernel_file import kernel_bytes
 from deshake.formats.conversion import output_format
-from deshake.formats.photo import encode_photo, read_pair, read_photo
+from deshake.formats.photo import read_pair, read_photo
+from deshake.formats.photo_writing import encode_photo
 from deshake.pictures.latent_photo import latent_photo
 from deshake.pictures.tile_picture import tile_photo
 from deshake.run import Run

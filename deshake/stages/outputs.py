@@ -11,7 +11,7 @@ from deshake.files.disk import check_output
 from deshake.files.joint_outputs import joint_outputs
 from deshake.files.kernel_file import KernelFile, kernel_bytes
 from deshake.formats.conversion import lost
-from deshake.formats.photo import encode_photo, photo_bytes
+from deshake.formats.photo_writing import encode_photo, photo_bytes
 from deshake.pictures.comparison import comparison_sheet
 from deshake.stages.photo_provenance import with_photo_provenance
 

@@ -16,7 +16,8 @@ from deshake.files.joint_outputs import joint_outputs
 from deshake.files.registration_file import RegistrationFile, read_registration, registration_bytes
 from deshake.formats.conversion import output_format
 from deshake.formats.encoding import Encoding
-from deshake.formats.photo import encode_photo, read_pair
+from deshake.formats.photo import read_pair
+from deshake.formats.photo_writing import encode_photo
 from deshake.lens.straightening import straight_pair
 from deshake.metadata.metadata import Metadata
 from deshake.pair.clipped_noise import unclipped_mean

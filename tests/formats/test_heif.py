@@ -8,7 +8,8 @@ from support.heic_writer import heic
 
 from deshake.errors import PhotoError
 from deshake.formats.heif import decode_heif
-from deshake.formats.photo import encode_photo, read_photo
+from deshake.formats.photo import read_photo
+from deshake.formats.photo_writing import encode_photo
 
 
 def picture(depth=8, height=48, width=64):

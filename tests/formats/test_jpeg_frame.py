@@ -10,7 +10,8 @@ from PIL import Image
 from skimage import data
 
 from deshake.formats.jpeg_frame import Frame, frame_of, with_frame
-from deshake.formats.photo import encode_photo, read_photo
+from deshake.formats.photo import read_photo
+from deshake.formats.photo_writing import encode_photo
 
 PHOTO = data.astronaut()[60:141, 180:277]
 

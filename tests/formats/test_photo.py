@@ -14,7 +14,8 @@ import tifffile
 from PIL import Image, ImageOps
 
 from deshake.errors import OutputError, PhotoError
-from deshake.formats.photo import encode_photo, read_photo, write_photo
+from deshake.formats.photo import read_photo
+from deshake.formats.photo_writing import encode_photo, write_photo
 from deshake.formats.transfer import LINEAR, SRGB, Power
 from deshake.signal.luminance import luminance
 

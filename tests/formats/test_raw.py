@@ -11,7 +11,8 @@ from PIL import Image, ImageCms
 
 from deshake.errors import OutputError, PhotoError
 from deshake.formats.conversion import output_format
-from deshake.formats.photo import balanced, encode_photo, read_pair, read_photo, write_photo
+from deshake.formats.photo import balanced, read_pair, read_photo
+from deshake.formats.photo_writing import encode_photo, write_photo
 from deshake.formats.raw import decode_raw
 from deshake.formats.transfer import LINEAR, SRGB
 

@@ -8,7 +8,8 @@ import pytest
 import tifffile
 from PIL import Image
 
-from deshake.formats.photo import encode_photo, read_photo
+from deshake.formats.photo import read_photo
+from deshake.formats.photo_writing import encode_photo
 from deshake.metadata import exif
 from deshake.metadata.density import Density, exif_density, jfif_density, phys_density
 

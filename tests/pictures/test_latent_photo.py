@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deshake.formats.photo import encode_photo, read_photo
+from deshake.formats.photo import read_photo
+from deshake.formats.photo_writing import encode_photo
 from deshake.pictures.latent_photo import latent_photo
 
 

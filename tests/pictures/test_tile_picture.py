@@ -8,7 +8,8 @@ import pytest
 
 from deshake.errors import EstimationError
 from deshake.formats.encoding import Encoding
-from deshake.formats.photo import Photo, encode_photo
+from deshake.formats.photo import Photo
+from deshake.formats.photo_writing import encode_photo
 from deshake.formats.transfer import SRGB
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel

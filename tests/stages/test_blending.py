@@ -5,7 +5,8 @@ import pytest
 from PIL import Image
 
 from deshake.errors import PhotoError
-from deshake.formats.photo import encode_photo, read_photo
+from deshake.formats.photo import read_photo
+from deshake.formats.photo_writing import encode_photo
 from deshake.formats.transfer import encode
 from deshake.stages.blending import blended, find_mask, fit_mask, read_mask
 

@@ -9,7 +9,8 @@ import pytest
 from PIL import Image
 
 from deshake.files.kernel_file import KernelFile
-from deshake.formats.photo import read_photo, write_photo
+from deshake.formats.photo import read_photo
+from deshake.formats.photo_writing import write_photo
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.lens.straightening import is_straightened

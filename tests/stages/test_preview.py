@@ -7,7 +7,8 @@ import pytest
 from PIL import Image
 
 from deshake.errors import PhotoError
-from deshake.formats.photo import Photo, encode_photo, read_photo
+from deshake.formats.photo import Photo, read_photo
+from deshake.formats.photo_writing import encode_photo
 from deshake.run import Run
 from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.estimate_options import EstimateOptions
