@@ -66,13 +66,16 @@ def test_other_files_are_refused(data, what):
         photo_format(data)
 
 
-@pytest.mark.parametrize("length", range(0, 400, 13))
-def test_pieces_of_a_tiff_raise_no_other_error(make_dng, length):
-    data = make_dng(np.zeros((20, 20, 3)))[:length]
-    try:
-        assert photo_format(data) in {"RAW", "TIFF"}
-    except PhotoError:
-        assert length < 4
+def test_pieces_of_a_tiff_raise_no_other_error(make_dng):
+    data = make_dng(np.zeros((20, 20, 3)))
+    refused, forms = [], set()
+    for length in range(0, 400, 13):
+        try:
+            forms.add(photo_format(data[:length]))
+        except PhotoError:
+            refused.append(length)
+    assert forms <= {"RAW", "TIFF"}
+    assert refused == [0]
 
 
 def test_a_name_alone_can_identify_a_raw_file():

@@ -3,7 +3,6 @@ from __future__ import annotations
 import io
 import struct
 
-import pytest
 from PIL import Image, IptcImagePlugin
 
 from deshake.metadata.image_resources import iptc_of, with_iptc, without_padding, without_thumbnails
@@ -65,11 +64,10 @@ def test_another_reader_reads_the_iptc() -> None:
         assert IptcImagePlugin.getiptcinfo(picture) == {(2, 5): b"Title", (2, 25): b"word"}
 
 
-@pytest.mark.parametrize("size", range(len(RESOURCES)))
-def test_resources_cut_short_are_unchanged(size: int) -> None:
-    cut = RESOURCES[:size]
-    assert set(without_thumbnails(cut)) <= set(cut)
-    assert iptc_of(with_iptc(cut, IPTC)) == IPTC
+def test_resources_cut_short_are_unchanged() -> None:
+    cuts = [RESOURCES[:size] for size in range(len(RESOURCES))]
+    assert [cut for cut in cuts if not set(without_thumbnails(cut)) <= set(cut)] == []
+    assert [cut for cut in cuts if iptc_of(with_iptc(cut, IPTC)) != IPTC] == []
 
 
 def test_rubbish_stays() -> None:
