@@ -167,8 +167,8 @@ def test_a_file_system_that_takes_no_files(refused, shaken):
 
 @pytest.mark.skipif(os.name == "nt", reason="needs RLIMIT_FSIZE")
 @pytest.mark.parametrize("command", ["fix", *STAGES])
-def test_a_full_disk_leaves_nothing(deshake, shaken, pan, contents, command):
-    path = shaken("a.png", 16)
+def test_a_full_disk_leaves_nothing(deshake, sharp_photo, pan, contents, command):
+    path = sharp_photo("a.png", 16)
     folder, k = path.parent, path.parent / "k"
     k.mkdir()
     if command == "fix":  # noise, so that the photo is larger than the kernel

@@ -13,14 +13,27 @@ FAST = ("--focal-35mm", 40, "--blur-size", 3, "--uniform", "--estimator", "edges
 
 
 @pytest.fixture
-def folder(shaken, tmp_path):
+def folder(sharp_photo, tmp_path):
     """Make a folder of three photos, of which one is bad, and one in a folder in it."""
     place = tmp_path / "in"
     (place / "sub").mkdir(parents=True)
-    photo = shaken("p.jpg").rename(place / "p2.jpg")
+    photo = sharp_photo("p.jpg").rename(place / "p2.jpg")
     shutil.copy(photo, place / "sub" / "q.jpg")
     (place / "p10.jpg").write_text("no photo")
     return place
+
+
+@pytest.fixture
+def shake(folder, shaken):
+    """Put a shaken photo in the place of some of the sharp ones."""
+
+    def put(*names):
+        photo = shaken("shaken.jpg")
+        for name in names:
+            shutil.copy(photo, folder / name)
+        photo.unlink()
+
+    return put
 
 
 def test_a_tree_of_photos(deshake, folder, tmp_path):
@@ -38,7 +51,8 @@ def test_a_tree_of_photos(deshake, folder, tmp_path):
     assert "photos:" not in outcome.err  # said with -q: nothing but errors
 
 
-def test_jobs_and_threads_do_not_change_a_byte(deshake, folder, tmp_path):
+def test_jobs_and_threads_do_not_change_a_byte(deshake, folder, shake, tmp_path):
+    shake("p2.jpg")
     made = []
     for number, words in enumerate((("-j", 1, "--threads", 1), ("-j", 3, "--threads", 2))):
         out = tmp_path / str(number)
@@ -68,7 +82,8 @@ def test_a_dry_run_prints_and_does_nothing(deshake, folder, tmp_path, contents):
     assert contents(tmp_path) == before
 
 
-def test_stages_take_folders_and_give_the_bytes_of_fix(deshake, folder, tmp_path):
+def test_stages_take_folders_and_give_the_bytes_of_fix(deshake, folder, shake, tmp_path):
+    shake("p2.jpg")
     cameras, kernels, sharp, fixed = (tmp_path / name for name in ("c", "k", "s", "f"))
     (folder / "p10.jpg").unlink()
     many = (folder, "-r", "-j", 2, "--threads", 1)
@@ -178,7 +193,8 @@ def test_the_bar_counts_the_photos(deshake, folder):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_run_of_many_ends_at_once_and_leaves_nothing(folder, tmp_path, number):
+def test_a_run_of_many_ends_at_once_and_leaves_nothing(folder, shake, tmp_path, number):
+    shake("p2.jpg", "sub/q.jpg")
     out = tmp_path / "out"
     words = ("fix", folder, "-r", "-o", out, "-j", 2, "--threads", 1, "--blur-size", 20, "-v")
     with subprocess.Popen(

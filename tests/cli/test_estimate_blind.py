@@ -67,8 +67,8 @@ def test_writes_a_kernel_that_does_not_roll_and_its_provenance(deshake, shaken, 
         assert f"warning: {photo}: {note}" in outcome.err
 
 
-def test_a_camera_file_stands_for_the_options(deshake, shaken, tmp_path):
-    photo = shaken("a.jpg")
+def test_a_camera_file_stands_for_the_options(deshake, sharp_photo, tmp_path):
+    photo = sharp_photo("a.jpg")
     deshake("calibrate", photo, *LENS, "-o", tmp_path / "c.npz")
     for name, lens in (("one", LENS), ("two", ("--camera", tmp_path / "c.npz"))):
         args = (*EDGES, *PART, *lens, "-o", tmp_path / name)
@@ -76,8 +76,8 @@ def test_a_camera_file_stands_for_the_options(deshake, shaken, tmp_path):
     assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
 
 
-def test_an_assumed_lens_is_reported(deshake, shaken, tmp_path):
-    photo = shaken("a.jpg")
+def test_an_assumed_lens_is_reported(deshake, sharp_photo, tmp_path):
+    photo = sharp_photo("a.jpg")
     outcome = deshake("estimate-blind", photo, *FREE, *PART)
     assert outcome.code == 0
     assert f"warning: {photo}: no focal length in its metadata; a 50 mm-equ" in outcome.err
@@ -119,8 +119,8 @@ def _here(tmp_path, monkeypatch):
     ],
 )
 @pytest.mark.usefixtures("_here")
-def test_what_does_not_fit_is_one_line(deshake, shaken, args, what):
-    photo = shaken("a.jpg")
+def test_what_does_not_fit_is_one_line(deshake, sharp_photo, args, what):
+    photo = sharp_photo("a.jpg")
     write_camera("other.npz", CameraFile(Camera.from_focal(90, 100, 100), "made up"))
     write_camera("turned.npz", CameraFile(Camera.from_focal(90, 200, 160), "made up"))
     outcome = deshake("estimate-blind", photo, *args)
@@ -174,8 +174,8 @@ def test_the_latent_picture_is_sharper_than_the_photo(deshake, tmp_path):
 
 
 @pytest.mark.parametrize(("option", "mode"), [("--latent", "L"), ("--tiles", "RGB")])
-def test_a_picture_goes_to_standard_output(shaken, tmp_path, capfdbinary, option, mode):
-    command = ["estimate-blind", shaken("a.jpg"), "-q", *EDGES, option, "-"]
+def test_a_picture_goes_to_standard_output(sharp_photo, tmp_path, capfdbinary, option, mode):
+    command = ["estimate-blind", sharp_photo("a.jpg"), "-q", *EDGES, option, "-"]
     words = list(map(str, command))
     if option == "--latent":
         subprocess.run([sys.executable, "-m", "deshake", *words], check=True)
@@ -239,8 +239,8 @@ def test_two_pictures_do_not_share_a_file(refused, shaken, tmp_path):
 
 
 @pytest.mark.parametrize("option", ["--latent", "--tiles"])
-def test_two_photos_do_not_share_a_picture(deshake, shaken, contents, tmp_path, option):
-    photos = shaken("a.jpg"), shaken("b.jpg")
+def test_two_photos_do_not_share_a_picture(deshake, sharp_photo, contents, tmp_path, option):
+    photos = sharp_photo("a.jpg"), sharp_photo("b.jpg")
     before = contents(tmp_path)
     outcome = deshake("estimate-blind", *photos, *EDGES, option, tmp_path / "p.png")
     assert outcome.code != 0

@@ -41,13 +41,13 @@ def deblur_all(deshake, pan):
 
 
 @pytest.fixture
-def tree(shaken, tmp_path):
+def tree(sharp_photo, tmp_path):
     """A folder with the photos one.jpg, two.png and below/one.jpg."""
     folder = tmp_path / "in"
     (folder / "below").mkdir(parents=True)
-    one = shaken("one.jpg").rename(folder / "one.jpg")
+    one = sharp_photo("one.jpg").rename(folder / "one.jpg")
     shutil.copy(one, folder / "below" / "one.jpg")
-    shaken("two.png").rename(folder / "two.png")
+    sharp_photo("two.png").rename(folder / "two.png")
     return folder
 
 
@@ -95,8 +95,8 @@ def test_the_quality_of_what_was_no_jpeg_is_95_by_default(deblur, shaken, tmp_pa
     assert tables(tmp_path / "30.jpg") == tables_of(30)
 
 
-def test_a_jpeg_that_stays_as_it_is_takes_the_quality_too(deshake, shaken, tmp_path):
-    photo = shaken("a.jpg")
+def test_a_jpeg_that_stays_as_it_is_takes_the_quality_too(deshake, sharp_photo, tmp_path):
+    photo = sharp_photo("a.jpg")
     outcome = deshake("fix", photo, *FAST, "--jpeg-quality", 30)
     assert "left as it is" in outcome.err
     assert tables(tmp_path / "a.deshaken.jpg") == tables_of(30)
@@ -349,8 +349,8 @@ def test_the_commands_of_a_report_are_right_usage(deblur_all, deshake, tree, tmp
 # --preserve
 
 
-def test_preserve_keeps_the_time_of_each_photo(deshake, shaken, tmp_path):
-    photo, kernels = shaken("a.png"), tmp_path / "k"
+def test_preserve_keeps_the_time_of_each_photo(deshake, sharp_photo, tmp_path):
+    photo, kernels = sharp_photo("a.png"), tmp_path / "k"
     os.utime(photo, ns=(TIME, TIME))
     words = (*FAST, "--preserve", "--compare", "--keep-kernels", kernels)
     assert deshake("fix", photo, *words).code == 0

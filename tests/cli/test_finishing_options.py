@@ -132,14 +132,14 @@ def test_a_folder_of_masks_is_for_many_photos(deshake, portrait, mask, tmp_path)
     assert not np.array_equal(whole[:55], before[:55])
 
 
-def test_one_mask_is_not_for_many_photos(deshake, portrait, mask):
-    outcome = deshake("fix", portrait("a.png"), portrait("b.png"), "--mask", mask())
+def test_one_mask_is_not_for_many_photos(deshake, sharp_photo, mask):
+    outcome = deshake("fix", sharp_photo("a.png"), sharp_photo("b.png"), "--mask", mask())
     assert outcome.code == 2
     assert "for several photos, --mask names a folder of masks" in outcome.err
 
 
-def test_a_photo_with_two_masks_fails_alone(deshake, portrait, mask, tmp_path):
-    one, two = portrait("one.png"), portrait("two.png")
+def test_a_photo_with_two_masks_fails_alone(deshake, sharp_photo, mask, tmp_path):
+    one, two = sharp_photo("one.png"), sharp_photo("two.png")
     mask("masks/one.png")
     mask("masks/one.jpg")
     outcome = deshake("fix", one, two, *FAST, "--mask", tmp_path / "masks")
@@ -224,10 +224,10 @@ def test_a_sheet_lies_beside_the_result(deshake, shaken, words, contents, tmp_pa
     assert sheet.read_bytes() == drawn
 
 
-def test_sheets_are_planned_and_passed_over(deshake, shaken, tmp_path):
+def test_sheets_are_planned_and_passed_over(deshake, sharp_photo, tmp_path):
     folder = tmp_path / "in"
     folder.mkdir()
-    shaken("a.png").rename(folder / "a.png")
+    sharp_photo("a.png").rename(folder / "a.png")
     outcome = deshake("fix", folder, "--compare", "--json", *FAST)
     assert json.loads(outcome.out)["sheet"] == str(folder / "a.deshaken.compare.png")
     again = deshake("fix", folder, "--compare", "--skip-existing", "--json", *FAST)
@@ -333,9 +333,9 @@ def test_a_pair_has_a_preview(deshake, pair, tmp_path):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="has no such permissions")
-def test_outputs_take_the_permissions_of_the_photo(deshake, shaken, pan, tmp_path):
+def test_outputs_take_the_permissions_of_the_photo(deshake, sharp_photo, pan, tmp_path):
     permissions = 0o660  # the group may write and others may not read: no default gives that
-    photo, out, kernels = shaken("a.jpg"), tmp_path / "out", tmp_path / "k"
+    photo, out, kernels = sharp_photo("a.jpg"), tmp_path / "out", tmp_path / "k"
     photo.chmod(permissions)
     kernels.mkdir()
     commands = {

@@ -50,19 +50,20 @@ def test_the_method_is_that_of_deblur(deshake, shaken, tmp_path):
     assert out.read_bytes() == (tmp_path / "a.deshaken.png").read_bytes()
 
 
-def test_the_photo_has_the_provenance_of_its_kernel_or_none(deshake, shaken, tmp_path):
+def test_the_photo_has_the_provenance_of_its_kernel_or_none(deshake, shaken, sharp_photo, tmp_path):
     photo, out = shaken("a.jpg"), tmp_path / "a.deshaken.jpg"
     assert deshake("fix", photo, *FAST).code == 0
     provenance = read_provenance(out)["kernel"]
     assert provenance["command"] == "estimate-blind"
     assert provenance["camera"] == "--focal-35mm 40"
     assert provenance["options"]["region"] == [20, 10, 60, 50]
+    photo = sharp_photo("a.jpg")
     assert deshake("fix", photo, *FAST, "--overwrite", "--no-provenance").code == 0
     assert b"deshake" not in out.read_bytes()
 
 
-def test_fixes_beside_the_photo_and_keeps_it(deshake, shaken, tmp_path):
-    photo = shaken("a.jpg")
+def test_fixes_beside_the_photo_and_keeps_it(deshake, sharp_photo, tmp_path):
+    photo = sharp_photo("a.jpg")
     before = photo.read_bytes(), photo.stat().st_mtime_ns
     outcome = deshake("fix", photo, *FAST, "--json")
     assert outcome.code == 0
@@ -74,13 +75,13 @@ def test_fixes_beside_the_photo_and_keeps_it(deshake, shaken, tmp_path):
     assert (photo.read_bytes(), photo.stat().st_mtime_ns) == before
 
 
-def test_a_folder_and_a_photo_go_to_a_folder(deshake, shaken, tmp_path):
+def test_a_folder_and_a_photo_go_to_a_folder(deshake, sharp_photo, tmp_path):
     folder = tmp_path / "in"
     (folder / "below").mkdir(parents=True)
-    one = shaken("one.jpg").rename(folder / "one.jpg")
+    one = sharp_photo("one.jpg").rename(folder / "one.jpg")
     for name in ("old.deshaken.jpg", ".hidden.jpg", "below/deep.jpg", "text.txt"):
         shutil.copy(one, folder / name)
-    two = shaken("two.PNG")
+    two = sharp_photo("two.PNG")
     out = tmp_path / "out"
     outcome = deshake("fix", folder, two, "-o", out, "--keep-kernels", tmp_path / "k", *FAST)
     assert (outcome.code, outcome.out) == (0, "")
@@ -91,11 +92,11 @@ def test_a_folder_and_a_photo_go_to_a_folder(deshake, shaken, tmp_path):
     assert kernel.kernel.camera.shape == (80, 100)
 
 
-def test_one_bad_photo_does_not_stop_the_rest(deshake, shaken, tmp_path):
+def test_one_bad_photo_does_not_stop_the_rest(deshake, sharp_photo, tmp_path):
     bad, empty = tmp_path / "bad.jpg", tmp_path / "empty.jpg"
     bad.write_text("not a photo")
     empty.touch()
-    good = shaken("good.jpg")
+    good = sharp_photo("good.jpg")
     outcome = deshake("fix", bad, good, empty, "--json", *FAST)
     assert outcome.code == 1
     lines = [json.loads(line) for line in outcome.out.splitlines()]
@@ -104,24 +105,27 @@ def test_one_bad_photo_does_not_stop_the_rest(deshake, shaken, tmp_path):
     assert "not a photo" in lines[0]["error"]
     assert f"error: {bad}: not a photo" in outcome.err
     assert f"error: {empty}: the file is empty" in outcome.err
-    assert "\n3 photos: 1 done, 0 skipped, 2 failed; 1 with warnings; 0:0" in outcome.err
+    assert (
+        "\n3 photos: 0 done, 1 left as it is, 0 skipped, 2 failed; 1 with warnings; 0:0"
+        in outcome.err
+    )
     assert f"\n  failed: {bad}\n" in outcome.err
     assert (tmp_path / "good.deshaken.jpg").exists()
 
 
-def test_fail_fast_stops_at_the_first(deshake, shaken, tmp_path):
+def test_fail_fast_stops_at_the_first(deshake, sharp_photo, tmp_path):
     bad = tmp_path / "bad.jpg"
     bad.touch()
     args = ("--fail-fast", "--json", "-j", 1)
-    outcome = deshake("fix", bad, shaken("good.jpg"), *args, *FAST)
+    outcome = deshake("fix", bad, sharp_photo("good.jpg"), *args, *FAST)
     assert outcome.code == 1
     assert len(outcome.out.splitlines()) == 1
     assert "2 photos: 0 done, 0 skipped, 1 failed, 1 not begun" in outcome.err
     assert not (tmp_path / "good.deshaken.jpg").exists()
 
 
-def test_existing_outputs_are_refused_before_any_work(deshake, shaken, tmp_path):
-    one, two = shaken("one.jpg"), shaken("two.jpg")
+def test_existing_outputs_are_refused_before_any_work(deshake, sharp_photo, tmp_path):
+    one, two = sharp_photo("one.jpg"), sharp_photo("two.jpg")
     out = tmp_path / "one.deshaken.jpg"
     out.write_text("mine")
     outcome = deshake("fix", one, two, *FAST)
@@ -133,8 +137,8 @@ def test_existing_outputs_are_refused_before_any_work(deshake, shaken, tmp_path)
     assert out.read_bytes() == (tmp_path / "two.deshaken.jpg").read_bytes()
 
 
-def test_skip_existing_leaves_what_is_there(deshake, shaken, tmp_path):
-    one, two = shaken("one.jpg"), shaken("two.jpg")
+def test_skip_existing_leaves_what_is_there(deshake, sharp_photo, tmp_path):
+    one, two = sharp_photo("one.jpg"), sharp_photo("two.jpg")
     out, kernels = tmp_path / "one.deshaken.jpg", tmp_path / "k"
     out.write_text("mine")
     kernels.mkdir()
@@ -182,9 +186,9 @@ def test_only_the_last_folder_is_made(deshake, shaken, tmp_path):
     assert not (tmp_path / "new").exists()
 
 
-def test_a_result_is_never_another_input(deshake, shaken, tmp_path):
-    one = shaken("one.jpg")
-    before = shaken("one.deshaken.jpg").read_bytes()
+def test_a_result_is_never_another_input(deshake, sharp_photo, tmp_path):
+    one = sharp_photo("one.jpg")
+    before = sharp_photo("one.deshaken.jpg").read_bytes()
     outcome = deshake("fix", one, tmp_path / "one.deshaken.jpg", "--overwrite", *FAST)
     assert outcome.code == 1
     assert f"error: {tmp_path / 'one.deshaken.jpg'}: the output is the input itself" in outcome.err

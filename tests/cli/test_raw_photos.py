@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 
 import cv2
 import numpy as np
@@ -118,10 +117,10 @@ def test_fix_gives_the_bytes_of_its_stages(deshake, raw, tmp_path):
     assert (kernels / "a.kernel.npz").read_bytes() == kernel.read_bytes()
 
 
-def test_raw_files_in_a_folder_are_photos(deshake, raw, tmp_path):
+def test_raw_files_in_a_folder_are_photos(deshake, scene, make_dng, tmp_path):
     folder = tmp_path / "folder"
     folder.mkdir()
-    shutil.copy(raw, folder / "b.DNG")
+    (folder / "b.DNG").write_bytes(make_dng(scene[0], exif=EXIF))  # the sharp picture
     outcome = deshake(
         "fix", folder, "--blur-size", 4, "--estimator", "edges", *UNIFORM, *QUICK, *QUIET
     )

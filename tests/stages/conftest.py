@@ -11,12 +11,22 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 
 
+def _save(path, resampling):
+    coarse = np.random.default_rng(2).integers(40, 220, (8, 10)).astype(np.uint8)
+    Image.fromarray(coarse).resize((80, 64), resampling).save(path)
+    return path
+
+
 @pytest.fixture
 def photo(tmp_path):
-    coarse = np.random.default_rng(2).integers(40, 220, (8, 10)).astype(np.uint8)
-    path = tmp_path / "a.png"
-    Image.fromarray(coarse).resize((80, 64), Image.Resampling.BILINEAR).save(path)
-    return path
+    """A sharp photo, whose estimate ends at once."""
+    return _save(tmp_path / "a.png", Image.Resampling.NEAREST)
+
+
+@pytest.fixture
+def soft_photo(tmp_path):
+    """A photo without sharp edges, for which a kernel is estimated."""
+    return _save(tmp_path / "a.png", Image.Resampling.BILINEAR)
 
 
 @pytest.fixture

@@ -60,9 +60,9 @@ def test_the_latent_picture_is_checked_before_any_work(photo, tmp_path, name, wh
     assert photo.read_bytes() == before
 
 
-def test_tiles_are_drawn_beside_the_latent_picture(photo, tmp_path):
+def test_tiles_are_drawn_beside_the_latent_picture(soft_photo, tmp_path):
     pictures = {"latent": tmp_path / "l.png", "tiles": tmp_path / "t.jpg"}
-    estimate_file(photo, tmp_path / "k.npz", OPTIONS, **pictures)
+    estimate_file(soft_photo, tmp_path / "k.npz", OPTIONS, **pictures)
     with Image.open(pictures["latent"]) as latent, Image.open(pictures["tiles"]) as tiles:
         assert latent.size == (60, 50)
         assert (tiles.format, tiles.mode, tiles.width) == ("JPEG", "RGB", 80)

@@ -19,10 +19,10 @@ OPTIONS = EstimateOptions(
 )
 
 
-def test_fixing_is_estimating_and_deblurring(photo, tmp_path):
-    estimated = estimate_file(photo, tmp_path / "one.npz", OPTIONS)
-    deblur_file(photo, tmp_path / "one.npz", tmp_path / "one.png")
-    fixed = fix_file(photo, tmp_path / "two.png", tmp_path / "two.npz", OPTIONS)
+def test_fixing_is_estimating_and_deblurring(soft_photo, tmp_path):
+    estimated = estimate_file(soft_photo, tmp_path / "one.npz", OPTIONS)
+    deblur_file(soft_photo, tmp_path / "one.npz", tmp_path / "one.png")
+    fixed = fix_file(soft_photo, tmp_path / "two.png", tmp_path / "two.npz", OPTIONS)
     assert (tmp_path / "one.npz").read_bytes() == (tmp_path / "two.npz").read_bytes()
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
     assert fixed.report() == estimated.report()
@@ -30,10 +30,10 @@ def test_fixing_is_estimating_and_deblurring(photo, tmp_path):
     assert np.array_equal(kernel.weights, fixed.content.kernel.weights)
 
 
-def test_progress_rises_from_estimate_to_deblurring(photo, tmp_path):
+def test_progress_rises_from_estimate_to_deblurring(soft_photo, tmp_path):
     reports = []
     fix_file(
-        photo,
+        soft_photo,
         tmp_path / "out.png",
         None,
         OPTIONS,
