@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -18,8 +19,8 @@ from deshake.files.kernel_file import KernelFile, write_kernel
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 
-pytest.importorskip("distributed")
 pytestmark = [
+    pytest.mark.skipif(find_spec("distributed") is None, reason="needs distributed"),
     pytest.mark.skipif(os.name == "nt", reason="needs POSIX signals"),
     pytest.mark.long,
 ]

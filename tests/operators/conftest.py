@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from skimage import data
-from sklearn.datasets import load_sample_image
+from bench.cases.shipped import SHIPPED
 
 from deshake.geometry.camera import Camera
 from deshake.geometry.rotations import grid_steps
@@ -50,10 +49,10 @@ def dot_test() -> Callable[..., float]:
 def photo() -> Array:
     """Four photographs side by side in linear light, (768, 1024): sharp to the last pixel."""
     parts = [
-        data.astronaut()[:384, :512],
-        np.repeat(data.camera()[64:448, :, None], 3, 2),
-        data.coffee()[:384, :512],
-        load_sample_image("china.jpg")[:384, :512],
+        SHIPPED["astronaut"]()[:384, :512],
+        np.repeat(SHIPPED["camera"]()[64:448, :, None], 3, 2),
+        SHIPPED["coffee"]()[:384, :512],
+        SHIPPED["china"]()[:384, :512],
     ]
     grey = [part[..., :3] @ np.array([0.3, 0.59, 0.11]) / 255 for part in parts]
     light = np.vstack([np.hstack(grey[:2]), np.hstack(grey[2:])]) ** 2.2

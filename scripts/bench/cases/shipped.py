@@ -3,28 +3,42 @@
 from __future__ import annotations
 
 from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+from PIL import Image
 from skimage import data
-from sklearn.datasets import load_sample_image
+
+from bench.errors import MissingDataError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import numpy as np
     from numpy.typing import NDArray
 
 __all__ = ["SHIPPED"]
+
+
+def _sample(name: str) -> NDArray[np.uint8]:
+    """Read a photo of scikit-learn from its file: the import of its code would take long."""
+    spec = find_spec("sklearn")
+    if spec is None or spec.origin is None:
+        raise MissingDataError(f"{name} is missing: it is in scikit-learn")
+    with Image.open(Path(spec.origin).parent / "datasets" / "images" / name) as picture:
+        return np.asarray(picture)
+
 
 SHIPPED: dict[str, Callable[[], NDArray[np.uint8]]] = {
     "astronaut": data.astronaut,
     "brick": data.brick,
     "camera": data.camera,
     "chelsea": data.chelsea,
-    "china": partial(load_sample_image, "china.jpg"),
+    "china": partial(_sample, "china.jpg"),
     "coffee": data.coffee,
     "coins": data.coins,
-    "flower": partial(load_sample_image, "flower.jpg"),
+    "flower": partial(_sample, "flower.jpg"),
     "grass": data.grass,
     "hubble": data.hubble_deep_field,
     "ihc": data.immunohistochemistry,
