@@ -60,11 +60,11 @@ def short(scene, theta, ratio, sigma, seed=2):
 @pytest.mark.parametrize(
     ("degrees", "ratio", "sigma", "blur", "within"),
     [
-        ((0.5, -1, 0.5), 8, 0.05, 12, NEAR),
+        ((0.5, -1, 0.5), 8, 0.05, 12, NEAR / 2),
         ((-9, 3, 2), 2, 0.03, 8, MAX_ANGLE),
         ((3, 9, -4), 16, 0.1, 18, MAX_ANGLE),
         ((-2, 1, 9.5), 64, 0.05, 12, MAX_ANGLE),
-        ((1, 1, 1), 4, 0.316, 18, NEAR),
+        ((1, 1, 1), 4, 0.316, 18, NEAR / 2),
     ],
 )
 def test_the_rotation_and_the_exposure_are_estimated(*, degrees, ratio, sigma, blur, within):
@@ -128,9 +128,9 @@ def test_a_mirrored_photo_of_a_symmetric_scene_is_refused():
     scene = light()
     scene = 0.65 * scene + 0.35 * scene[:, ::-1]
     g, f_N = shaken(scene, 10), short(scene, np.zeros(3), 8, 0.03)
-    assert register(g, f_N, CAMERA, max_angle=NEAR, run=Run(1)).confidence > 0.9
+    assert register(g, f_N, CAMERA, max_angle=NEAR / 2, run=Run(1)).confidence > 0.9
     with pytest.raises(EstimationError, match="one of the two photos is mirrored"):
-        register(g, f_N[:, ::-1], CAMERA, max_angle=NEAR, run=Run(1))
+        register(g, f_N[:, ::-1], CAMERA, max_angle=NEAR / 2, run=Run(1))
 
 
 def test_a_scene_beyond_the_range_needs_a_wider_range():
