@@ -168,8 +168,8 @@ def test_a_uniform_kernel_is_recovered_by_the_uniform_model(reduced: np.ndarray)
     assert gain(shot, result.kernel) > 1
 
 
-@pytest.mark.usefixtures("few_iterations")
-def test_threads_do_not_change_a_byte(shot: Shot) -> None:
+def test_threads_do_not_change_a_byte(shot: Shot, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scales, "SETTINGS", replace(SETTINGS, iterations=1))
     how = {"blur_px": BOUND, "region": (20, 10, 60, 60)}
     one, two = (estimate_variational(shot.photo, CAMERA, **how, run=Run(n)) for n in (1, 2))
     for name in ("theta", "weights", "steps"):

@@ -72,7 +72,7 @@ def test_wide_blur_ends_at_a_coarser_scale_unless_the_finest_is_asked_for(
 def test_a_trial_stops_at_a_coarse_scale_and_goes_on_from_there(
     gradients: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(scales, "SETTINGS", replace(SETTINGS, trial_side=60, iterations=2))
+    monkeypatch.setattr(scales, "SETTINGS", replace(SETTINGS, trial_side=60, iterations=1))
     work, straight = under_way(gradients, 6), under_way(gradients, 6)
     assert work.try_coarse() == work.outermost
     assert 60 <= work.reports[-1].width < 60 * 1.5
