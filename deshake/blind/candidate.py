@@ -30,7 +30,16 @@ if TYPE_CHECKING:
     from deshake.geometry.camera import Camera
     from deshake.signal.pyramid import Pyramid
 
-__all__ = ["FINE", "THIN", "Candidate", "Refinement", "Setting", "edge_floor", "refined"]
+__all__ = [
+    "FINE",
+    "THIN",
+    "Candidate",
+    "Refinement",
+    "Setting",
+    "edge_floor",
+    "first_kernel",
+    "refined",
+]
 
 Axes = tuple[bool, bool, bool]
 
@@ -187,7 +196,9 @@ class Candidate:
         self.level -= 1
         scale = self.pyramid.at(self.level)
         first = self._kernel is None
-        self._kernel = _start(scale.camera, self.axes) if first else self._carried(scale.camera)
+        self._kernel = (
+            first_kernel(scale.camera, self.axes) if first else self._carried(scale.camera)
+        )
         floor = edge_floor(self.pyramid, self.level, self.setting.noise)
         self._cut_tiles()
         for i in range(self.setting.iterations):
@@ -336,7 +347,7 @@ def _keys(kernel: RotationKernel) -> NDArray[np.int64]:
     return keys
 
 
-def _start(camera: Camera, axes: Axes) -> RotationKernel:
+def first_kernel(camera: Camera, axes: Axes) -> RotationKernel:
     """Return a small cube: half of the weight at rest, half beside it, to break the symmetry."""
     halves = [n if axis else 0 for n, axis in zip(_START_HALF, axes, strict=True)]
     grids = np.meshgrid(*(np.arange(-n, n + 1) for n in halves), indexing="ij")

@@ -13,15 +13,13 @@ from deshake.blind.trimming import heaviest
 from deshake.operators.strips import in_order
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from deshake.blind.candidate import Axes, Refinement
     from deshake.blind.judge import Judge
     from deshake.geometry.kernel import RotationKernel
     from deshake.run import Run
     from deshake.signal.pyramid import Pyramid
-
-    Measure = Callable[[RotationKernel, RotationKernel], float]
 
 __all__ = ["Entry", "all_refined", "best_of_starts", "nearest"]
 
@@ -100,7 +98,7 @@ def best_of_starts(ranked: Sequence[Entry]) -> list[Entry]:
     return list(best.values())
 
 
-def nearest(entry: Entry, known: Sequence[Entry], measure: Measure = agreement) -> float:
+def nearest(entry: Entry, known: Sequence[Entry]) -> float:
     """Return the mean agreement of a kernel with the nearest kernels of other starts, 0..1.
 
     Parameters
@@ -109,10 +107,8 @@ def nearest(entry: Entry, known: Sequence[Entry], measure: Measure = agreement) 
         The kernel.
     known : sequence of Entry
         All kernels.
-    measure : callable
-        `agreement`, or a cache of it.
 
     """
     others = [one.kernel for one in known if one.start != entry.start]
-    alike = sorted((measure(entry.kernel, other) for other in others), reverse=True)
+    alike = sorted((agreement(entry.kernel, other) for other in others), reverse=True)
     return float(np.mean(alike[:_AGREEING] or [0.0]))

@@ -10,6 +10,7 @@ well the spectra of the photo match the kernel.
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,10 +38,10 @@ HOPELESS = 10.0
 
 _WIDTH = 28.0  # px of a kernel at the scale where it is judged
 _SHARPENING_WORTH = 0.15  # margin per gain of 1 in -ln nsp
-_MATCH_WORTH = 0.45  # margin per correlation of 1 of the spectra
-_MOST_MATCH = 0.35  # correlation; the texture of few tiles can match a wrong kernel better
+_MATCH_WORTH = 0.7  # margin per correlation of 1 of the spectra
+_NEIGHBOURS = 3  # number of finer and of coarser scales whose match counts, too
+_FEWEST_TILES = 3  # number of tiles; the match of a scale with fewer does not count
 _WIDEST = 0.25  # share of the frame's shorter side: largest extent of a kernel
-_FEWEST_TILES = 4  # number of tiles; with fewer, the match counts less: chance can match a tile
 _WITNESS_WORTH = 0.5  # margin per agreement of 1 with the streaks of lights
 
 
@@ -95,7 +96,7 @@ class Comparison:
         if key not in self._scores:
             sharper = judge.sharpening(entry.kernel)
             score = entry.margin(judge) + _SHARPENING_WORTH * sharper
-            score += _MATCH_WORTH * min(self.match(entry), _MOST_MATCH)
+            score += _MATCH_WORTH * self.match(entry)
             if self.witness is not None:
                 score += _WITNESS_WORTH * agreement(entry.kernel, self.witness)
             self._scores[key] = score
@@ -104,15 +105,14 @@ class Comparison:
     def match(self, entry: Entry) -> float:
         """Return how well the spectra of tiles that no kernel was fitted to match, -1..1.
 
-        At the scale of a very wide kernel the frame is a tile or two, though the photo is larger.
-        Their match counts less.
+        It is the mean over the scale of the kernel and its neighbours. Scales with very few tiles
+        do not count: a wrong kernel matches one tile by chance.
         """
-        spectra = self._spectra_at(self._level(entry), "apart")
-        match, count = spectra.value(entry.kernel), len(spectra.centres)
-        if count >= _FEWEST_TILES:
-            return match
-        full = min(len(self._spectra_at(0, "apart").centres), _FEWEST_TILES)
-        return match * min(count / full, 1.0)
+        middle = min(self._level(entry), self._last_matched)
+        last = min(middle + _NEIGHBOURS, self._last_matched)
+        levels = range(max(middle - _NEIGHBOURS, 0), last + 1)
+        values = [self._spectra_at(level, "apart").value(entry.kernel) for level in levels]
+        return float(np.mean(values))
 
     def matched(self, entry: Entry) -> Entry:
         """Draw a smooth path through a kernel, and fit it to the spectra of the photo."""
@@ -125,6 +125,14 @@ class Comparison:
         """Fit the weights of a kernel to the spectra of the photo."""
         kernel = self._spectra_at(self._level(entry), "fitted").weighed(entry.kernel)
         return entry._replace(name=f"{entry.name}, weights", kernel=kernel)
+
+    @cached_property
+    def _last_matched(self) -> int:
+        """The coarsest scale that has enough tiles for a match."""
+        level = self.pyramid.coarsest
+        while level and len(self._spectra_at(level, "apart").centres) < _FEWEST_TILES:
+            level -= 1
+        return level
 
     def _spectra_at(self, level: int, part: Part) -> SpectralMatch:
         """Return the spectra of the tiles of a part, at a scale."""

@@ -4,15 +4,13 @@ An estimate needs a first scale where the shake is a few pixels wide. This scale
 candidates start at every second scale (in a small photo, at every scale), and each continues to the
 finest scale that it can reach.
 
-Two measures then rank the kernels. One is the score of their comparison, on tiles that no candidate
-used (`kernel_comparison`). The other is the agreement with the kernels of other starts, because
-kernels that agree from independent starts are seldom wrong. A smooth path through each kernel is
-fitted to the spectra of the photo (`spectral_match`). The best kernels are refined, with roll and
-without, fitted to the spectra once more, and ranked again. The best kernels of two starts are
-polished (`polish`).
+The score of the comparison then ranks the kernels, on tiles that no candidate used
+(`kernel_comparison`). A smooth path through each kernel is fitted to the spectra of the photo
+(`spectral_match`). The best kernels are refined, with roll and without, fitted to the spectra once
+more, and ranked again. The best kernels of two starts are polished (`polish`).
 
 Every second start carries its kernel as a thin path from scale to scale. Wide shakes often succeed
-in only one of the two ways.
+in only one of the two ways. Very wide ones have starts of their own (`wide_start`).
 
 The two finest starts run first. If both end in a small round spot, the photo was not shaken, and
 the race stops.
@@ -20,7 +18,6 @@ the race stops.
 
 from __future__ import annotations
 
-import functools
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -31,9 +28,11 @@ from deshake.blind.entry import Entry, all_refined, best_of_starts, nearest
 from deshake.blind.kernel_comparison import Comparison
 from deshake.blind.polish import polished
 from deshake.blind.spot import is_spot
+from deshake.blind.wide_start import wide_starts
 from deshake.geometry.kernel import ALL_AXES
 from deshake.operators.strips import in_order
 from deshake.run import Run
+from deshake.signal.pyramid import RATIO
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -47,12 +46,14 @@ _COARSEST_START = 11  # index of a scale
 _FEWEST_STARTS = 4  # number of starts; with fewer, every scale is a first scale
 _SETTINGS = (FINE, THIN)  # the starts use them in turn
 _OF_STREAKS = -1  # number of the start that is no scale
+_OF_WIDE = -2  # number of the first wide start; the others count downwards
+_WIDE = 3  # largest number of wide starts in the race
+_LEAST_WIDTH = 10.0  # px of the scale; the other starts find narrower kernels better
 _SNAPSHOTS = 2  # number of last scales of a candidate whose kernels are kept
 _REFINED = 3  # number of starts whose last kernels are refined
 _MATCHED = 4  # number of starts whose best kernel is matched to the spectra again
 _REFINEMENT = Refinement(2e-3, iterations=5)  # price in squared contrast of the pyramid
 _UNIFORM_REFINEMENT = Refinement(1e-3, iterations=5)  # the same price, for the uniform model
-_AGREEMENT_WORTH = 0.15  # margin per agreement of 1
 
 
 class Finish(NamedTuple):
@@ -120,11 +121,15 @@ def race(
     entries += course.started(starts[2:], run.part(0.15, 0.5))
     if drawn is not None:
         entries.append(Entry("streaks", _OF_STREAKS, drawn.level, drawn.kernel))
-    winner = course.best(entries) if quick else course.finished(entries, run.part(0.5, 1.0))
+    if quick:
+        winner = course.best(entries)
+    else:
+        entries += course.wide(run.part(0.5, 0.55))
+        winner = course.finished(entries, run.part(0.55, 1.0))
     margin = winner.margin(course.comparison.judge(winner))
     run.report(1.0, "kernel estimated")
     match = course.comparison.match(winner)
-    alike = course.agreement(winner, entries)
+    alike = nearest(winner, entries)
     if drawn is not None:
         alike = max(alike, agreement(winner.kernel, drawn.kernel))
     return Finish(winner, margin, match, alike, at_rest=False)
@@ -144,7 +149,6 @@ class _Course:
         self.axes = (axes[0], axes[1], axes[2] and not pyramid.camera.is_uniform)
         self.bound = bound
         self.comparison = Comparison(pyramid, None if drawn is None else drawn.kernel)
-        self._agreement = functools.cache(agreement)
 
     def started(self, starts: Sequence[int], run: Run) -> list[Entry]:
         """Run candidates to their finest scales; return the kernels of their last scales."""
@@ -154,13 +158,19 @@ class _Course:
             run.report(done / len(starts), "starts")
         return entries
 
+    def wide(self, run: Run) -> list[Entry]:
+        """Estimate kernels of very wide shakes; return those that match the spectra best."""
+        starts = [
+            Entry(f"wide start {n}, scale {level}", _OF_WIDE - n, level, kernel)
+            for n, (level, kernel) in enumerate(wide_starts(self.pyramid, self.axes, run))
+            if self.bound is None or kernel.extent_px() <= self.bound
+        ]
+        wide = [entry for entry in starts if entry.width > _LEAST_WIDTH * RATIO**entry.level]
+        return sorted(wide, key=self.comparison.match, reverse=True)[:_WIDE]
+
     def best(self, entries: Sequence[Entry]) -> Entry:
         """Return the best kernel of the starts."""
         return self._ranked(entries)[0]
-
-    def agreement(self, entry: Entry, entries: Sequence[Entry]) -> float:
-        """Return the mean agreement of a kernel with the nearest kernels of other starts."""
-        return nearest(entry, entries, self._agreement)
 
     def finished(self, entries: list[Entry], run: Run) -> Entry:
         """Refine the kernels of the best starts, add them to the entries, and return the best."""
@@ -175,12 +185,9 @@ class _Course:
         return polished(self.comparison, ranked, ends, self.axes, run.part(0.5, 1.0))
 
     def _ranked(self, entries: Sequence[Entry]) -> list[Entry]:
-        """Sort kernels, the best first, by their scores and their agreement."""
-        chances = self.comparison.scores(entries)
-        if self.comparison.witness is None:  # streaks are a better witness than the starts
-            alike = np.array([self.agreement(entry, entries) for entry in entries])
-            chances += _AGREEMENT_WORTH * alike
-        return [entries[i] for i in np.argsort(-chances, kind="stable")]
+        """Sort kernels by their scores, the best first."""
+        scores = self.comparison.scores(entries)
+        return [entries[i] for i in np.argsort(-scores, kind="stable")]
 
     def _matched(self, entries: Sequence[Entry]) -> list[Entry]:
         """Fit a smooth path through each kernel to the spectra of the photo."""

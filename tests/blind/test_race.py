@@ -27,7 +27,7 @@ def test_the_margin_and_the_agreement_of_a_winner_are_high(ended) -> None:
 def test_a_winner_is_centred_and_knows_its_scale(ended, pyramid) -> None:
     winner = ended.winner
     np.testing.assert_allclose(winner.kernel.centroid, 0, atol=1e-3 * winner.kernel.steps.min())
-    assert 0 <= winner.level <= winner.start <= pyramid.coarsest
+    assert 0 <= winner.level <= pyramid.coarsest
     assert winner.name
 
 
