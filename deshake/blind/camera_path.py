@@ -38,6 +38,7 @@ _CONTROLS = 8  # control points of a smooth path
 _DEGREE = 3  # of its B-spline
 _DENSITY = 2.0  # rotations on a smooth path, per grid step of its camera
 _FAINT = 0.05  # share of the kernel's weight that a smooth path does not count
+_MOST_SPREAD = 2000  # rotations that are thinned; thinning takes the square of their number
 _MOST_POINTS = 150  # rotations that a smooth path is drawn through
 _LEAST_TURN = 0.5  # grid steps; a centred kernel turns a little about an axis, without any meaning
 _STIFFNESS = 1e-3  # weight of the squared bends of the control points, in squared grid steps
@@ -122,6 +123,7 @@ class SmoothPath(NamedTuple):
 
         """
         reduced = kernel.for_camera(scale).resampled(grid_steps(scale))
+        reduced = strongest(reduced, _MOST_SPREAD)
         thin = strongest(heaviest(thinned(reduced), _FAINT), _MOST_POINTS)
         places = (thin.theta - thin.centroid) / thin.steps
         places[:, np.ptp(places, 0) < _LEAST_TURN] = 0
