@@ -38,6 +38,7 @@ Image = NDArray[np.float32]
 
 _TAPS_KEPT = 4_000_000  # (patch, rotation) pairs whose bilinear taps are kept, at most
 _LEAST_HOP = 12  # px: least distance from patch to patch
+_LEAST_SHARE = 0.25  # share of the blur's reach: least distance from patch to patch
 _CACHED = 320  # px: largest side of blocks whose transforms stay in the cache
 _BEYOND = 1.2  # factor of the time a pixel for larger blocks
 _LARGEST = 640  # px: largest side of blocks, except for blurs that need larger ones
@@ -53,7 +54,9 @@ def patch_hop(camera: Camera, theta: ArrayLike) -> int:
     picture by a second moment of up to delta^2 / 4. The Jacobian of the displacements gives the
     mean of this moment over the rotations. Its root mean square over the frame predicts the error
     against exact warps. A wider blur allows a larger error, since it leaves less detail. Of the
-    distances that are short enough, the result is the one whose blocks take the least time.
+    distances that are short enough, the result is the one whose blocks take the least time. A very
+    wide blur with much roll would need blocks many times as wide as their patches. There the
+    distance is a quarter of the reach: the time stays bounded, and the error is larger.
     """
     h = homographies(camera, theta)
     along = (np.arange(_PROBES) + 0.5) / _PROBES
@@ -65,8 +68,10 @@ def patch_hop(camera: Camera, theta: ArrayLike) -> int:
         moment += ((displacements(h, points + step) - here) ** 2).sum(-1).mean(-1)
     slope = float(np.sqrt(np.sqrt((moment**2).mean())))
     fade = _FADE * np.sqrt(max(np.ptp(here, axis=1).max(), 1.0))
-    largest = int(np.clip(fade / max(slope, 1e-9), _LEAST_HOP, max(camera.shape)))
-    return _cheapest_hop(camera, largest, 2 * reach(camera, theta))
+    far = reach(camera, theta)
+    least = max(_LEAST_HOP, int(_LEAST_SHARE * far))
+    largest = int(np.clip(fade / max(slope, 1e-9), least, max(least, *camera.shape)))
+    return _cheapest_hop(camera, largest, 2 * far)
 
 
 def _cheapest_hop(camera: Camera, largest: int, around: int) -> int:

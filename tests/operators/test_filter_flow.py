@@ -267,6 +267,14 @@ def test_hop_is_cheap_where_displacements_agree(shape: tuple[int, int], extent: 
     assert grids[0].block <= 640
 
 
+def test_blocks_of_a_very_wide_blur_with_much_roll_are_few() -> None:
+    camera = Camera.from_focal(1700.0, 1360, 2206)
+    wide = np.linspace(-0.06, 0.06, 200)[:, None] * [0.3, 1, 0.8]
+    grid = FilterFlow(camera, wide).grid
+    assert grid.radius > 100
+    assert grid.block**2 <= 30 * grid.patch**2
+
+
 def test_wrong_input_is_refused(camera: Camera, theta: np.ndarray, weights: np.ndarray) -> None:
     flow = FilterFlow(camera, theta)
     latent = np.zeros(flow.latent_shape, np.float32)
