@@ -64,6 +64,7 @@ class Comparison:
         self.witness = witness
         self._judges: dict[int, Judge] = {}
         self._spectra: dict[tuple[int, Part], SpectralMatch] = {}
+        self._matches: dict[RotationKernel, float] = {}
         self._paths: dict[RotationKernel, RotationKernel] = {}
         self._scores: dict[tuple[Judge, RotationKernel], float] = {}
 
@@ -108,11 +109,13 @@ class Comparison:
         It is the mean over the scale of the kernel and its neighbours. Scales with very few tiles
         do not count: a wrong kernel matches one tile by chance.
         """
-        middle = min(self._level(entry), self._last_matched)
-        last = min(middle + _NEIGHBOURS, self._last_matched)
-        levels = range(max(middle - _NEIGHBOURS, 0), last + 1)
-        values = [self._spectra_at(level, "apart").value(entry.kernel) for level in levels]
-        return float(np.mean(values))
+        if entry.kernel not in self._matches:
+            middle = min(self._level(entry), self._last_matched)
+            last = min(middle + _NEIGHBOURS, self._last_matched)
+            levels = range(max(middle - _NEIGHBOURS, 0), last + 1)
+            values = [self._spectra_at(level, "apart").value(entry.kernel) for level in levels]
+            self._matches[entry.kernel] = float(np.mean(values))
+        return self._matches[entry.kernel]
 
     def matched(self, entry: Entry) -> Entry:
         """Draw a smooth path through a kernel, and fit it to the spectra of the photo."""

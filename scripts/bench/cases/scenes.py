@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from bench.cases.shakes import Case
 
-__all__ = ["HANDS", "SCENES", "Places", "Scene"]
+__all__ = ["HANDS", "SCENES", "Places", "Scene", "packaged"]
 
 HANDS = {
     "tune": (
@@ -124,7 +124,7 @@ class Places:
         self.data = data
         self.pictures: dict[str, list[Path]] = {}
         wanted = {Path(scene.path).name for scene in SCENES.values()}
-        for root in (*_packaged("skimage"), *_packaged("sklearn"), data, *folders):
+        for root in (*packaged("skimage"), *packaged("sklearn"), data, *folders):
             for folder, _, names in os.walk(root):
                 for name in sorted(wanted.intersection(names)):
                     self.pictures.setdefault(name, []).append(Path(folder, name))
@@ -158,7 +158,7 @@ class Places:
             self.hand(split, case.hand)
 
 
-def _packaged(package: str) -> list[Path]:
+def packaged(package: str) -> list[Path]:
     """Return the folder of a package that is installed."""
     spec = find_spec(package)
     return [] if spec is None or spec.origin is None else [Path(spec.origin).parent]

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from functools import partial
-from importlib.util import find_spec
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from PIL import Image
 from skimage import data
 
+from bench.cases.scenes import packaged
 from bench.errors import MissingDataError
 
 if TYPE_CHECKING:
@@ -23,11 +22,10 @@ __all__ = ["SHIPPED"]
 
 def _sample(name: str) -> NDArray[np.uint8]:
     """Read a photo of scikit-learn from its file: the import of its code would take long."""
-    spec = find_spec("sklearn")
-    if spec is None or spec.origin is None:
-        raise MissingDataError(f"{name} is missing: it is in scikit-learn")
-    with Image.open(Path(spec.origin).parent / "datasets" / "images" / name) as picture:
-        return np.asarray(picture)
+    for folder in packaged("sklearn"):
+        with Image.open(folder / "datasets" / "images" / name) as picture:
+            return np.asarray(picture)
+    raise MissingDataError(f"{name} is missing: it is in scikit-learn")
 
 
 SHIPPED: dict[str, Callable[[], NDArray[np.uint8]]] = {
