@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final, Literal
 
-from deshake.blind.trust import DOUBTFUL
+from deshake.blind.settings import SETTINGS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -29,7 +29,7 @@ UNSHAKEN: Final = "unshaken"
 _LEFT: Final = "left as it is"
 _STILL: Final = "by its kernel, the camera stood still"
 _SEEN_TO_MOVE: Final = 0.005  # share of the frame
-_WORDS: Final = ((0.9, "confident"), (DOUBTFUL, "fairly confident"))
+_WORDS: Final = ((0.9, "confident"), (SETTINGS.estimate.doubtful, "fairly confident"))
 
 
 def verdict_figures(kernel: RotationKernel, confidence: float, notes: object) -> dict[str, Any]:
@@ -46,7 +46,7 @@ def verdict_figures(kernel: RotationKernel, confidence: float, notes: object) ->
 
     """
     if kernel.theta[kernel.weights > 0].any():
-        return {"verdict": "improved" if confidence >= DOUBTFUL else "doubtful"}
+        return {"verdict": "improved" if confidence >= SETTINGS.estimate.doubtful else "doubtful"}
     texts = [str(note) for note in notes] if isinstance(notes, list) else []
     reasons = [note.partition(_LEFT)[0] for note in texts if _LEFT in note]
     # "the photo looks sharp: it is left as it is" has its reason before the colon.

@@ -7,12 +7,13 @@ shift does not count, because no photo shows the mean direction of the camera.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
 import scipy.fft
 
+from deshake.blind.settings import SETTINGS
 from deshake.geometry.rotations import displacements, homographies
 from deshake.operators.bilinear import BELOW, RIGHT, bilinear_shares
 
@@ -24,10 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["agreement", "spread_px"]
 
 _PLACES = (0, 2, 4, 6, 8)  # indices into `Camera.corners`: the corners and the middle
-_SMOOTHING = 0.3  # share of the narrower kernel's spread
-_LEAST_SMOOTHING = 0.7  # px of the photo
-_MOST_UNLIKE = 0.2  # ratio of the two spreads; below it the agreement is zero
-_SIGMA = 1.5  # px of the drawn filter: standard deviation of the smoothing there
+_S: Final = SETTINGS.agreement
 
 
 def spread_px(kernel: RotationKernel) -> float:
@@ -41,7 +39,7 @@ def spread_px(kernel: RotationKernel) -> float:
 
 
 def agreement(
-    one: RotationKernel, other: RotationKernel, *, smoothing: float = _SMOOTHING
+    one: RotationKernel, other: RotationKernel, *, smoothing: float = _S.smoothing
 ) -> float:
     """Measure the agreement of two kernels of one photo, 0..1.
 
@@ -54,10 +52,10 @@ def agreement(
 
     """
     narrow, wide = sorted((spread_px(one), spread_px(other)))
-    if narrow < _MOST_UNLIKE * wide:
+    if narrow < _S.most_unlike * wide:
         return 0.0
-    sigma = max(smoothing * narrow, _LEAST_SMOOTHING)
-    shrink = max(sigma / _SIGMA, 1.0)
+    sigma = max(smoothing * narrow, _S.least_smoothing)
+    shrink = max(sigma / _S.drawn_sigma, 1.0)
     places = one.camera.corners[list(_PLACES)]
     correlations = []
     moved = [

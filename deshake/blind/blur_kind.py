@@ -13,13 +13,13 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import math
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
 from deshake.blind.edge_spread import EdgeSpread, edge_spread
+from deshake.blind.settings import SETTINGS
 from deshake.blind.sharpness import looks_sharp, sharpness
 from deshake.blind.spectrum_fit import DirectedBlur, directed_blur
 from deshake.errors import EstimationError
@@ -31,54 +31,7 @@ Kind = Literal["sharp", "shaken", "soft", "out of focus", "unclear"]
 """Unclear is a photo with too few edges to judge."""
 
 
-@dataclass(frozen=True)
-class _Settings:
-    """Thresholds, tuned on the 63 cases `tune` of `bench.py shakes`.
-
-    Parameters
-    ----------
-    shaken, perhaps : float
-        Evidence of a shake, no unit. With at least `shaken` a photo is shaken, with at least
-        `perhaps` it is perhaps shaken.
-    edges_worth : float
-        Evidence per unit by which the ratio of the edges' two spreads is below `round_edges`.
-    round_edges : float
-        Ratio of the shorter spread to the longer one; rounder edges give no evidence.
-    spread : float
-        Px of the photo. Edges whose longer spread is smaller give no evidence.
-    out_of_focus, soft : float
-        Px of the photo: least longer spread of the edges of a photo out of focus, and of a soft
-        one.
-    sharp : float
-        Sharpness at the finest scale: a photo with more is perhaps sharp, unless it is shaken.
-    sharp_at_half, less_evidence : float
-        Sharpness at half the size. A photo with more has a narrow blur, if any; so it has less
-        evidence of a shake.
-    path : float
-        Extent of a hand's path over the standard deviation of the blur along it.
-    quarters : int
-        Least number of clearly shaken quarters in a photo that is perhaps shaken.
-    quarters_pixels : float
-        Largest number of pixels of a photo whose quarters are judged; a larger one is reduced.
-
-    """
-
-    shaken: float = 0.27
-    perhaps: float = 0.18
-    edges_worth: float = 0.5
-    round_edges: float = 0.75
-    spread: float = 1.2
-    out_of_focus: float = 1.45
-    soft: float = 0.55
-    sharp: float = 0.615
-    sharp_at_half: float = 0.7
-    less_evidence: float = 0.1
-    path: float = math.sqrt(12)
-    quarters: int = 2
-    quarters_pixels: float = 3e6
-
-
-_SETTINGS: Final = _Settings()
+_S: Final = SETTINGS.blur_kind
 _HALF: Final = 2  # index of the scale of half the size
 
 
@@ -94,9 +47,9 @@ class Measures(NamedTuple):
     @property
     def evidence(self) -> float:
         """The evidence of a shake: blur that depends on the direction, no unit."""
-        less = self.sharpness_at_half > _SETTINGS.sharp_at_half
+        less = self.sharpness_at_half > _S.sharp_at_half
         evidence = _of_direction(self.directed, self.edges)
-        return evidence - _SETTINGS.less_evidence if less else evidence
+        return evidence - _S.less_evidence if less else evidence
 
 
 @dataclass(frozen=True)
@@ -141,13 +94,13 @@ def blur_kind(pyramid: Pyramid) -> BlurKind:
 
 def _shaken_quarters(pyramid: Pyramid) -> BlurKind | None:
     """Return the widest shake of a photo's quarters; None: too few of them are clearly shaken."""
-    level = pyramid.level_of(_SETTINGS.quarters_pixels)
+    level = pyramid.level_of(_S.quarters_pixels)
     scale = pyramid.at(level)
     height, width = (side // 2 for side in scale.camera.shape)
     shakes: list[BlurKind] = []
     corners = itertools.product((0, scale.camera.height - height), (0, scale.camera.width - width))
     for left, (y, x) in zip((4, 3, 2, 1), corners, strict=True):
-        if len(shakes) + left < _SETTINGS.quarters:
+        if len(shakes) + left < _S.quarters:
             return None
         place = np.s_[y : y + height, x : x + width]
         usable = None if scale.usable is None else scale.usable[place]
@@ -157,7 +110,7 @@ def _shaken_quarters(pyramid: Pyramid) -> BlurKind | None:
             if shake is not None and shake.width_px is not None:
                 wide = shake.width_px * RATIO**level
                 shakes.append(replace(shake, certain=False, width_px=wide))
-    if len(shakes) < _SETTINGS.quarters:
+    if len(shakes) < _S.quarters:
         return None
     return max(shakes, key=lambda shake: shake.width_px or 0)
 
@@ -171,7 +124,7 @@ def _clear_shake(pyramid: Pyramid) -> BlurKind | None:
     if not directed.sigma_px:
         return None
     edges = edge_spread(pyramid)
-    if _of_direction(directed, edges) < _SETTINGS.shaken:
+    if _of_direction(directed, edges) < _S.shaken:
         return None
     kind = judged(_with_sharpness(pyramid, directed, edges))
     return kind if kind.kind == "shaken" and kind.certain else None
@@ -179,9 +132,9 @@ def _clear_shake(pyramid: Pyramid) -> BlurKind | None:
 
 def _of_direction(directed: DirectedBlur, edges: EdgeSpread | None) -> float:
     """Return the evidence of a shake, whatever the sharpness is."""
-    s, evidence = _SETTINGS, directed.strength
-    if edges is not None and edges.longer > s.spread:
-        evidence += s.edges_worth * max(0.0, s.round_edges - edges.shorter / edges.longer)
+    evidence = directed.strength
+    if edges is not None and edges.longer > _S.spread:
+        evidence += _S.edges_worth * max(0.0, _S.round_edges - edges.shorter / edges.longer)
     return evidence
 
 
@@ -198,16 +151,16 @@ def measured(pyramid: Pyramid) -> Measures:
 
 def judged(measures: Measures) -> BlurKind:
     """Return the verdict on the measures of a photo."""
-    s, directed = _SETTINGS, measures.directed
+    directed = measures.directed
     if measures.sharp:
         return BlurKind("sharp", certain=True)
     evidence = measures.evidence
-    if evidence >= s.perhaps and directed.sigma_px > 0:
+    if evidence >= _S.perhaps and directed.sigma_px > 0:
         direction = (180 - directed.direction) % 180  # y points down
-        return BlurKind("shaken", evidence >= s.shaken, s.path * directed.sigma_px, direction)
+        return BlurKind("shaken", evidence >= _S.shaken, _S.path * directed.sigma_px, direction)
     if measures.edges is None:
         return BlurKind("unclear", certain=False)
-    if measures.sharpness > s.sharp or measures.edges.longer < s.soft:
+    if measures.sharpness > _S.sharp or measures.edges.longer < _S.soft:
         return BlurKind("sharp", certain=False)
-    kind: Kind = "soft" if measures.edges.longer < s.out_of_focus else "out of focus"
-    return BlurKind(kind, certain=evidence < s.perhaps / 2)
+    kind: Kind = "soft" if measures.edges.longer < _S.out_of_focus else "out of focus"
+    return BlurKind(kind, certain=evidence < _S.perhaps / 2)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
+from deshake.blind.settings import SETTINGS
 from deshake.errors import EstimationError
 from deshake.geometry.rotations import grid_steps
 
@@ -12,7 +13,7 @@ if TYPE_CHECKING:
 
 __all__ = ["blur_bound", "check_size"]
 
-_SMALLEST_PHOTO = 48  # px of the shorter side
+_S: Final = SETTINGS.bounds
 
 
 def blur_bound(camera: Camera, max_angle: float) -> float:
@@ -25,9 +26,9 @@ def blur_bound(camera: Camera, max_angle: float) -> float:
 
 def check_size(height: int, width: int, bound: float) -> None:
     """Raise EstimationError if a photo is too small, or if a bound (px) does not fit it."""
-    if min(height, width) < _SMALLEST_PHOTO:
+    if min(height, width) < _S.smallest_photo:
         msg = f"{width}x{height} pixels are too few to estimate a shake from"
-        hint = f"the shorter side must have at least {_SMALLEST_PHOTO} pixels"
+        hint = f"the shorter side must have at least {_S.smallest_photo} pixels"
         raise EstimationError(msg, hint=hint)
     if not 1 <= bound <= min(height, width) / 2:
         msg = f"a blur of {bound:.0f} px does not fit {width}x{height} pixels"

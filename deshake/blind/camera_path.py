@@ -10,12 +10,13 @@ photo: `filled_path` fills the gaps.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
+from deshake.blind.settings import SETTINGS
 from deshake.blind.trimming import heaviest, strongest
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
@@ -29,21 +30,8 @@ __all__ = ["SmoothPath", "filled_path", "thinned"]
 
 Points = NDArray[np.float64]
 
-_FINE_ENOUGH = 1.5  # px of the photo between neighbours; a finer kernel has no gaps
-_MOST = 1500  # rotations; more of them make the restoration slower
-_RIDGE_STEPS = 15  # iterations of the mean shift
+_S: Final = SETTINGS.camera_path
 _ALONG = 1  # dimension of a path
-_LIGHT = 1e-6  # share of the kernel's weight; lighter rotations are discarded
-_CONTROLS = 8  # control points of a smooth path
-_DEGREE = 3  # of its B-spline
-_DENSITY = 2.0  # rotations on a smooth path, per grid step of its camera
-_FAINT = 0.05  # share of the kernel's weight that a smooth path does not count
-_MOST_SPREAD = 2000  # rotations that are thinned; thinning takes the square of their number
-_MOST_POINTS = 150  # rotations that a smooth path is drawn through
-_LEAST_TURN = 0.5  # grid steps; a centred kernel turns a little about an axis, without any meaning
-_STIFFNESS = 1e-3  # weight of the squared bends of the control points, in squared grid steps
-_LEAST_PULL = 1e-6  # weight that holds a control point without rotations near the others
-_LONG_WAY = 1.5  # exponent of the distance; a tree prefers short steps to a long one
 _NEIGHBOURS = np.stack(np.meshgrid(*[(-1, 0, 1)] * 3, indexing="ij"), -1).reshape(-1, 3)
 """Differences of indices, in grid steps, to the neighbours of a rotation and to itself."""
 
@@ -69,7 +57,7 @@ def thinned(kernel: RotationKernel, width: float = 1.0) -> RotationKernel:
     points = (kernel.theta[used] - origin) / kernel.steps
     moved = points.copy()
     squares = (points[:, :, None] * points[:, None]).reshape(len(points), -1)
-    for _ in range(_RIDGE_STEPS):
+    for _ in range(_S.ridge_steps):
         near = weights * np.exp(-0.5 * cdist(moved, points, "sqeuclidean") / width**2)
         near /= near.sum(1, keepdims=True)
         mean = near @ points
@@ -123,10 +111,10 @@ class SmoothPath(NamedTuple):
 
         """
         reduced = kernel.for_camera(scale).resampled(grid_steps(scale))
-        reduced = strongest(reduced, _MOST_SPREAD)
-        thin = strongest(heaviest(thinned(reduced), _FAINT), _MOST_POINTS)
+        reduced = strongest(reduced, _S.most_thinned)
+        thin = strongest(heaviest(thinned(reduced), _S.faint), _S.most_points)
         places = (thin.theta - thin.centroid) / thin.steps
-        places[:, np.ptp(places, 0) < _LEAST_TURN] = 0
+        places[:, np.ptp(places, 0) < _S.least_turn] = 0
         branch, held = _longest_branch(places, thin.weights)
         if len(branch) == 1:
             return []
@@ -140,7 +128,7 @@ class SmoothPath(NamedTuple):
     @property
     def length(self) -> float:
         """Length of the curve in grid steps of its camera."""
-        pieces = np.diff(_spline(np.linspace(0, 1, 10 * _CONTROLS)) @ self.controls, axis=0)
+        pieces = np.diff(_spline(np.linspace(0, 1, 10 * _S.controls)) @ self.controls, axis=0)
         return float(np.linalg.norm(pieces, axis=1).sum())
 
     def basis(self, count: int) -> Points:
@@ -151,7 +139,7 @@ class SmoothPath(NamedTuple):
         """Return the kernel of the curve, centred, on the grid of a camera of any size."""
         steps = grid_steps(camera)
         own = SmoothPath(self.controls * (grid_steps(self.camera) / steps), camera)
-        count = max(int(_DENSITY * own.length), _CONTROLS)
+        count = max(int(_S.density * own.length), _S.controls)
         curve = own.basis(count) @ own.controls
         rest = RotationKernel.delta(camera, steps=steps)
         return _on_grid(curve - curve.mean(0), np.full(count, 1 / count), rest)
@@ -160,9 +148,9 @@ class SmoothPath(NamedTuple):
 def _controls(places: Points, duration: Points) -> Points:
     """Fit the control points of a curve to places (n, 3), by the time that each of them lasts."""
     basis = _spline(np.cumsum(duration) - duration / 2)
-    bends = np.diff(np.eye(_CONTROLS), 2, axis=0)
+    bends = np.diff(np.eye(_S.controls), 2, axis=0)
     pull = basis.T * duration
-    normal = pull @ basis + _STIFFNESS * bends.T @ bends + _LEAST_PULL * np.eye(_CONTROLS)
+    normal = pull @ basis + _S.stiffness * bends.T @ bends + _S.least_pull * np.eye(_S.controls)
     controls: Points = np.linalg.solve(normal, pull @ places).astype(np.float64)
     return controls
 
@@ -171,9 +159,9 @@ def _spline(time: Points) -> Points:
     """Return the values (n, controls) of the B-splines at times 0..1."""
     from scipy.interpolate import BSpline  # noqa: PLC0415 - slow to import, for estimates alone
 
-    inner = np.linspace(0, 1, _CONTROLS - _DEGREE + 1)
-    knots = np.concatenate([np.zeros(_DEGREE), inner, np.ones(_DEGREE)])
-    values: Points = BSpline.design_matrix(np.clip(time, 0, 1), knots, _DEGREE).toarray()
+    inner = np.linspace(0, 1, _S.controls - _S.degree + 1)
+    knots = np.concatenate([np.zeros(_S.degree), inner, np.ones(_S.degree)])
+    values: Points = BSpline.design_matrix(np.clip(time, 0, 1), knots, _S.degree).toarray()
     return values
 
 
@@ -181,8 +169,8 @@ def _longest_branch(places: Points, weights: Points) -> tuple[NDArray[np.int64],
     """Return the points along the longest branch of their tree, and the weight near each."""
     from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree  # noqa: PLC0415 - likewise
 
-    tree = minimum_spanning_tree(cdist(places, places) ** _LONG_WAY)
-    tree.data **= 1 / _LONG_WAY
+    tree = minimum_spanning_tree(cdist(places, places) ** _S.long_way)
+    tree.data **= 1 / _S.long_way
     length, before = dijkstra(tree, directed=False, return_predecessors=True)
     first, last = np.unravel_index(np.argmax(length), length.shape)
     branch = [int(last)]
@@ -202,7 +190,7 @@ def _on_grid(points: Points, weights: Points, kernel: RotationKernel) -> Rotatio
     places = (low + corners[:, None]).astype(np.int64).reshape(-1, 3)
     indices, which = np.unique(places, axis=0, return_inverse=True)
     held = np.bincount(which.ravel(), parts.ravel(), len(indices))
-    kept = held > _LIGHT
+    kept = held > _S.light
     on_grid = RotationKernel.from_indices(
         indices[kept], held[kept] / held[kept].sum(), kernel.steps, kernel.camera
     )
@@ -221,7 +209,7 @@ def filled_path(kernel: RotationKernel) -> RotationKernel:
 
     """
     ratio = float((kernel.steps / grid_steps(kernel.camera)).max())
-    if ratio <= _FINE_ENOUGH:
+    if ratio <= _S.fine_enough:
         return kernel
     used = kernel.weights > 0
     if not used.all():
@@ -240,7 +228,7 @@ def filled_path(kernel: RotationKernel) -> RotationKernel:
     first, second = np.array(pairs).T
     total = np.bincount(first, kernel.weights[second], len(kernel.weights))
     share = kernel.weights[first] * kernel.weights[second] / total[first]
-    count = max(min(int(np.ceil(ratio / 2)), _MOST // len(pairs)), 1)
+    count = max(min(int(np.ceil(ratio / 2)), _S.most_filled // len(pairs)), 1)
     along = (np.arange(count) + 0.5) / (2 * count)
     theta = kernel.theta[first] + along[:, None, None] * (
         kernel.theta[second] - kernel.theta[first]

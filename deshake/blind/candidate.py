@@ -9,15 +9,16 @@ tries several first scales.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from deshake.blind.camera_path import thinned
 from deshake.blind.kernel_step import RotationGrid, fitted_weights
+from deshake.blind.settings import SETTINGS
 from deshake.blind.sharp_edges import Edges, latent_edges
-from deshake.blind.tile_plan import Budget, Part, planned_tiles
+from deshake.blind.tile_plan import Part, planned_tiles
 from deshake.blind.trimming import heaviest, main_piece, strongest
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
 from deshake.geometry.rotations import grid_steps, reach
@@ -26,113 +27,16 @@ from deshake.signal.pyramid import RATIO
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from deshake.blind.settings import Refinement, Way
     from deshake.blind.tiles import Tiles
     from deshake.geometry.camera import Camera
     from deshake.signal.pyramid import Pyramid
 
-__all__ = [
-    "FINE",
-    "THIN",
-    "Candidate",
-    "Refinement",
-    "Setting",
-    "edge_floor",
-    "first_kernel",
-    "refined",
-]
+__all__ = ["Candidate", "edge_floor", "first_kernel", "refined"]
 
 Axes = tuple[bool, bool, bool]
 
-_START_HALF = (2, 2, 1)  # grid steps about X, Y and Z: half size of the first cube
-_GROWTH_LIMIT = 6  # ratio of the frame's shorter side to the largest index of a grown kernel
-_LIGHT = 1e-4  # share of the kernel's weight; rotations that hold less are discarded
-_FAINT = 0.05  # share of the kernel's weight that its width does not count
-_MAIN = 0.8  # share of a wide kernel's weight; a main piece with less does not replace it
-
-
-@dataclass(frozen=True)
-class Setting:
-    """Settings of one candidate: the price of edges, and the part of a kernel to keep.
-
-    The values are tuned on the benchmark's tuning set: photos of 0.1 to 16 MP, shakes of 3 to
-    120 px.
-
-    Parameters
-    ----------
-    first, last : float
-        Price of an edge pixel in the first iteration, and after `falling` iterations. In between
-        the price falls geometrically. If it is too low, the kernel collapses to a point; if it is
-        too high, the kernel widens.
-    falling : int
-        Number of iterations in which the price falls.
-    iterations, shocks : int
-        Number of iterations at each scale. The first `shocks` of them use shock-filtered edges.
-    cut, carried : float
-        Shares of the kernel's weight. The smallest weights that together hold less than this share
-        are noise: `cut` after a fit, `carried` at the beginning of a finer scale.
-    most, most_grown : int
-        Largest number of rotations: `most` at the beginning of a finer scale, before the kernel
-        gets room; `most_grown` after growth.
-    small : float
-        Width in pixels of the scale. A narrower kernel may grow at every scale.
-    wide : float
-        Width in pixels of the scale. A wider kernel would break into pieces.
-    noise : float
-        Least price of an edge, in variances of the noise.
-    thin : bool
-        Whether a kernel is reduced to a thin path before a finer scale, and the price falls to
-        `last` within each scale. Otherwise a kernel stays as wide as its estimate. Wide shakes
-        often succeed in only one of the two ways.
-
-    """
-
-    first: float = 8e-2
-    last: float = 2e-3
-    falling: int = 45
-    iterations: int = 5
-    shocks: int = 3
-    cut: float = 0.03
-    carried: float = 0.03
-    most: int = 150
-    most_grown: int = 500
-    small: float = 8.0
-    wide: float = 41.0
-    noise: float = 10.0
-    thin: bool = False
-
-
-FINE = Setting()
-THIN = Setting(thin=True)
-
-
-class Refinement(NamedTuple):
-    """Settings for the refinement of an approximate kernel at one scale.
-
-    Parameters
-    ----------
-    price : float
-        Price of an edge pixel.
-    iterations : int
-        Number of iterations. Each estimates the latent picture and then the kernel.
-    carried, cut : float
-        Shares of the kernel's weight. The smallest weights that together hold less than this share
-        are discarded: `carried` at the beginning, `cut` after a fit.
-    most : int
-        Largest number of rotations at the beginning, before the kernel gets room.
-    room : bool
-        Whether the kernel gets room around its rotations.
-    budget : Budget
-        Number of pixels that the estimate uses.
-
-    """
-
-    price: float
-    iterations: int = 8
-    carried: float = 0.01
-    cut: float = 0.03
-    most: int = 160
-    room: bool = True
-    budget: Budget = Budget(0.25e6, 0.3e6)
+_S: Final = SETTINGS.candidate
 
 
 class Candidate:
@@ -144,8 +48,8 @@ class Candidate:
         The photo.
     start : int
         Index of the first scale.
-    setting : Setting
-        Settings of the estimate.
+    way : Way
+        Prices and shares of the estimate.
     axes : three bools
         The axes that the camera may turn about.
     bound : float, optional
@@ -157,14 +61,14 @@ class Candidate:
         self,
         pyramid: Pyramid,
         start: int,
-        setting: Setting = FINE,
+        way: Way = _S.fine,
         *,
         axes: Axes = ALL_AXES,
         bound: float | None = None,
     ) -> None:
         self.pyramid = pyramid
         self.start = start
-        self.setting = setting
+        self.way = way
         self.axes = (axes[0], axes[1], axes[2] and not pyramid.camera.is_uniform)
         self.bound = bound
         self.level = start + 1
@@ -176,12 +80,12 @@ class Candidate:
     @property
     def kernel(self) -> RotationKernel:
         """The kernel for the whole photo, centred."""
-        return heaviest(self._own, _LIGHT).centred().for_camera(self.pyramid.camera)
+        return heaviest(self._own, _S.light).centred().for_camera(self.pyramid.camera)
 
     @property
     def width(self) -> float:
         """Width of the kernel in pixels of its scale."""
-        return heaviest(self._own, _FAINT).extent_px()
+        return heaviest(self._own, _S.faint).extent_px()
 
     @property
     def _own(self) -> RotationKernel:
@@ -199,31 +103,31 @@ class Candidate:
         self._kernel = (
             first_kernel(scale.camera, self.axes) if first else self._carried(scale.camera)
         )
-        floor = edge_floor(self.pyramid, self.level, self.setting.noise)
+        floor = edge_floor(self.pyramid, self.level, self.way.noise)
         self._cut_tiles()
-        for i in range(self.setting.iterations):
+        for i in range(self.way.iterations):
             self._tiles.bind(self._own)
-            self._fit(max(self._price(), floor), "shock" if i < self.setting.shocks else "l0")
+            self._fit(max(self._price(), floor), "shock" if i < self.way.shocks else "l0")
             self._iterations += 1
-            last = i == self.setting.iterations - 1
-            if not last and (first or self.width < self.setting.small):
+            last = i == self.way.iterations - 1
+            if not last and (first or self.width < self.way.small):
                 self._grow()
         return True
 
     def _fits_next(self) -> bool:
-        if self._kernel is None or self.width * RATIO <= self.setting.wide:
+        if self._kernel is None or self.width * RATIO <= self.way.wide:
             return True
         piece = main_piece(self._kernel)
         kept = np.isin(_keys(self._kernel), _keys(piece))
-        if self._kernel.weights[kept].sum() < _MAIN:
+        if self._kernel.weights[kept].sum() < _S.main:
             return False
-        if heaviest(piece, _FAINT).extent_px() * RATIO > self.setting.wide:
+        if heaviest(piece, _S.faint).extent_px() * RATIO > self.way.wide:
             return False
         self._kernel = piece  # the path of a hand is connected
         return True
 
     def _price(self) -> float:
-        s = self.setting
+        s = self.way
         done = min(self._iterations / max(s.falling - 1, 1), 1.0)
         price = float(s.first * (s.last / s.first) ** done)
         if not s.thin:
@@ -240,29 +144,27 @@ class Candidate:
         if self._grid is None:
             self._grid = RotationGrid(self._tiles, own.indices, own.steps)
         fit = self._grid.equations(latent_edges(self._tiles, price, edges))
-        weights = fitted_weights(fit, self._grid.indices, own.weights, cut=self.setting.cut)
+        weights = fitted_weights(fit, self._grid.indices, own.weights, cut=self.way.cut)
         self._kernel = replace(own, weights=weights)
 
     def _carried(self, camera: Camera) -> RotationKernel:
         """Transfer the kernel to the next scale: resample it, trim it, centre it, add room."""
-        kept = heaviest(self._own, _LIGHT)
-        kept = (thinned(kept) if self.setting.thin else kept).for_camera(camera)
-        finer = heaviest(kept.resampled(grid_steps(camera), self.axes), self.setting.carried)
-        finer = strongest(finer, self.setting.most)
+        kept = heaviest(self._own, _S.light)
+        kept = (thinned(kept) if self.way.thin else kept).for_camera(camera)
+        finer = heaviest(kept.resampled(grid_steps(camera), self.axes), self.way.carried)
+        finer = strongest(finer, self.way.most)
         finer = finer.shifted(-np.rint(finer.centroid / finer.steps).astype(np.int64))
         return self._inside(finer.dilated(self.axes))
 
     def _grow(self) -> None:
         """Add room around the non-zero weights, if the kernel may still grow."""
         own = self._own
-        around = heaviest(own, _LIGHT).dilated(self.axes)
+        around = heaviest(own, _S.light).dilated(self.axes)
         indices = np.concatenate([own.indices, around.indices])
         weights = np.concatenate([own.weights, np.zeros(len(around.weights))])
         grown = self._inside(RotationKernel.from_indices(indices, weights, own.steps, own.camera))
-        limit = max(3, min(own.camera.shape) // _GROWTH_LIMIT)
-        fits = (
-            np.abs(grown.indices).max() <= limit and len(grown.weights) <= self.setting.most_grown
-        )
+        limit = max(3, min(own.camera.shape) // _S.growth_limit)
+        fits = np.abs(grown.indices).max() <= limit and len(grown.weights) <= self.way.most_grown
         if not fits or len(grown.weights) == len(own.weights):
             return
         self._kernel = grown
@@ -284,7 +186,7 @@ class Candidate:
         )
 
 
-def edge_floor(pyramid: Pyramid, level: int, variances: float = FINE.noise) -> float:
+def edge_floor(pyramid: Pyramid, level: int, variances: float = _S.fine.noise) -> float:
     """Return the least price of an edge at a scale: a cheaper edge may be noise."""
     return float(variances * pyramid.noise(level) ** 2)
 
@@ -338,7 +240,7 @@ def refined(
         fit = grid.equations(latent_edges(tiles, price, "l0"), pyramid.noise(level))
         weights = fitted_weights(fit, grid.indices, finer.weights, cut=how.cut)
         finer = replace(finer, weights=weights)
-    return heaviest(finer, _LIGHT).centred().for_camera(pyramid.camera)
+    return heaviest(finer, _S.light).centred().for_camera(pyramid.camera)
 
 
 def _keys(kernel: RotationKernel) -> NDArray[np.int64]:
@@ -349,7 +251,7 @@ def _keys(kernel: RotationKernel) -> NDArray[np.int64]:
 
 def first_kernel(camera: Camera, axes: Axes) -> RotationKernel:
     """Return a small cube: half of the weight at rest, half beside it, to break the symmetry."""
-    halves = [n if axis else 0 for n, axis in zip(_START_HALF, axes, strict=True)]
+    halves = [n if axis else 0 for n, axis in zip(_S.start_half, axes, strict=True)]
     grids = np.meshgrid(*(np.arange(-n, n + 1) for n in halves), indexing="ij")
     indices = np.stack(grids, -1).reshape(-1, 3)
     beside = np.array([0, 1, 0]) if axes[1] else np.array(axes, int)

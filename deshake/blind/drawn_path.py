@@ -15,7 +15,7 @@ the judge would prefer a camera that stands still. These surroundings are hidden
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from deshake.blind.kernel_step import nonnegative, shifted
+from deshake.blind.settings import SETTINGS
 from deshake.blind.streaks import BLOCK, Streak, agreeing, find_streaks
 from deshake.blind.trimming import heaviest, without_light
 from deshake.geometry.kernel import RotationKernel
@@ -39,18 +40,7 @@ __all__ = ["Drawing", "drawing"]
 Image = NDArray[np.float32]
 Vector = NDArray[np.float64]
 
-_PIXELS = 1.2e6  # of the scale in which streaks are sought
-_ROLL = 4  # grid steps of roll to both sides
-_MOST_PLACES = 300  # rotations without roll
-_ROUNDS = 4  # fits; the first one is that of the longest streak alone
-_NEARBY = 6  # px by which a streak moves in a round, at most
-_RIDGE = 0.003  # share of the diagonal; it grows with the square of the roll
-_CUT = 0.03  # share of the kernel's weight that is noise
-_EXPLAINED = 0.65  # share of the energy of the streaks that one path explains, at least
-_LIGHT = 1e-4  # share of the kernel's weight; rotations that hold less are discarded
-_HIDDEN, _LEAST_HIDDEN = 0.3, 4  # per px of the extent; px: what is hidden around bright lights
-_MOST_HIDDEN = 0.25  # share of the frame
-_BRIGHT = 0.35  # light
+_S: Final = SETTINGS.drawn_path
 
 
 class Drawing(NamedTuple):
@@ -94,7 +84,7 @@ def drawing(pyramid: Pyramid, *, roll: bool = True, bound: float | None = None) 
         left without the surroundings of bright lights.
 
     """
-    level = pyramid.level_of(_PIXELS)
+    level = pyramid.level_of(_S.pixels)
     scale = pyramid.at(level)
     streaks, shifts = agreeing(find_streaks(scale))
     if not streaks:
@@ -103,14 +93,14 @@ def drawing(pyramid: Pyramid, *, roll: bool = True, bound: float | None = None) 
     if rotations is None:
         return None
     weights, explained = _fitted(streaks, shifts, rotations, scale.camera)
-    if explained < _EXPLAINED:
+    if explained < _S.least_explained:
         return None
     own = RotationKernel.from_indices(rotations, weights, grid_steps(scale.camera), scale.camera)
-    kernel = heaviest(own, _LIGHT).centred().for_camera(pyramid.camera)
+    kernel = heaviest(own, _S.light).centred().for_camera(pyramid.camera)
     if bound is not None and kernel.extent_px() > bound:
         return None
     hidden = _surroundings(scale, own.extent_px())
-    if hidden.mean() > _MOST_HIDDEN:
+    if hidden.mean() > _S.most_hidden:
         return None
     return Drawing(kernel, level, explained, pyramid.without(hidden))
 
@@ -124,9 +114,9 @@ def _rotations(streak: Streak, camera: Camera, *, roll: bool) -> NDArray[np.int6
     y, x = np.nonzero(cv2.dilate(streak.ridge, np.ones((5, 5), np.uint8)))
     places = np.stack([x, y], 1) - BLOCK / 2
     flat = np.unique(np.rint(places @ np.linalg.inv(moves)).astype(np.int64), axis=0)
-    if len(flat) > _MOST_PLACES:
+    if len(flat) > _S.most_places:
         return None
-    turns = np.arange(-_ROLL, _ROLL + 1) if roll and not camera.is_uniform else np.zeros(1, int)
+    turns = np.arange(-_S.roll, _S.roll + 1) if roll and not camera.is_uniform else np.zeros(1, int)
     return np.column_stack([np.repeat(flat, len(turns), 0), np.tile(turns, len(flat))])
 
 
@@ -147,15 +137,15 @@ def _fitted(
     moved = displacements(h, np.array([streak.centre for streak in streaks]))
     places = -shifts.astype(np.float64)
     weights = np.full(len(rotations), 1 / len(rotations))
-    ridge = _RIDGE * (1 + rotations[:, 2].astype(np.float64) ** 2)
+    ridge = _S.ridge * (1 + rotations[:, 2].astype(np.float64) ** 2)
     explained = 0.0
-    for number in range(_ROUNDS):
+    for number in range(_S.rounds):
         at = BLOCK / 2 + places[:, None, ::-1] - moved
         pairs = list(zip(streaks, at, strict=True))
         gram, right = _equations(pairs if number else pairs[:1])
         scale = gram.diagonal().mean()
         gram = shifted(gram / scale, ridge)
-        solution = without_light(nonnegative(gram, right / scale, weights), _CUT)
+        solution = without_light(nonnegative(gram, right / scale, weights), _S.cut)
         if not solution.sum() > 0:
             return weights, 0.0
         weights = solution / solution.sum()
@@ -195,10 +185,10 @@ def _shift(light: Image, drawn: Image) -> Vector:
     """Return by how much (row, column) to move a drawn streak onto the real one, in parts of px."""
     spectrum = scipy.fft.rfft2(light, workers=1) * np.conj(scipy.fft.rfft2(drawn, workers=1))
     match = scipy.fft.fftshift(scipy.fft.irfft2(spectrum, light.shape, workers=1))
-    first = BLOCK // 2 - _NEARBY
-    near = match[first : BLOCK // 2 + _NEARBY + 1, first : BLOCK // 2 + _NEARBY + 1]
+    first = BLOCK // 2 - _S.nearby
+    near = match[first : BLOCK // 2 + _S.nearby + 1, first : BLOCK // 2 + _S.nearby + 1]
     row, column = np.unravel_index(np.argmax(near), near.shape)
-    return np.array([_peak(near[:, column], int(row)), _peak(near[row], int(column))]) - _NEARBY
+    return np.array([_peak(near[:, column], int(row)), _peak(near[row], int(column))]) - _S.nearby
 
 
 def _peak(line: Image, at: int) -> float:
@@ -211,9 +201,9 @@ def _peak(line: Image, at: int) -> float:
 
 def _surroundings(scale: Scale, extent: float) -> NDArray[np.bool_]:
     """Return the pixels near bright lights."""
-    bright = scale.picture > _BRIGHT
+    bright = scale.picture > _S.bright
     if scale.usable is not None:
         bright |= ~scale.usable
-    reach = max(int(_HIDDEN * extent), _LEAST_HIDDEN)
+    reach = max(int(_S.hidden * extent), _S.least_hidden)
     window = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
     return np.asarray(cv2.dilate(bright.astype(np.uint8), window) > 0)

@@ -10,12 +10,13 @@ an edge of normal ``n`` by ``s^2 = n^T Sigma n``. So the sharper edges of each d
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from deshake.blind.settings import SETTINGS
 from deshake.blind.tile_choice import chosen
 from deshake.signal.gradients import length_of
 from deshake.signal.noise import noise_level
@@ -28,19 +29,7 @@ __all__ = ["EdgeSpread", "edge_spread"]
 Image = NDArray[np.float32]
 Points = NDArray[np.float64]
 
-_FINE, _COARSE = 1.0, 2.0  # px: standard deviations of the two Gaussians
-_TILE = 128  # px: side of a tile
-_TILES = 24  # largest number of tiles
-_LONGEST_EDGES = 8.0  # px: width of the blur for the choice of tiles
-_STRAIGHT = 0.9  # coherence of the gradients around an edge, 0..1
-_AROUND = 9  # px: side of the window for the coherence
-_ABOVE_NOISE = 6.0  # standard deviations of the slopes' noise
-_LEAST_SLOPE = 0.004  # display values a pixel
-_DIRECTIONS = 12  # directions in half a turn
-_SHARPER = 0.3  # quantile of the edges of a direction
-_FEWEST = 12  # edges of a direction; with fewer it does not count
-_MOST = 200  # edges of a direction; more do not raise its weight
-_RATIO = (0.05, 0.93)  # squared ratios that are resolved; the Gaussians alone have 0.25
+_S: Final = SETTINGS.edge_spread
 
 
 class EdgeSpread(NamedTuple):
@@ -56,10 +45,10 @@ class EdgeSpread(NamedTuple):
 def edge_spread(pyramid: Pyramid) -> EdgeSpread | None:
     """Measure the spread of a photo's edges; None: too few edges."""
     scale = pyramid.at(0)
-    if min(scale.picture.shape) < _TILE or scale.picture.size <= 1.3 * _TILES * _TILE**2:
+    if min(scale.picture.shape) < _S.tile or scale.picture.size <= 1.3 * _S.tiles * _S.tile**2:
         size, corners = max(scale.picture.shape), [(0, 0)]
     else:
-        size, corners = _TILE, chosen(pyramid, 0, _TILE, _TILES, width=_LONGEST_EDGES)
+        size, corners = _S.tile, chosen(pyramid, 0, _S.tile, _S.tiles, width=_S.longest_edges)
     places = [np.s_[y : y + size, x : x + size] for y, x in corners]
     blocks = [np.sqrt(np.clip(scale.picture[place], 0, 1)) for place in places]
     usable = [None if scale.usable is None else scale.usable[place] for place in places]
@@ -70,25 +59,25 @@ def edge_spread(pyramid: Pyramid) -> EdgeSpread | None:
 
 def _edges(block: Image, usable: NDArray[np.bool_] | None, noise: float) -> Points:
     """Return the angle of each edge pixel's normal and the squared ratio of its slopes, (N, 2)."""
-    fine, coarse = _gradients(block, _FINE), _gradients(block, _COARSE)
+    fine, coarse = _gradients(block, _S.fine), _gradients(block, _S.coarse)
     slope = length_of(*coarse)
     across, down = (part / np.maximum(slope, 1e-9) for part in coarse)
-    window = _AROUND, _AROUND
+    window = _S.around, _S.around
     xx, yy, xy = (
         cv2.boxFilter(one, -1, window)
         for one in (coarse[0] ** 2, coarse[1] ** 2, coarse[0] * coarse[1])
     )
-    straight = np.hypot(xx - yy, 2 * xy) > _STRAIGHT * (xx + yy)
+    straight = np.hypot(xx - yy, 2 * xy) > _S.straight * (xx + yy)
     y, x = np.indices(block.shape, np.float32)
     before, after = (
         cv2.remap(slope, x + sign * across, y + sign * down, cv2.INTER_LINEAR) for sign in (-1, 1)
     )
-    least = max(_ABOVE_NOISE * noise / (math.sqrt(8 * math.pi) * _COARSE**2), _LEAST_SLOPE)
+    least = max(_S.above_noise * noise / (math.sqrt(8 * math.pi) * _S.coarse**2), _S.least_slope)
     edge = straight & (slope >= before) & (slope > after) & (slope > least)
     if usable is not None:
         clipped = (~usable).astype(np.uint8)
         edge &= cv2.dilate(clipped, np.ones((7, 7), np.uint8)) == 0
-    margin = math.ceil(3 * _COARSE)
+    margin = math.ceil(3 * _S.coarse)
     inner = np.zeros_like(edge)
     inner[margin:-margin, margin:-margin] = True
     edge &= inner
@@ -106,18 +95,18 @@ def _gradients(block: Image, sigma: float) -> tuple[Image, Image]:
 
 def _ellipse(points: Points) -> EdgeSpread | None:
     """Fit the blur's covariance to the sharper edges of all directions."""
-    number = np.rint(points[:, 0] / np.pi * _DIRECTIONS).astype(int) % _DIRECTIONS
+    number = np.rint(points[:, 0] / np.pi * _S.directions).astype(int) % _S.directions
     rows, variances, weights = [], [], []
-    for direction in range(_DIRECTIONS):
+    for direction in range(_S.directions):
         ratios = points[number == direction, 1]
-        if len(ratios) < _FEWEST:
+        if len(ratios) < _S.fewest:
             continue
-        ratio = float(np.clip(np.quantile(ratios, _SHARPER), *_RATIO))
-        variance = (ratio * _COARSE**2 - _FINE**2) / (1 - ratio)
-        c, s = (part(direction * math.pi / _DIRECTIONS) for part in (math.cos, math.sin))
+        ratio = float(np.clip(np.quantile(ratios, _S.sharper), *_S.ratios))
+        variance = (ratio * _S.coarse**2 - _S.fine**2) / (1 - ratio)
+        c, s = (part(direction * math.pi / _S.directions) for part in (math.cos, math.sin))
         rows.append([c * c, 2 * c * s, s * s])
         variances.append(variance)
-        weights.append(math.sqrt(min(len(ratios), _MOST)) / (1 + max(variance, 0)))
+        weights.append(math.sqrt(min(len(ratios), _S.most)) / (1 + max(variance, 0)))
     if len(rows) < 3:
         return None
     design, weight = np.array(rows), np.array(weights)

@@ -2,32 +2,30 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
 from deshake.blind.agreement import agreement
 from deshake.blind.camera_path import thinned
 from deshake.blind.candidate import refined
+from deshake.blind.settings import SETTINGS
 from deshake.blind.trimming import heaviest
 from deshake.operators.strips import in_order
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from deshake.blind.candidate import Axes, Refinement
+    from deshake.blind.candidate import Axes
     from deshake.blind.judge import Judge
+    from deshake.blind.settings import Refinement
     from deshake.geometry.kernel import RotationKernel
     from deshake.run import Run
     from deshake.signal.pyramid import Pyramid
 
 __all__ = ["Entry", "all_refined", "best_of_starts", "nearest"]
 
-_FAINT = 0.05  # share of the kernel's weight that its width does not count
-_ROLL_WORTH = 0.003  # margin: least gain that justifies a kernel with roll
-_LEAST_ROLL = 0.5  # grid steps; a kernel that is centred rolls a little, without any meaning
-_LEAST_WIDTH = 2.5  # px of the kernel's scale; a narrower kernel is a point and is not refined
-_AGREEING = 3  # number of nearest kernels in the mean agreement
+_S: Final = SETTINGS.entry
 
 
 class Entry(NamedTuple):
@@ -52,17 +50,17 @@ class Entry(NamedTuple):
     @property
     def width(self) -> float:
         """Width of the kernel in pixels of the photo."""
-        return heaviest(self.kernel, _FAINT).extent_px()
+        return heaviest(self.kernel, _S.faint).extent_px()
 
     @property
     def rolls(self) -> bool:
         """Whether the camera turns about its optical axis."""
         turn = np.ptp(self.kernel.theta[:, 2])
-        return bool(turn > _LEAST_ROLL * self.kernel.steps[2])
+        return bool(turn > _S.least_roll * self.kernel.steps[2])
 
     def margin(self, judge: Judge) -> float:
-        """Return the margin of the kernel, less `_ROLL_WORTH` if it has roll."""
-        return judge.margin(self.kernel) - _ROLL_WORTH * self.rolls
+        """Return the margin of the kernel, less a price if it has roll."""
+        return judge.margin(self.kernel) - _S.roll_worth * self.rolls
 
     def thin(self) -> Entry:
         """Reduce the kernel to a thin path."""
@@ -71,7 +69,7 @@ class Entry(NamedTuple):
     def refined(self, pyramid: Pyramid, how: Refinement, axes: Axes) -> Entry:
         """Refine the kernel at its scale, unless it is a point there."""
         camera = pyramid.at(self.level).camera
-        if self.kernel.for_camera(camera).extent_px() < _LEAST_WIDTH:
+        if self.kernel.for_camera(camera).extent_px() < _S.least_width:
             return self
         kernel = refined(pyramid, self.kernel, self.level, how, axes=axes)
         flat = "" if axes[2] else ", no roll"
@@ -111,4 +109,4 @@ def nearest(entry: Entry, known: Sequence[Entry]) -> float:
     """
     others = [one.kernel for one in known if one.start != entry.start]
     alike = sorted((agreement(entry.kernel, other) for other in others), reverse=True)
-    return float(np.mean(alike[:_AGREEING] or [0.0]))
+    return float(np.mean(alike[: _S.agreeing] or [0.0]))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +20,10 @@ from deshake.blind.kernel_faults import FILLED, faults
 from deshake.blind.latent_picture import latent_gradients
 from deshake.blind.race import race
 from deshake.blind.result import BlindEstimate
+from deshake.blind.settings import SETTINGS
 from deshake.blind.sharpness import looks_sharp, sharpness
 from deshake.blind.spot import is_spot
-from deshake.blind.trust import DOUBTFUL, confidence, two_digits
+from deshake.blind.trust import confidence, two_digits
 from deshake.blind.variational.estimate import estimate_variational
 from deshake.errors import EstimationError
 from deshake.geometry.camera import Camera
@@ -47,11 +48,7 @@ STILL = "still"
 SHARP = "the photo looks sharp: it is left as it is"
 SOFT = "the photo is a little soft rather than shaken: it is left as it is"
 
-_FAIRLY_SHARP = 0.69  # value of `sharpness`; a real shaken photo has 0.68
-_LEAST_USABLE = 0.05  # share of the pixels
-_EVEN = 0.5  # confidence; with less, harm is likelier than gain, and the photo stays unchanged
-_UNCHANGED = 0.1  # largest confidence of a kernel that leaves the photo unchanged
-_RACE_SHARE = 0.95  # share of the computing time
+_S: Final = SETTINGS.estimate
 
 
 def estimate_kernel(
@@ -118,7 +115,7 @@ def estimate_kernel(
     x, y, w, h = region or (0, 0, width, height)
     check_size(h, w, 1.0 if blur_px is None else blur_px)
     part = np.s_[y : y + h, x : x + w]
-    if clipped is not None and not (~clipped[part]).mean() > _LEAST_USABLE:
+    if clipped is not None and not (~clipped[part]).mean() > _S.least_usable:
         msg = "nearly all pixels are clipped: there is no detail to estimate the shake from"
         raise EstimationError(msg, hint="name a part with detail: --region X,Y,W,H")
     whole = Camera.uniform(height, width) if uniform else camera
@@ -127,18 +124,18 @@ def estimate_kernel(
     )
     if looks_sharp(pyramid):
         run.report(1.0, "the photo looks sharp")
-        return _unchanged(pyramid, whole, _UNCHANGED, SHARP)
+        return _unchanged(pyramid, whole, _S.unchanged, SHARP)
     estimated = partial(race, axes=(True, True, not uniform), bound=blur_px, quick=quick)
     result, start = None, 0.0
     drawn = drawing(pyramid, roll=not uniform, bound=blur_px)
     if drawn is not None:
-        start = _RACE_SHARE / 2
+        start = _S.race_share / 2
         result = estimated(drawn.pyramid, may_rest=False, drawn=drawn, run=run.part(0, start))
-        if confidence(result) < _EVEN:
+        if confidence(result) < _S.even:
             result = None  # the streaks mislead, or their surroundings are needed
     if result is None:
-        may_rest = sharpness(pyramid, 0) > _FAIRLY_SHARP
-        result = estimated(pyramid, may_rest=may_rest, run=run.part(start, _RACE_SHARE))
+        may_rest = sharpness(pyramid, 0) > _S.fairly_sharp
+        result = estimated(pyramid, may_rest=may_rest, run=run.part(start, _S.race_share))
     estimate = _concluded(pyramid, whole, result, blur_px)
     run.report(1.0, "kernel estimated")
     return estimate
@@ -152,17 +149,17 @@ def _concluded(
     trust = confidence(result)
     if result.at_rest or is_spot(kernel):
         point = len(kernel.weights) == 1 or not kernel.extent_px() > 1
-        return _unchanged(pyramid, whole, min(trust, _UNCHANGED), SHARP if point else SOFT)
+        return _unchanged(pyramid, whole, min(trust, _S.unchanged), SHARP if point else SOFT)
     notes = faults(_on_its_grid(kernel), blur_px=blur_px)
-    if trust < _EVEN:
+    if trust < _S.even:
         note = (
             f"no estimate of the shake improves it (best confidence {two_digits(trust)}): the "
             "photo is left as it is"
         )
-        return _unchanged(pyramid, whole, min(trust, _UNCHANGED), note)
+        return _unchanged(pyramid, whole, min(trust, _S.unchanged), note)
     if FILLED in notes and trust < 1:
         trust = min(trust, 0.9)
-    if trust < DOUBTFUL:
+    if trust < _S.doubtful:
         notes.append(
             f"the estimate of the shake is doubtful (confidence {two_digits(trust)}): compare the "
             "result with the photo"

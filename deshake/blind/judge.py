@@ -18,13 +18,14 @@ sharpness and rises with ringing.
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from deshake.blind.settings import SETTINGS
 from deshake.blind.sharp_edges import l0_picture
-from deshake.blind.tile_plan import Budget, planned_tiles
+from deshake.blind.tile_plan import planned_tiles
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import reach
 from deshake.signal.gradients import differences, length_of
@@ -41,17 +42,7 @@ __all__ = ["Judge"]
 
 Image = NDArray[np.float32]
 
-_LAM = 2e-3  # squared contrast of the pyramid: price of an edge pixel
-_BETA_MAX = 64.0  # last weight of the split gradients, no unit
-_BETA_FIRST = 2.0  # the same, for pictures that only fill the room around the tiles
-_LIVE = 1 / 64  # share of lam; a gradient is an edge if its square exceeds it
-_ROOM = 1.2  # room around a tile, in reaches of the widest kernel
-_BUDGET = Budget(0.12e6, 0.3e6)  # pixels
-_LEAST_NOISE = 0.002  # contrast of the pyramid: standard deviation
-_POWER = 0.8  # exponent of the gradients in the prior of the restored picture
-_PRIOR = 0.5  # weight of that prior, in variances of the noise
-_PENALTIES = tuple(float(beta) for beta in np.geomspace(0.01, 0.5, 7))  # weights beta, no unit
-_FILL_AT = 4  # index into the penalties, at which unknown pixels are filled
+_S: Final = SETTINGS.judge
 
 
 class Judge:
@@ -74,7 +65,7 @@ class Judge:
         """Make a judge on the tiles kept apart, with enough room for all kernels."""
         camera = pyramid.at(level).camera
         widest = max((kernel.for_camera(camera) for kernel in kernels), key=_reach)
-        tiles = planned_tiles(pyramid, level, widest, part="apart", budget=_BUDGET, room=_ROOM)
+        tiles = planned_tiles(pyramid, level, widest, part="apart", budget=_S.budget, room=_S.room)
         return cls(tiles)
 
     def has_room(self, kernel: RotationKernel) -> bool:
@@ -102,13 +93,13 @@ class Judge:
         """Return E of the L0 picture; fill the room around the tiles first."""
         tiles = self.tiles
         for _ in range(2):
-            tiles.fill(l0_picture(tiles, 2 * _LAM, beta_max=_BETA_FIRST)[0])
-        picture, _, _ = l0_picture(tiles, _LAM, beta_max=_BETA_MAX)
+            tiles.fill(l0_picture(tiles, 2 * _S.lam, beta_max=_S.beta_first)[0])
+        picture, _, _ = l0_picture(tiles, _S.lam, beta_max=_S.beta_max)
         blurred = tiles.fill(picture)
         across, down = differences(picture)
-        live = across**2 + down**2 > _LAM * _LIVE
-        misfit = np.minimum((blurred - tiles.g)[self.counted].astype(np.float64) ** 2, _LAM)
-        return float(misfit.mean() + _LAM * live[self.counted].mean())
+        live = across**2 + down**2 > _S.lam * _S.live
+        misfit = np.minimum((blurred - tiles.g)[self.counted].astype(np.float64) ** 2, _S.lam)
+        return float(misfit.mean() + _S.lam * live[self.counted].mean())
 
     @cached_property
     def _unrestored(self) -> float:
@@ -120,19 +111,19 @@ class Judge:
         """Price of a gradient in the restored picture's prior, from the photo and its noise."""
         tiles = self.tiles
         length = length_of(*differences(tiles.g))[self.counted]
-        noise = max(2 * noise_level(tiles.g.reshape(-1, tiles.block)), _LEAST_NOISE)
-        return _PRIOR * noise**2 / (_POWER * float((length**_POWER).mean()))
+        noise = max(2 * noise_level(tiles.g.reshape(-1, tiles.block)), _S.least_noise)
+        return _S.prior * noise**2 / (_S.power * float((length**_S.power).mean()))
 
     def _restored(self) -> Image:
         """Restore the tiles with a sparse prior of gradients, ``sum |grad f|^0.8``."""
         tiles, price = self.tiles, self._price
         picture, data = tiles.g, tiles.data()
-        for stage, beta in enumerate(_PENALTIES):
-            if stage == _FILL_AT:
+        for stage, beta in enumerate(np.geomspace(*_S.penalties, _S.stages).tolist()):
+            if stage == _S.fill_at:
                 tiles.fill(picture)
                 data = tiles.data()
             across, down = differences(picture)
-            share = shrunk(length_of(across, down), price / beta, _POWER)
+            share = shrunk(length_of(across, down), price / beta, _S.power)
             picture = tiles.solved(data, across * share, down * share, beta)
         return picture
 

@@ -11,13 +11,14 @@ well the spectra of the photo match the kernel.
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deshake.blind.agreement import agreement
 from deshake.blind.judge import Judge
+from deshake.blind.settings import SETTINGS
 from deshake.blind.spectral_match import SpectralMatch
 from deshake.blind.spot import is_spot
 
@@ -29,20 +30,11 @@ if TYPE_CHECKING:
     from deshake.geometry.kernel import RotationKernel
     from deshake.signal.pyramid import Pyramid
 
-__all__ = ["HOPELESS", "Comparison"]
+__all__ = ["Comparison"]
 
 Scores = NDArray[np.float64]
 
-HOPELESS = 10.0
-"""Margin: penalty of a kernel that cannot be right, larger than any gain."""
-
-_WIDTH = 28.0  # px of a kernel at the scale where it is judged
-_SHARPENING_WORTH = 0.15  # margin per gain of 1 in -ln nsp
-_MATCH_WORTH = 0.7  # margin per correlation of 1 of the spectra
-_NEIGHBOURS = 3  # number of finer and of coarser scales whose match counts, too
-_FEWEST_TILES = 3  # number of tiles; the match of a scale with fewer does not count
-_WIDEST = 0.25  # share of the frame's shorter side: largest extent of a kernel
-_WITNESS_WORTH = 0.5  # margin per agreement of 1 with the streaks of lights
+_S: Final = SETTINGS.kernel_comparison
 
 
 class Comparison:
@@ -78,11 +70,11 @@ class Comparison:
             self._make_room(level, group)
         judges = [self._judges[level] for level in levels]
         scores = [self.score(entry, judge) for entry, judge in zip(entries, judges, strict=True)]
-        return np.array(scores) - HOPELESS * np.array([self.hopeless(entry) for entry in entries])
+        return np.array(scores) - _S.penalty * np.array([self.hopeless(entry) for entry in entries])
 
     def hopeless(self, entry: Entry) -> bool:
         """Return whether a kernel is a small round spot, or far too wide for the photo."""
-        widest = _WIDEST * min(self.pyramid.camera.shape)
+        widest = _S.widest * min(self.pyramid.camera.shape)
         return is_spot(entry.kernel) or entry.kernel.extent_px() > widest
 
     def judge(self, entry: Entry) -> Judge:
@@ -96,10 +88,10 @@ class Comparison:
         key = judge, entry.kernel
         if key not in self._scores:
             sharper = judge.sharpening(entry.kernel)
-            score = entry.margin(judge) + _SHARPENING_WORTH * sharper
-            score += _MATCH_WORTH * self.match(entry)
+            score = entry.margin(judge) + _S.sharpening_worth * sharper
+            score += _S.match_worth * self.match(entry)
             if self.witness is not None:
-                score += _WITNESS_WORTH * agreement(entry.kernel, self.witness)
+                score += _S.witness_worth * agreement(entry.kernel, self.witness)
             self._scores[key] = score
         return self._scores[key]
 
@@ -111,8 +103,8 @@ class Comparison:
         """
         if entry.kernel not in self._matches:
             middle = min(self._level(entry), self._last_matched)
-            last = min(middle + _NEIGHBOURS, self._last_matched)
-            levels = range(max(middle - _NEIGHBOURS, 0), last + 1)
+            last = min(middle + _S.neighbours, self._last_matched)
+            levels = range(max(middle - _S.neighbours, 0), last + 1)
             values = [self._spectra_at(level, "apart").value(entry.kernel) for level in levels]
             self._matches[entry.kernel] = float(np.mean(values))
         return self._matches[entry.kernel]
@@ -133,7 +125,7 @@ class Comparison:
     def _last_matched(self) -> int:
         """The coarsest scale that has enough tiles for a match."""
         level = self.pyramid.coarsest
-        while level and len(self._spectra_at(level, "apart").centres) < _FEWEST_TILES:
+        while level and len(self._spectra_at(level, "apart").centres) < _S.fewest_tiles:
             level -= 1
         return level
 
@@ -153,5 +145,5 @@ class Comparison:
 
     def _level(self, entry: Entry) -> int:
         """Return the scale that resolves a kernel well."""
-        level = np.ceil(2 * np.log2(max(entry.width / _WIDTH, 1e-9)))
+        level = np.ceil(2 * np.log2(max(entry.width / _S.width, 1e-9)))
         return int(np.clip(level, 0, self.pyramid.coarsest))

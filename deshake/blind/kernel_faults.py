@@ -6,11 +6,12 @@ well within the bounds of the estimate.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from scipy.ndimage import binary_dilation, label
 
+from deshake.blind.settings import SETTINGS
 from deshake.geometry.rotations import grid_steps
 
 if TYPE_CHECKING:
@@ -31,13 +32,7 @@ TOUCHING = "the shake may be wider than what was looked for: try a larger --blur
 SCATTERED = "the estimate of the shake is scattered like noise: compare the result with the photo"
 FILLED = "the blur is a round spot, not a path: the photo is out of focus rather than shaken"
 
-_POINT = 0.9  # share of the weight within a step of the heaviest rotation; a point has more
-_OUTSIDE = 0.02  # share of the weight beyond the bound; with more the bound is too small
-_WIDEST = 0.3  # share of the shorter side: the bound if none is given
-_PATH = 0.7  # least share of the weight in the largest connected part
-_DISK = 0.7  # share of the cells of an even disk: disks take 0.79 to 0.98, paths 0.56
-_LEAST_DISK = 0.65  # grid steps, standard deviation; a smaller kernel is a point
-_MOST_CELLS = 1 << 24  # cells of the grid that holds all rotations
+_S: Final = SETTINGS.kernel_faults
 
 
 def faults(kernel: RotationKernel, *, blur_px: float | None = None) -> list[str]:
@@ -60,12 +55,12 @@ def faults(kernel: RotationKernel, *, blur_px: float | None = None) -> list[str]
     if is_point(kernel):
         return [COLLAPSED]
     result = []
-    bound = _WIDEST * min(kernel.camera.shape) if blur_px is None else blur_px
+    bound = _S.widest * min(kernel.camera.shape) if blur_px is None else blur_px
     # at least one step beyond the bound: an estimate leaves a little room there
     half = bound / 2 * grid_steps(kernel.camera) + kernel.steps
-    if kernel.weights[np.any(np.abs(kernel.theta) > half, 1)].sum() > _OUTSIDE:
+    if kernel.weights[np.any(np.abs(kernel.theta) > half, 1)].sum() > _S.outside:
         result.append(TOUCHING)
-    if _connected_share(kernel) < _PATH:
+    if _connected_share(kernel) < _S.path:
         result.append(SCATTERED)
     if is_filled(kernel):
         result.append(FILLED)
@@ -76,7 +71,7 @@ def is_point(kernel: RotationKernel) -> bool:
     """Return whether nearly all weight lies within a step of the heaviest rotation."""
     from_heaviest = np.abs(kernel.theta - kernel.theta[np.argmax(kernel.weights)])
     near = np.all(from_heaviest < 1.5 * kernel.steps, 1)
-    return bool(kernel.weights[near].sum() > _POINT)
+    return bool(kernel.weights[near].sum() > _S.point)
 
 
 def is_filled(kernel: RotationKernel) -> bool:
@@ -89,23 +84,23 @@ def is_filled(kernel: RotationKernel) -> bool:
     places = kernel.indices[:, :2]
     low = places.min(0)
     shape = tuple(places.max(0) - low + 1)
-    if np.prod(shape, dtype=np.float64) > _MOST_CELLS:
+    if np.prod(shape, dtype=np.float64) > _S.most_cells:
         return False
     cells = np.zeros(shape)
     np.add.at(cells, tuple((places - low).T), kernel.weights)
     spread = np.cov(places.T, aweights=kernel.weights, ddof=0)
     longest = float(np.linalg.eigvalsh(spread)[-1])
-    if longest < _LEAST_DISK**2:
+    if longest < _S.least_disk**2:
         return False
     taken = 1 / float((cells**2).sum())
-    return taken > _DISK * 4 * np.pi * (longest + 1 / 12)  # 1/12: the variance within a cell
+    return taken > _S.disk * 4 * np.pi * (longest + 1 / 12)  # 1/12: the variance within a cell
 
 
 def _connected_share(kernel: RotationKernel) -> float:
     """Return the share of weight in the largest connected part; gaps of two steps are bridged."""
     indices = kernel.indices - kernel.indices.min(0) + 1
     shape = tuple(indices.max(0) + 2)
-    if np.prod(shape, dtype=np.float64) > _MOST_CELLS:
+    if np.prod(shape, dtype=np.float64) > _S.most_cells:
         return 0.0
     used = np.zeros(shape, bool)
     used[tuple(indices[kernel.weights > 0].T)] = True

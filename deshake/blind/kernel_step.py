@@ -12,13 +12,14 @@ G needs one number for each difference of indices.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 import scipy.linalg
 import scipy.ndimage
 from numpy.typing import NDArray
 
+from deshake.blind.settings import SETTINGS
 from deshake.blind.trimming import without_light
 from deshake.geometry.rotations import displacements, homographies
 from deshake.operators.bilinear import gathering_matrix
@@ -33,17 +34,7 @@ __all__ = ["NormalEquations", "RotationGrid", "fitted_weights", "nonnegative", "
 Image = NDArray[np.float32]
 Vector = NDArray[np.float64]
 
-_RIDGE = 0.003  # share of the energy of the edges
-_TEXTURE = 0.3  # share of the edges' mean square: prior variance of the gradients about the edges
-_MISFIT = 8.0  # variance of all that the model does not explain, in variances of the noise
-_LEAST_NOISE = 0.002  # contrast of the pyramid: standard deviation
-_ISLAND = 0.03  # share of the kernel's weight; a connected piece with less is noise
-_LEAST_ENERGY = 1e-9  # squared contrast, summed over pixels; every edge has more
-_LEAST_SUM = 1e-6  # sum of the weights; below it the edges explain nothing
-_PIVOTS = 100  # steps of the solver; it needs 2 to 7
-_TRIES = 3  # steps without fewer wrong weights, before they are exchanged one by one
-_SLACK = 1e-9  # share of the largest correlation; smaller gradients count as zero
-_JITTER = 1e-10  # share of the largest diagonal element, so that G is never singular
+_S: Final = SETTINGS.kernel_step
 
 
 class NormalEquations(NamedTuple):
@@ -113,8 +104,8 @@ class RotationGrid:
         tiles = self.tiles
         pixels = tiles.middle.sum((1, 2))[:, None, None]
         energy = sum((edge**2 * tiles.middle).sum((1, 2)) for edge in edges)[:, None, None]
-        texture = _TEXTURE * energy / (2 * pixels)
-        error = 2 * _MISFIT * max(noise, _LEAST_NOISE) ** 2
+        texture = _S.texture * energy / (2 * pixels)
+        error = 2 * _S.misfit * max(noise, _S.least_noise) ** 2
         spectra: Image = 2 * pixels * texture * error / (texture * tiles.power + error)
         return spectra.astype(np.float32)
 
@@ -154,13 +145,13 @@ def fitted_weights(
         Weights that sum to one.
 
     """
-    if not fit.energy > _LEAST_ENERGY:
+    if not fit.energy > _S.least_energy:
         return weights
     roll = indices[:, 2] - weights @ indices[:, 2]
-    ridge = _RIDGE * (1 + roll**2)
+    ridge = _S.ridge * (1 + roll**2)
     gram = shifted(fit.gram / fit.energy, ridge)
     solution = nonnegative(gram, fit.right / fit.energy, weights)
-    if not solution.sum() > _LEAST_SUM:
+    if not solution.sum() > _S.least_sum:
         return weights
     kept = _without_islands(indices, without_light(solution, cut))
     normed: Vector = kept / kept.sum()
@@ -188,7 +179,7 @@ def nonnegative(gram: Vector, right: Vector, start: Vector) -> Vector:
     largest = gram.diagonal().max()
     if not largest > 0:
         return np.zeros_like(right)
-    shift = _JITTER * largest
+    shift = _S.jitter * largest
     try:
         return _pivoted(shifted(gram, shift), right, start > 0)
     except scipy.linalg.LinAlgError:
@@ -205,14 +196,14 @@ def shifted(gram: Vector, shift: Vector | float) -> Vector:
 
 def _pivoted(gram: Vector, right: Vector, free: NDArray[np.bool_]) -> Vector:
     """Return the minimum for a positive definite G; `free` are the first free weights."""
-    slack = _SLACK * np.abs(right).max()
+    slack = _S.slack * np.abs(right).max()
     fewest, tries = len(right) + 1, 0
-    for _ in range(_PIVOTS):
+    for _ in range(_S.pivots):
         w, gradient = _unbounded(gram, right, free)
         wrong = np.where(free, w < 0, gradient < -slack)
         count = int(wrong.sum())
         if count < fewest:
-            fewest, tries = count, _TRIES
+            fewest, tries = count, _S.tries
         else:
             tries -= 1
         if count == 0:
@@ -261,7 +252,7 @@ def _without_islands(indices: NDArray[np.int64], weights: Vector) -> Vector:
     box[place] = weights
     labels, count = scipy.ndimage.label(box > 0, np.ones((3, 3, 3)))
     mass = np.bincount(labels.ravel(), box.ravel(), count + 1)
-    small = mass < _ISLAND * weights.sum()
+    small = mass < _S.island * weights.sum()
     if small[1:].all():
         return weights
     return np.where(small[labels[place]], 0.0, weights)

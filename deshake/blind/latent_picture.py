@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from deshake.blind.settings import SETTINGS, Budget
 from deshake.blind.sharp_edges import l0_picture
-from deshake.blind.tile_plan import Budget, planned_tiles
+from deshake.blind.tile_plan import planned_tiles
 from deshake.signal.gradients import differences
 
 if TYPE_CHECKING:
@@ -20,9 +21,7 @@ __all__ = ["latent_gradients"]
 
 _NO_LIMIT = 1e12  # pixels, more than the blocks of any photo have
 
-_LARGEST = 0.35e6  # pixels: largest frame of the scale that is used
-_WIDEST = 41.0  # px of that scale: largest extent of the kernel
-_PRICE = 2e-3  # squared contrast of the pyramid: price of an edge pixel
+_S: Final = SETTINGS.latent_picture
 
 
 def latent_gradients(pyramid: Pyramid, kernel: RotationKernel) -> NDArray[np.float32]:
@@ -41,9 +40,9 @@ def latent_gradients(pyramid: Pyramid, kernel: RotationKernel) -> NDArray[np.flo
         Differences to the right and to the lower neighbour, in linear light, in the kernel's frame.
 
     """
-    level = pyramid.level_of(_LARGEST)
+    level = pyramid.level_of(_S.largest)
     while level < pyramid.coarsest and (
-        kernel.for_camera(pyramid.at(level).camera).extent_px() > _WIDEST
+        kernel.for_camera(pyramid.at(level).camera).extent_px() > _S.widest
     ):
         level += 1
     scale = pyramid.at(level)
@@ -52,7 +51,7 @@ def latent_gradients(pyramid: Pyramid, kernel: RotationKernel) -> NDArray[np.flo
     tiles = planned_tiles(pyramid, level, scaled, part="all", budget=everything)
     tiles.bind(scaled)
     for _ in range(2):
-        picture, _, _ = l0_picture(tiles, _PRICE)
+        picture, _, _ = l0_picture(tiles, _S.price)
         tiles.fill(picture)
     gradients = np.zeros((2, *scale.picture.shape), np.float32)
     inner = slice(tiles.first, tiles.first + tiles.size)

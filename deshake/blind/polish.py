@@ -8,13 +8,12 @@ a wrong one seldom gains.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from deshake.blind.candidate import Refinement
 from deshake.blind.entry import all_refined, best_of_starts
-from deshake.blind.kernel_comparison import HOPELESS
+from deshake.blind.settings import SETTINGS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,13 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = ["polished"]
 
-_OTHER_EDGES = Refinement(1e-2)  # price in squared contrast: fewer edges, from the same start
-_THIN = Refinement(2e-3, iterations=4)
-"""Refinement of a thin path. The price is in squared contrast."""
-_SMOOTH = Refinement(2e-3, iterations=3)
-"""Refinement of a smooth path. The price is in squared contrast."""
-_LINES = 2  # number of starts whose best kernel is polished in the first round
-_ROUNDS = 4  # largest number of rounds; a round that does not raise the score is the last
+_S: Final = SETTINGS.polish
 
 
 def polished(
@@ -64,8 +57,8 @@ def polished(
 
     """
     others = {source.start: source for source in sources}
-    lines = [_Line(comparison, entry, axes) for entry in best_of_starts(ranked)[:_LINES]]
-    parts = iter(run.parts([1.0] * (len(lines) + _ROUNDS - 1)))
+    lines = [_Line(comparison, entry, axes) for entry in best_of_starts(ranked)[: _S.lines]]
+    parts = iter(run.parts([1.0] * (len(lines) + _S.rounds - 1)))
     for line in lines:
         line.advance(next(parts), others[line.best.start])
     leader = lines[int(np.argmax(comparison.scores([line.best for line in lines])))]
@@ -91,9 +84,9 @@ class _Line:
         if not self.rises:
             return
         thin, smooth = self.best.thin(), self.comparison.matched(self.best)
-        jobs = [(thin, _THIN, self.axes), (smooth, _SMOOTH, self.axes)]
+        jobs = [(thin, _S.thin, self.axes), (smooth, _S.smooth, self.axes)]
         if source is not None:
-            jobs.append((source, _OTHER_EDGES, self.axes))
+            jobs.append((source, _S.other_edges, self.axes))
         new = all_refined(self.comparison.pyramid, jobs, run)
         if source is not None:
             new += [thin, new[-1].thin()]
@@ -107,5 +100,5 @@ class _Line:
     def _score(self, entry: Entry) -> float:
         """Return the score of a kernel; one that the judge has no room for has none."""
         if self.comparison.hopeless(entry) or not self.judge.has_room(entry.kernel):
-            return -HOPELESS
+            return -SETTINGS.kernel_comparison.penalty
         return self.comparison.score(entry, self.judge)

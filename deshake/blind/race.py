@@ -18,15 +18,16 @@ the race stops.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
 from deshake.blind.agreement import agreement
-from deshake.blind.candidate import FINE, THIN, Axes, Candidate, Refinement
+from deshake.blind.candidate import Axes, Candidate
 from deshake.blind.entry import Entry, all_refined, best_of_starts, nearest
 from deshake.blind.kernel_comparison import Comparison
 from deshake.blind.polish import polished
+from deshake.blind.settings import SETTINGS
 from deshake.blind.spot import is_spot
 from deshake.blind.wide_start import wide_starts
 from deshake.geometry.kernel import ALL_AXES
@@ -42,18 +43,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Finish", "race"]
 
-_COARSEST_START = 11  # index of a scale
-_FEWEST_STARTS = 4  # number of starts; with fewer, every scale is a first scale
-_SETTINGS = (FINE, THIN)  # the starts use them in turn
+_S: Final = SETTINGS.race
+_WAYS: Final = (SETTINGS.candidate.fine, SETTINGS.candidate.thin)  # the starts use them in turn
 _OF_STREAKS = -1  # number of the start that is no scale
 _OF_WIDE = -2  # number of the first wide start; the others count downwards
-_WIDE = 3  # largest number of wide starts in the race
-_LEAST_WIDTH = 10.0  # px of the scale; the other starts find narrower kernels better
-_SNAPSHOTS = 2  # number of last scales of a candidate whose kernels are kept
-_REFINED = 3  # number of starts whose last kernels are refined
-_MATCHED = 4  # number of starts whose best kernel is matched to the spectra again
-_REFINEMENT = Refinement(2e-3, iterations=5)  # price in squared contrast of the pyramid
-_UNIFORM_REFINEMENT = Refinement(1e-3, iterations=5)  # the same price, for the uniform model
 
 
 class Finish(NamedTuple):
@@ -165,8 +158,8 @@ class _Course:
             for n, (level, kernel) in enumerate(wide_starts(self.pyramid, self.axes, run))
             if self.bound is None or kernel.extent_px() <= self.bound
         ]
-        wide = [entry for entry in starts if entry.width > _LEAST_WIDTH * RATIO**entry.level]
-        return sorted(wide, key=self.comparison.match, reverse=True)[:_WIDE]
+        wide = [entry for entry in starts if entry.width > _S.least_width * RATIO**entry.level]
+        return sorted(wide, key=self.comparison.match, reverse=True)[: _S.wide]
 
     def best(self, entries: Sequence[Entry]) -> Entry:
         """Return the best kernel of the starts."""
@@ -176,11 +169,11 @@ class _Course:
         """Refine the kernels of the best starts, add them to the entries, and return the best."""
         ends = _last(entries)
         entries += self._matched(ends)
-        best = [entry.start for entry in best_of_starts(self._ranked(entries))][:_REFINED]
+        best = [entry.start for entry in best_of_starts(self._ranked(entries))][: _S.refined]
         taken = [e for e in ends if e.start in best]
         taken = [e for e in taken if not is_spot(e.kernel)] or taken
         entries += self._refined(taken, run.part(0.0, 0.5))
-        entries += self._matched(best_of_starts(self._ranked(entries))[:_MATCHED])
+        entries += self._matched(best_of_starts(self._ranked(entries))[: _S.matched])
         ranked = self._ranked(entries)
         return polished(self.comparison, ranked, ends, self.axes, run.part(0.5, 1.0))
 
@@ -196,7 +189,7 @@ class _Course:
     def _refined(self, entries: Sequence[Entry], run: Run) -> list[Entry]:
         """Refine kernels, with roll and without."""
         uniform = self.pyramid.camera.is_uniform
-        ways = (_REFINEMENT, _UNIFORM_REFINEMENT) if uniform else (_REFINEMENT,)
+        ways = (_S.refinement, _S.uniform_refinement) if uniform else (_S.refinement,)
         flat = (self.axes[0], self.axes[1], False)
         all_axes = (self.axes, flat) if self.axes[2] else (self.axes,)
         jobs = [(entry, how, axes) for axes in all_axes for entry in entries for how in ways]
@@ -204,20 +197,20 @@ class _Course:
 
     def _started(self, start: int) -> list[Entry]:
         """Run one start to its finest scale; return the kernels of its last scales."""
-        setting = _SETTINGS[start // 2 % len(_SETTINGS)]
-        candidate = Candidate(self.pyramid, start, setting, axes=self.axes, bound=self.bound)
+        way = _WAYS[start // 2 % len(_WAYS)]
+        candidate = Candidate(self.pyramid, start, way, axes=self.axes, bound=self.bound)
         entries = []
         while candidate.advance():
             name = f"start {start}, scale {candidate.level}"
             entries.append(Entry(name, start, candidate.level, candidate.kernel))
-        return entries[-_SNAPSHOTS:]
+        return entries[-_S.snapshots :]
 
 
 def _first_scales(coarsest: int) -> list[int]:
     """Return the first scales of all starts, the finest first."""
-    coarsest = min(coarsest, _COARSEST_START)
+    coarsest = min(coarsest, _S.coarsest_start)
     sparse = list(range(coarsest, 0, -2))[::-1] or [0]
-    return sparse if len(sparse) >= _FEWEST_STARTS else list(range(1, coarsest + 1)) or [0]
+    return sparse if len(sparse) >= _S.fewest_starts else list(range(1, coarsest + 1)) or [0]
 
 
 def _last(entries: Sequence[Entry]) -> list[Entry]:

@@ -8,12 +8,13 @@ gradients are near h, and increases beta.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from deshake.blind.settings import SETTINGS
 from deshake.signal.gradients import differences, length_of, strong
 
 if TYPE_CHECKING:
@@ -24,16 +25,11 @@ __all__ = ["Edges", "l0_picture", "latent_edges", "shocked"]
 Image = NDArray[np.float32]
 Edges = Literal["shock", "l0", "strong"]
 
-BETA_MAX = 16.0  # last weight of the split gradients, no unit
-_GROWTH = 2.83  # factor of beta between two steps
-_SHOCK_STEPS = 2  # iterations of the shock filter
-_SHOCK_TIME = 0.5  # px: length dt of a step of the shock filter
-_SHOCK_SIGMA = 1.0  # px of the scale: standard deviation of the smoothing
-_SHOCK_FLOOR = 0.25  # share of lam; a gradient whose square is smaller does not count
+_S: Final = SETTINGS.sharp_edges
 
 
 def l0_picture(
-    tiles: Tiles, lam: float, *, beta_max: float = BETA_MAX
+    tiles: Tiles, lam: float, *, beta_max: float = _S.beta_max
 ) -> tuple[Image, Image, Image]:
     """Minimise ``|A S - g|^2 + lam #{grad S != 0}`` in every tile.
 
@@ -59,7 +55,7 @@ def l0_picture(
         if beta >= beta_max:
             return picture, across, down
         picture = tiles.solved(data, across, down, beta)
-        beta *= _GROWTH
+        beta *= _S.growth
 
 
 def latent_edges(tiles: Tiles, lam: float, kind: Edges) -> tuple[Image, Image]:
@@ -79,7 +75,7 @@ def latent_edges(tiles: Tiles, lam: float, kind: Edges) -> tuple[Image, Image]:
     picture, across, down = l0_picture(tiles, lam)
     tiles.fill(picture)
     if kind == "shock":
-        return strong(*differences(shocked(picture)), _SHOCK_FLOOR * lam)
+        return strong(*differences(shocked(picture)), _S.shock_floor * lam)
     if kind == "strong":
         return strong(*differences(picture), lam)
     return across, down
@@ -93,8 +89,8 @@ def shocked(blocks: Image) -> Image:
     neighbouring blocks affect each other, but only at the outermost pixels, which do not count.
     """
     picture = blocks.reshape(-1, blocks.shape[-1])
-    for _ in range(_SHOCK_STEPS):
-        smooth = cv2.GaussianBlur(picture, (0, 0), _SHOCK_SIGMA)
+    for _ in range(_S.shock_steps):
+        smooth = cv2.GaussianBlur(picture, (0, 0), _S.shock_sigma)
         gx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=0.125)
         gy = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=0.125)
         bend = gx * gx * cv2.Sobel(smooth, cv2.CV_32F, 2, 0, scale=0.25)
@@ -102,7 +98,7 @@ def shocked(blocks: Image) -> Image:
         bend += gy * gy * cv2.Sobel(smooth, cv2.CV_32F, 0, 2, scale=0.25)
         right, down = differences(picture)
         slope = length_of(_minmod(right, np.roll(right, 1, 1)), _minmod(down, np.roll(down, 1, 0)))
-        picture = picture - np.float32(_SHOCK_TIME) * np.sign(bend) * slope
+        picture = picture - np.float32(_S.shock_time) * np.sign(bend) * slope
     return picture.reshape(blocks.shape)
 
 

@@ -11,12 +11,13 @@ along its direction sharp. Only tiles in focus count, unless the scale is small.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from deshake.blind.settings import SETTINGS
 from deshake.blind.tile_choice import chosen
 from deshake.signal.noise import noise_level
 
@@ -27,21 +28,13 @@ __all__ = ["looks_sharp", "sharpness"]
 
 Image = NDArray[np.float32]
 
-_STRONGEST = 0.99  # quantile of the differences
-_OF_NOISE = 2.576 * math.sqrt(2)  # that quantile between two pixels of unit noise
-_TILE = 128  # px of the scale: side of a tile
-_TILES = 16  # largest number of tiles
-_BLUR = 3.0  # px of the scale: width of the blur for the choice of tiles
-_SHARP = (0.72, 0.65, 0.6)
-"""Least sharpness of a sharp photo at the three finest scales, no unit. Of 43 simulated shakes of 3
-px and more, none exceeds all three; 5 of 10 sharp photos do. The kernel identifies the others."""
-_FLAT = 1e-6  # difference of display values, 0..1; a flat photo has less
+_S: Final = SETTINGS.sharpness
 
 
 def looks_sharp(pyramid: Pyramid) -> bool:
     """Return whether a photo is sharp to the pixel, and so was not shaken."""
-    scales = range(min(len(_SHARP), pyramid.coarsest + 1))
-    return all(sharpness(pyramid, level) > _SHARP[level] for level in scales)
+    scales = range(min(len(_S.sharp), pyramid.coarsest + 1))
+    return all(sharpness(pyramid, level) > _S.sharp[level] for level in scales)
 
 
 def sharpness(pyramid: Pyramid, level: int) -> float:
@@ -76,16 +69,16 @@ def _ratio(pyramid: Pyramid, level: int) -> float:
     ]
     noise = float(np.median([noise_level(block) for block in blocks]))
     pairs = zip(_steepness(blocks, noise), _steepness(halves, noise / 2), strict=True)
-    return min(whole / halved if halved > _FLAT else 0.0 for whole, halved in pairs)
+    return min(whole / halved if halved > _S.flat else 0.0 for whole, halved in pairs)
 
 
 def _blocks(pyramid: Pyramid, level: int) -> list[Image]:
     """Return the pixels of the tiles in focus, or all pixels of a small photo."""
     picture = pyramid.at(level).picture
-    if min(picture.shape) < _TILE or picture.size < _TILES * _TILE**2:
+    if min(picture.shape) < _S.tile or picture.size < _S.tiles * _S.tile**2:
         return [picture]
-    corners = chosen(pyramid, level, _TILE, _TILES, width=_BLUR)
-    return [picture[y : y + _TILE, x : x + _TILE] for y, x in corners]
+    corners = chosen(pyramid, level, _S.tile, _S.tiles, width=_S.blur)
+    return [picture[y : y + _S.tile, x : x + _S.tile] for y, x in corners]
 
 
 def _steepness(blocks: list[Image], noise: float) -> list[float]:
@@ -101,5 +94,5 @@ def _steepness(blocks: list[Image], noise: float) -> list[float]:
         )
         for kept, step in zip(steps, differences, strict=True):
             kept.append(np.abs(step).ravel())
-    steepest = (float(np.quantile(np.concatenate(step), _STRONGEST)) for step in steps)
-    return [math.sqrt(max(step**2 - (_OF_NOISE * noise) ** 2, 0.0)) for step in steepest]
+    steepest = (float(np.quantile(np.concatenate(step), _S.strongest)) for step in steps)
+    return [math.sqrt(max(step**2 - (_S.of_noise * noise) ** 2, 0.0)) for step in steepest]

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
@@ -24,6 +24,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from deshake.blind.camera_path import SmoothPath
+from deshake.blind.settings import SETTINGS
 from deshake.blind.tile_choice import covering
 from deshake.blind.tile_plan import informative_corners
 from deshake.blind.trimming import heaviest, strongest
@@ -43,23 +44,7 @@ Image = NDArray[np.float32]
 Spectrum = NDArray[np.complex64]
 Points = NDArray[np.float64]
 
-_SIZE = 128  # px of the scale: side of a tile
-_TILES = 24  # largest number of tiles
-_EDGES = 12.0  # px of the scale: least length of the edges that count for the choice of tiles
-_FLOOR = 0.01  # power of the filter that the noise hides, in shares of the power at rest
-_BAND = (1 / 56, 0.4)  # cycles per pixel of the scale: frequencies that count
-_SMOOTHING = 3  # frequencies: side of the box that smooths the power
-_FLUCTUATION = 7  # frequencies: side of the box whose mean, taken twice, is subtracted
-_LEAST_POWER = 1e-9  # share of the largest power
-_EVENNESS = (0.0, 0.5, 1.0)  # shares of the length in the time of a path, see `SmoothPath.through`
-_FIRST_ITERATIONS = 6  # of the descent from each of them; the best one goes on
-_ITERATIONS = 18  # of that one
-_WEIGHT_ITERATIONS = 12  # of the descent of the weights; more of them fit the noise
-_FAINT = 0.03  # share of the kernel's weight that the descent of the weights does not count
-_LIGHT = 1e-4  # share of the kernel's weight; rotations that hold less are discarded
-_BENDING = 1e-3  # weight of the mean squared acceleration of the path, in squared px
-_ALONG = 2.0  # rotations per pixel of the path
-_FEWEST, _MOST = 24, 150  # rotations on a path; the second for the weights, too
+_S: Final = SETTINGS.spectral_match
 
 
 class SpectralMatch:
@@ -79,9 +64,9 @@ class SpectralMatch:
     def __init__(self, pyramid: Pyramid, level: int, part: Part) -> None:
         scale = pyramid.at(level)
         self.camera = scale.camera
-        size = min(_SIZE, *(n - n % 2 for n in scale.camera.shape))
-        corners = informative_corners(pyramid, level, size, _TILES, width=_EDGES, part=part)
-        corners = corners or covering(scale.camera.shape, size)[:_TILES]
+        size = min(_S.size, *(n - n % 2 for n in scale.camera.shape))
+        corners = informative_corners(pyramid, level, size, _S.tiles, width=_S.edges, part=part)
+        corners = corners or covering(scale.camera.shape, size)[: _S.tiles]
         self.size = size
         self.centres = np.array(corners)[:, ::-1] + (size - 1) / 2
         taper = np.hanning(size + 2)[1:-1].astype(np.float32)
@@ -90,9 +75,9 @@ class SpectralMatch:
         tiles = tiles - (tiles * window).sum((1, 2), keepdims=True) / window.sum()
         frequency = np.fft.fftfreq(size)
         radius = np.hypot(frequency[:, None], frequency)
-        self.band = ((radius > _BAND[0]) & (radius < _BAND[1])).astype(np.float32)
-        power = _smoothed(self._power(tiles * window)[1], _SMOOTHING)
-        floor = np.float32(_LEAST_POWER) * power.max() + np.finfo(np.float32).tiny
+        self.band = ((radius > _S.band[0]) & (radius < _S.band[1])).astype(np.float32)
+        power = _smoothed(self._power(tiles * window)[1], _S.smoothing)
+        floor = np.float32(_S.least_power) * power.max() + np.finfo(np.float32).tiny
         observed = self.band * _fluctuations(np.log(power + floor))
         length = float(np.linalg.norm(observed))
         self.observed = observed / np.float32(length or 1.0)
@@ -118,12 +103,12 @@ class SpectralMatch:
             The path, on the grid of the kernel's camera. The kernel itself, if it is a point.
 
         """
-        paths = SmoothPath.through(kernel, self.camera, _EVENNESS)
+        paths = SmoothPath.through(kernel, self.camera, _S.evenness)
         if not paths:
             return kernel
-        begun = [self._moved(path, _FIRST_ITERATIONS) for path in paths]
+        begun = [self._moved(path, _S.first_iterations) for path in paths]
         best = min(begun, key=lambda one: one[0])[1]
-        return self._moved(best, _ITERATIONS)[1].kernel(kernel.camera)
+        return self._moved(best, _S.iterations)[1].kernel(kernel.camera)
 
     def weighed(self, kernel: RotationKernel) -> RotationKernel:
         """Change the weights of a kernel's rotations to those that match best.
@@ -142,7 +127,7 @@ class SpectralMatch:
 
         """
         own = kernel.for_camera(self.camera).resampled(grid_steps(self.camera))
-        own = strongest(heaviest(own, _FAINT), _MOST).centred()
+        own = strongest(heaviest(own, _S.faint), _S.most).centred()
         moved = displacements(homographies(self.camera, own.theta), self.centres)
         matrix = gathering_matrix(moved, (self.size, self.size))
         blocks = len(self.centres), self.size, self.size
@@ -155,16 +140,16 @@ class SpectralMatch:
             gradient = matrix @ change.ravel()
             return -match, -2 / total * roots * (gradient - weights @ gradient)
 
-        _, roots = _minimum(descent, np.sqrt(own.weights), _WEIGHT_ITERATIONS)
+        _, roots = _minimum(descent, np.sqrt(own.weights), _S.weight_iterations)
         weights = roots**2 / (roots @ roots)
-        return heaviest(replace(own, weights=weights), _LIGHT).centred().for_camera(kernel.camera)
+        return heaviest(replace(own, weights=weights), _S.light).centred().for_camera(kernel.camera)
 
     def _moved(self, path: SmoothPath, iterations: int) -> tuple[float, SmoothPath]:
         """Descend from a path; return the value of its end, and the end."""
-        count = int(np.clip(_ALONG * path.length, _FEWEST, _MOST))
+        count = int(np.clip(_S.along * path.length, _S.fewest, _S.most))
         basis = path.basis(count)
         flat = np.ptp(path.controls, axis=0) == 0
-        stiffness = _BENDING * np.square(self._slopes).mean((0, 1))
+        stiffness = _S.bending * np.square(self._slopes).mean((0, 1))
 
         def descent(flattened: Points) -> tuple[float, Points]:
             controls = flattened.reshape(path.controls.shape)
@@ -203,12 +188,12 @@ class SpectralMatch:
     def _correlation(self, filters: Image) -> tuple[float, Image]:
         """Return the correlation for filters (P, N, N), and its gradient by their pixels."""
         spectra, power = self._power(filters)
-        power = _smoothed(power, _SMOOTHING) + np.float32(_FLOOR)
+        power = _smoothed(power, _S.smoothing) + np.float32(_S.floor)
         expected = self.band * _fluctuations(np.log(power))
         length = max(float(np.linalg.norm(expected)), 1e-6)
         match = float(np.vdot(self.observed, expected)) / length
         change = (self.observed - np.float32(match / length) * expected) / np.float32(length)
-        by_power = _smoothed(_fluctuations(change) / power, _SMOOTHING)
+        by_power = _smoothed(_fluctuations(change) / power, _S.smoothing)
         half = by_power[:, :, : spectra.shape[2]] * spectra
         shape = self.size, self.size
         gradient = scipy.fft.irfft2(half, shape, overwrite_x=True, workers=1)
@@ -252,7 +237,7 @@ def _smoothed(spectra: Image, side: int, times: int = 1) -> Image:
 
 def _fluctuations(spectra: Image) -> Image:
     """Return what changes fast with the frequency. The operation is self-adjoint."""
-    return spectra - _smoothed(spectra, _FLUCTUATION, 2)
+    return spectra - _smoothed(spectra, _S.fluctuation, 2)
 
 
 def _gradient_at(blocks: Image, places: Points) -> tuple[Points, Points]:

@@ -12,11 +12,12 @@ same property.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from deshake.blind.settings import SETTINGS
 from deshake.blind.tile_choice import chosen, covering
 from deshake.signal.noise import noise_level
 from deshake.signal.pyramid import RATIO
@@ -29,19 +30,7 @@ __all__ = ["DirectedBlur", "directed_blur"]
 Image = NDArray[np.float32]
 Spectrum = NDArray[np.float64]
 
-_TILE = 64  # px of the scale: side of a tile
-_TILES = 48  # largest number of tiles at a scale
-_OVERLAP = 1.5  # tiles per length of a tile's side, where tiles cover the frame
-_LONGEST_EDGES = 8.0  # px of the scale: width of the blur for the choice of tiles
-_BAND = (0.04, 0.3)  # cycles per pixel of the scale: frequencies of the fit
-_MOST_CLIPPED = 0.02  # share of a tile's pixels; clipped lights have spectra of their own
-_LEAST_POWER = 0.1  # least share of the power that remains when the noise is subtracted
-_ENOUGH_TILES = 8  # fewer tiles make a fit less certain
-_NARROWEST = 1.0  # px of the photo: a narrower blur is no shake
-_RESOLVED = 0.15  # squared px of the scale: least variance along the blur
-_WIDER = -0.25
-"""Squared px of the scale: mean variance over the directions. A blur far wider than a pixel changes
-the power law itself; the fit then gives a variance below this one, and the scale is too fine."""
+_S: Final = SETTINGS.spectrum_fit
 
 
 class DirectedBlur(NamedTuple):
@@ -73,9 +62,9 @@ def directed_blur(pyramid: Pyramid) -> DirectedBlur:
             continue
         mean, cosine, sine = _fitted(spectra, noise)
         directed = math.hypot(cosine, sine)
-        strength = directed * min(1.0, math.sqrt(len(spectra) / _ENOUGH_TILES))
+        strength = directed * min(1.0, math.sqrt(len(spectra) / _S.enough_tiles))
         sigma = math.sqrt(2 * directed) * RATIO**level
-        resolved = mean + directed > _RESOLVED and mean > _WIDER and sigma >= _NARROWEST
+        resolved = mean + directed > _S.resolved and mean > _S.wider and sigma >= _S.narrowest
         if resolved and strength > best.strength:
             best = DirectedBlur(strength, sigma, math.degrees(math.atan2(sine, cosine)) / 2 % 180)
     return best
@@ -85,19 +74,19 @@ def _spectra(pyramid: Pyramid, level: int) -> tuple[Spectrum, Spectrum]:
     """Return the power spectra of tiles (N, T, T / 2 + 1) and their noise's power (N,)."""
     scale = pyramid.at(level)
     picture = scale.picture
-    if min(picture.shape) < _TILE:
+    if min(picture.shape) < _S.tile:
         return np.zeros((0, 0, 0)), np.zeros(0)
-    corners = covering(picture.shape, _TILE)
-    if len(corners) * _OVERLAP**2 > _TILES:
-        corners = chosen(pyramid, level, _TILE, _TILES, width=_LONGEST_EDGES)
+    corners = covering(picture.shape, _S.tile)
+    if len(corners) * _S.overlap**2 > _S.tiles:
+        corners = chosen(pyramid, level, _S.tile, _S.tiles, width=_S.longest_edges)
     else:
         corners = _overlapping(picture.shape)
-    window = np.hanning(_TILE + 2)[1:-1]
+    window = np.hanning(_S.tile + 2)[1:-1]
     window = np.outer(window, window)
     tiles = []
     for y, x in corners:
-        place = np.s_[y : y + _TILE, x : x + _TILE]
-        if scale.usable is None or (~scale.usable[place]).mean() <= _MOST_CLIPPED:
+        place = np.s_[y : y + _S.tile, x : x + _S.tile]
+        if scale.usable is None or (~scale.usable[place]).mean() <= _S.most_clipped:
             tiles.append(picture[place])
     if not tiles:
         return np.zeros((0, 0, 0)), np.zeros(0)
@@ -110,21 +99,21 @@ def _spectra(pyramid: Pyramid, level: int) -> tuple[Spectrum, Spectrum]:
 def _overlapping(shape: tuple[int, int]) -> list[tuple[int, int]]:
     """Return the upper left pixels of tiles that overlap."""
     rows, columns = (
-        np.linspace(0, n - _TILE, math.ceil(_OVERLAP * n / _TILE)).astype(int) for n in shape
+        np.linspace(0, n - _S.tile, math.ceil(_S.overlap * n / _S.tile)).astype(int) for n in shape
     )
     return [(int(y), int(x)) for y in rows for x in columns]
 
 
 def _fitted(spectra: Spectrum, noise: Spectrum) -> tuple[float, float, float]:
     """Return the blur's variance: its mean, and its parts of cos(2 angle) and sin(2 angle)."""
-    across, down = np.fft.rfftfreq(_TILE)[None], np.fft.fftfreq(_TILE)[:, None]
+    across, down = np.fft.rfftfreq(_S.tile)[None], np.fft.fftfreq(_S.tile)[:, None]
     frequency = np.hypot(across, down)
-    inside = (frequency >= _BAND[0]) & (frequency <= _BAND[1]) & ((across > 0) | (down > 0))
+    inside = (frequency >= _S.band[0]) & (frequency <= _S.band[1]) & ((across > 0) | (down > 0))
     rho = frequency[inside]
     angle = np.arctan2(down, across + 0 * down)[inside]
     edges = np.maximum((spectra[:, inside] * rho**2).sum(1), 1e-30)  # all tiles count alike
     power = (spectra[:, inside] / edges[:, None]).mean(0)
-    power = np.maximum(power - (noise / edges).mean(), _LEAST_POWER * power)
+    power = np.maximum(power - (noise / edges).mean(), _S.least_power * power)
     omega = 2 * np.pi * rho
     design = np.stack(
         [

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from deshake.blind.settings import SETTINGS
 from deshake.blind.trimming import heaviest
 from deshake.geometry.rotations import grid_steps
 
@@ -14,10 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = ["axes_px", "is_spot"]
 
-_SMALL = 1.3  # px of the photo: standard deviation along the longer axis
-_ROUND = 0.6  # ratio of the shorter axis to the longer one
-_FAINT = 0.2  # share of the kernel's weight that does not count
-_POINT = 0.7  # px of the photo: a kernel this small is a point, whatever its shape
+_S: Final = SETTINGS.spot
 
 
 def axes_px(kernel: RotationKernel) -> tuple[float, float]:
@@ -29,10 +27,6 @@ def axes_px(kernel: RotationKernel) -> tuple[float, float]:
 
 
 def is_spot(kernel: RotationKernel) -> bool:
-    """Return whether a kernel is a small round spot, in pixels of its camera's photo.
-
-    Sharp and soft photos give spots of 0 to 1.3 px. Of 43 simulated hand shakes of 3 px and more,
-    none gives a spot from both finest starts.
-    """
-    longer, shorter = axes_px(heaviest(kernel, _FAINT))
-    return longer <= _POINT or (longer <= _SMALL and shorter >= _ROUND * longer)
+    """Return whether a kernel is a small round spot, in pixels of its camera's photo."""
+    longer, shorter = axes_px(heaviest(kernel, _S.faint))
+    return longer <= _S.point or (longer <= _S.small and shorter >= _S.roundness * longer)

@@ -10,12 +10,13 @@ corners, which move with the roll, and edges of every direction.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from deshake.blind.settings import SETTINGS
 from deshake.geometry.rotations import displacements, grid_steps, homographies
 from deshake.signal.gradients import length_of
 from deshake.signal.noise import noise_level
@@ -31,22 +32,9 @@ Image = NDArray[np.float32]
 Corners = list[tuple[int, int]]
 Places = NDArray[np.float64]
 
-_FOCUS = 4.0
-"""Exponent of a tile's focus in its weight, no unit. A larger one favours tiles in focus more."""
+_S: Final = SETTINGS.tile_choice
 
-_LARGEST_VIEW = 0.8e6  # pixels of the view, the scale that the information is measured on
-_APART = 0.75  # tile sizes: least distance between two tiles
-_NEAREST = 0.5  # tile sizes: distance between two possible places
-_CLIPPED = 3.0  # a tile's weight is 1 less this times its share of clipped pixels
-_BOUND = 0.98  # quantile of the gradients; a stronger edge counts only this much
-_FOCUS_SIGMAS = (0.7, 6.0)  # px of the view: smoothing of the fine and of the coarse picture
-_DIRECTIONS = 4  # number of directions in half a turn
-_LIVELY = 0.5  # quantile of the tiles' contrast; a weaker tile does not define what is in focus
-_FOCUSED = 0.9  # quantile of the steepness of edges; a tile this steep is in focus
-_LEAST_WIDTH = 3  # px of the view: a narrower blur counts as this wide
-_NOTHING = 1e-9  # share of the most informative tile; a tile with less is flat
 _TINY = np.float32(1e-12)  # least length of a gradient that others are divided by
-_SMALL = 1e-3  # share of the mean information: the prior before the first tile
 
 
 def covering(shape: tuple[int, int], size: int) -> Corners:
@@ -65,7 +53,7 @@ def chosen(
     *,
     width: float,
     allowed: Callable[[Places, Places], NDArray[np.bool_]] | None = None,
-    focus: float = _FOCUS,
+    focus: float = _S.focus,
 ) -> Corners:
     """Choose tiles of a scale, the most informative first.
 
@@ -93,17 +81,18 @@ def chosen(
         Upper left pixels.
 
     """
-    view = max(level, pyramid.level_of(_LARGEST_VIEW))
+    view = max(level, pyramid.level_of(_S.largest_view))
     scale = pyramid.at(view)
     shrink = scale.camera.width / pyramid.at(level).camera.width
     height, wide = pyramid.at(level).camera.shape
-    hop = max(int(size * _NEAREST), 8)
+    hop = max(int(size * _S.nearest), 8)
     rows, columns = (
         np.unique(np.linspace(0, n - size, int(np.ceil((n - size) / hop)) + 1).astype(int))
         for n in (height, wide)
     )
     y, x = (a.ravel() for a in np.meshgrid(rows, columns, indexing="ij"))
-    window = 2 * int(np.ceil(max(width * shrink, _LEAST_WIDTH) / _LEAST_WIDTH)) * _LEAST_WIDTH + 1
+    least = _S.least_width
+    window = 2 * int(np.ceil(max(width * shrink, least) / least)) * least + 1
     sums = pyramid.kept(
         ("tile sums", level, size, window),
         lambda: [
@@ -117,10 +106,10 @@ def chosen(
             y, x, sums = y[may], x[may], [one[may] for one in sums]
     xx, xy, yy, clipped, *slopes = sums
     tensors = np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)
-    believed = np.maximum(1 - _CLIPPED * clipped / (size * shrink) ** 2, 0)
+    believed = np.maximum(1 - _S.clipped * clipped / (size * shrink) ** 2, 0)
     information = _information(scale, tensors, (x + size / 2) * shrink, (y + size / 2) * shrink)
     information *= (believed * _focus(slopes) ** focus)[:, None, None]
-    taken = _greedy(information, y, x, _APART * size, count)
+    taken = _greedy(information, y, x, _S.apart * size, count)
     return [(int(y[p]), int(x[p])) for p in taken]
 
 
@@ -154,8 +143,8 @@ def _edges(scale: Scale) -> _Edges:
         gy *= scale.usable
     length = length_of(gx, gy)
     noise = max(noise_level(picture), 1e-3 * float(length.mean()), 1e-9)
-    slopes = [_gradients(picture, sigma) for sigma in _FOCUS_SIGMAS]
-    bound = max(float(np.quantile(length[::4, ::4], _BOUND)), 3 * noise)
+    slopes = [_gradients(picture, sigma) for sigma in _S.focus_sigmas]
+    bound = max(float(np.quantile(length[::4, ::4], _S.bound)), 3 * noise)
     return _Edges(gx, gy, slopes, noise, bound)
 
 
@@ -185,7 +174,7 @@ def _maps(scale: Scale, edges: _Edges, window: int) -> Iterator[Image]:
     if scale.usable is not None:
         clipped[~scale.usable] = 1
     yield clipped
-    for angle in np.arange(_DIRECTIONS, dtype=np.float32) * np.float32(np.pi / _DIRECTIONS):
+    for angle in np.arange(_S.directions, dtype=np.float32) * np.float32(np.pi / _S.directions):
         for across, down in edges.slopes:
             yield cv2.pow((across * np.cos(angle) + down * np.sin(angle)) * straight, 4)
 
@@ -215,9 +204,9 @@ def _focus(slopes: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     """
     fine, coarse = (np.maximum(np.stack(slopes[i::2]), 0) ** 0.25 for i in (0, 1))
     steep = fine / np.maximum(coarse, 1e-3 * coarse.max() + 1e-30)
-    lively = coarse >= np.quantile(coarse, _LIVELY, axis=1, keepdims=True)
+    lively = coarse >= np.quantile(coarse, _S.lively, axis=1, keepdims=True)
     best = np.array(
-        [np.quantile(row[live], _FOCUSED) for row, live in zip(steep, lively, strict=True)]
+        [np.quantile(row[live], _S.focused) for row, live in zip(steep, lively, strict=True)]
     )
     share = np.clip(steep / np.maximum(best, 1e-9)[:, None], 0, 1)
     mean: NDArray[np.float64] = (share * coarse).sum(0) / np.maximum(coarse.sum(0), 1e-30)
@@ -265,8 +254,8 @@ def _greedy(
 ) -> list[int]:
     """Take tiles one by one, each time the one that adds most to the log determinant."""
     total = np.trace(information, axis1=1, axis2=2)
-    free = total > _NOTHING * total.max(initial=0)
-    known = np.eye(3) * max(_SMALL * float(np.trace(information.mean(0))), 1e-12)
+    free = total > _S.least_information * total.max(initial=0)
+    known = np.eye(3) * max(_S.prior * float(np.trace(information.mean(0))), 1e-12)
     taken: list[int] = []
     while free.any() and len(taken) < count:
         value = _determinants(known + information)

@@ -13,12 +13,13 @@ treated as periodic, and every step is a batch of FFTs.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from deshake.blind.settings import SETTINGS
 from deshake.geometry.rotations import displacements, homographies
 from deshake.operators.bilinear import splat
 from deshake.signal.gradients import adjoint_differences, differences, squared_response
@@ -34,8 +35,7 @@ __all__ = ["Tiles"]
 Image = NDArray[np.float32]
 Spectrum = NDArray[np.complex64]
 
-_LEAST_ROOM = 6  # px of the scale: least room on each side of the middle
-_RAMP = 4  # px of the scale: width of the ramps of the edges' window
+_S: Final = SETTINGS.tiles
 
 
 class Tiles:
@@ -61,7 +61,7 @@ class Tiles:
         self.corners = np.asarray(corners, np.int64).reshape(-1, 2)
         self.size = size
         self.far = far
-        room = max(far + 2, _LEAST_ROOM)
+        room = max(far + 2, _S.least_room)
         self.block = int(scipy.fft.next_fast_len(size + 2 * room, real=True))
         self.first = (self.block - size) // 2
         self.g, in_frame, known = self._cut(scale)
@@ -72,7 +72,7 @@ class Tiles:
         window = np.outer(taper, taper)
         self.belief = known * window
         self.around = (window > 0.05) * in_frame
-        middle = _window(self.block, size - 2 * (far // 4), _RAMP)
+        middle = _window(self.block, size - 2 * (far // 4), _S.ramp)
         self.middle = np.outer(middle, middle) * in_frame
         across, down = differences(self.g)
         edge = in_frame * np.roll(in_frame, -1, 1) * np.roll(in_frame, -1, 2)
@@ -92,7 +92,7 @@ class Tiles:
     def inside(self) -> NDArray[np.bool_]:
         """Pixels of the middles that count as data, (P, N, N)."""
         inside = np.zeros(self.g.shape, bool)
-        inner = slice(self.first + _RAMP, self.first + self.size - _RAMP)
+        inner = slice(self.first + _S.ramp, self.first + self.size - _S.ramp)
         inside[:, inner, inner] = True
         return inside & (self.belief > 0.99)
 

@@ -6,10 +6,12 @@ If a photo has few edges, noise adds some weight far away from the camera's path
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import scipy.ndimage
+
+from deshake.blind.settings import SETTINGS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,9 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["heaviest", "main_piece", "most_of", "strongest", "without_light", "without_strays"]
 
-_MOST = 0.8  # share of the kernel's weight that makes up most of it
-_STRAY = 0.03  # share of the kernel's weight; a piece with less is noise
-_APART = 2  # grid steps: least distance between two pieces
+_S: Final = SETTINGS.trimming
 
 
 def strongest(kernel: RotationKernel, most: int) -> RotationKernel:
@@ -52,13 +52,13 @@ def heaviest(kernel: RotationKernel, share: float) -> RotationKernel:
 def most_of(kernel: RotationKernel) -> RotationKernel:
     """Keep the largest weights, which make up most of a kernel."""
     held = np.cumsum(np.sort(kernel.weights)[::-1])
-    return strongest(kernel, int(np.searchsorted(held, _MOST)) + 1)
+    return strongest(kernel, int(np.searchsorted(held, _S.most)) + 1)
 
 
 def without_strays(kernel: RotationKernel) -> RotationKernel:
     """Discard the separate pieces of a kernel that hold little of its weight."""
     piece, held = _pieces(kernel)
-    kept = held[piece] >= _STRAY
+    kept = held[piece] >= _S.stray
     if not kept.any():
         return kernel
     return _only(kernel, kept)
@@ -75,7 +75,7 @@ def _pieces(kernel: RotationKernel) -> tuple[NDArray[np.int64], NDArray[np.float
     place = kernel.indices - kernel.indices.min(0)
     box = np.zeros(place.max(0) + 1, np.uint8)
     box[tuple(place[kernel.weights > 0].T)] = 1
-    near = scipy.ndimage.maximum_filter(box, 2 * _APART - 1, mode="constant")
+    near = scipy.ndimage.maximum_filter(box, 2 * _S.apart - 1, mode="constant")
     labels, count = scipy.ndimage.label(near, np.ones((3, 3, 3)))
     piece: NDArray[np.int64] = labels[tuple(place.T)]
     held = np.bincount(piece, kernel.weights, count + 1).astype(np.float64)

@@ -7,26 +7,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from deshake.blind.settings import SETTINGS
+
 if TYPE_CHECKING:
     from deshake.blind.race import Finish
 
-__all__ = ["DOUBTFUL", "confidence", "two_digits"]
+__all__ = ["confidence", "two_digits"]
 
-DOUBTFUL: Final = 0.8
-"""Confidence below which a kernel is doubtful, and the user should look at the result."""
-
-_EVEN = -4.9  # log odds: the constant term
-_OF_MARGIN = 15.0  # log odds per unit of margin
-_LEAST_MARGIN, _MOST_MARGIN = -0.04, 0.12  # margin; values beyond count as these
-_OF_AGREEMENT = 1.7  # log odds per power of ten by which the agreement comes nearer to one
-_CLOSEST = 0.005  # agreement: smallest difference from one that can be measured
-_OF_MATCH = 17.0  # log odds per correlation of 1 of the spectra
-_MOST_MATCH = 0.4  # correlation; a higher one counts as this, and a negative one as none
-"""The constants come from a logistic regression on results for 42 photos of the benchmark's
-tuning set, of which sixteen were not shaken; the constant term is .5 less, because a wrong kernel
-harms a sharp photo more than a right one improves a shaken photo. Margin and agreement may speak
-for a kernel that a sharp photo, or one from a soft lens, gives by chance. The spectra of such a
-photo do not match it: eight sharp ones have at most 0.09, and most shaken ones 0.2 to 0.4."""
+_S: Final = SETTINGS.trust
 
 
 def confidence(ended: Finish) -> float:
@@ -34,10 +22,10 @@ def confidence(ended: Finish) -> float:
     if ended.at_rest:
         return 0.0
     excess = (
-        _EVEN
-        + _OF_MARGIN * np.clip(ended.margin, _LEAST_MARGIN, _MOST_MARGIN)
-        - _OF_AGREEMENT * np.log10(1 + _CLOSEST - min(ended.agreement, 1.0))
-        + _OF_MATCH * np.clip(ended.match, 0, _MOST_MATCH)
+        _S.even
+        + _S.of_margin * np.clip(ended.margin, _S.least_margin, _S.most_margin)
+        - _S.of_agreement * np.log10(1 + _S.closest - min(ended.agreement, 1.0))
+        + _S.of_match * np.clip(ended.match, 0, _S.most_match)
     )
     return float(1 / (1 + np.exp(-excess)))
 

@@ -8,13 +8,14 @@ also those near the border. One filter serves for the whole frame. The roll foll
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deshake.blind.candidate import edge_floor, first_kernel
 from deshake.blind.kernel_step import RotationGrid, fitted_weights
+from deshake.blind.settings import SETTINGS
 from deshake.blind.sharp_edges import latent_edges
 from deshake.blind.tiles import Tiles
 from deshake.blind.trimming import heaviest
@@ -32,20 +33,11 @@ __all__ = ["wide_starts"]
 
 Indices = NDArray[np.int64]
 
-_REACH = 15  # px of the last scale: radius of the kernel's room
-_LEAST_REACH = 2.5  # px: the same at the first scale
-_SIDES = (110, 300)  # px: least and largest shorter side of the frame at the last scale
-_FIRST = 0.1  # squared contrast of the pyramid: price of an edge in the first iteration
-_LAST = (2e-3, 2e-2)  # the same in the last iteration; the second for photos of low contrast
-_ITERATIONS = 5  # at each scale
-_CUT = 0.03  # share of the kernel's weight; smaller weights that hold less together are noise
-_LIGHT = 1e-4  # share of the kernel's weight; rotations that hold less are discarded
+_S: Final = SETTINGS.wide_start
 
 
 def wide_starts(pyramid: Pyramid, axes: Axes, run: Run) -> list[tuple[int, RotationKernel]]:
     """Estimate kernels of wide shakes, without roll.
-
-    The settings are tuned on photos of 6 MP shaken by 120 px, and of .6 MP by 100 to 140 px.
 
     Parameters
     ----------
@@ -65,33 +57,33 @@ def wide_starts(pyramid: Pyramid, axes: Axes, run: Run) -> list[tuple[int, Rotat
     levels = [
         level
         for level in range(pyramid.coarsest + 1)
-        if _SIDES[0] <= min(pyramid.at(level).camera.shape) <= _SIDES[1]
+        if _S.sides[0] <= min(pyramid.at(level).camera.shape) <= _S.sides[1]
     ]
-    jobs = [(level, last) for level in levels for last in _LAST]
+    jobs = [(level, last) for level in levels for last in _S.last]
     work = in_order(lambda job: _estimated(pyramid, *job, axes), jobs, run)
     return [(level, kernel) for (level, _), kernel in work]
 
 
 def _estimated(pyramid: Pyramid, level: int, last: float, axes: Axes) -> RotationKernel:
     """Estimate a kernel from coarse to fine; the last scale is `level`."""
-    scales = 1 + int(np.log(_REACH / _LEAST_REACH) / np.log(RATIO))
-    prices = iter(np.geomspace(_FIRST, last, scales * _ITERATIONS))
+    scales = 1 + int(np.log(_S.reach / _S.least_reach) / np.log(RATIO))
+    prices = iter(np.geomspace(_S.first, last, scales * _S.iterations))
     kernel = first_kernel(pyramid.at(level + scales - 1).camera, (axes[0], axes[1], False))
     for coarser in reversed(range(scales)):
         scale = pyramid.at(level + coarser)
-        half = int(np.ceil(_REACH / RATIO**coarser))
+        half = int(np.ceil(_S.reach / RATIO**coarser))
         indices = _disk(half, axes)
         steps = grid_steps(scale.camera)
         tile = _whole_frame(scale, half)
         grid = RotationGrid(tile, indices, steps)
         weights = _weights_at(indices, kernel.for_camera(scale.camera).resampled(steps))
         floor = edge_floor(pyramid, level + coarser)
-        for _ in range(_ITERATIONS):
+        for _ in range(_S.iterations):
             tile.bind(RotationKernel.from_indices(indices, weights, steps, scale.camera))
             fit = grid.equations(latent_edges(tile, max(next(prices), floor), "l0"))
-            weights = fitted_weights(fit, indices, weights, cut=_CUT)
+            weights = fitted_weights(fit, indices, weights, cut=_S.cut)
         kernel = RotationKernel.from_indices(indices, weights, steps, scale.camera)
-        kernel = heaviest(kernel, _LIGHT).centred()
+        kernel = heaviest(kernel, _S.light).centred()
     return kernel.for_camera(pyramid.camera)
 
 

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.blind.candidate import FINE
+from deshake.blind.settings import SETTINGS
 from deshake.blind.tile_plan import planned_tiles
 from deshake.formats.encoding import Encoding
 from deshake.formats.transfer import SRGB, decode
@@ -173,10 +173,10 @@ def tile_picture(
 
 def _finest(pyramid: Pyramid, kernel: RotationKernel) -> tuple[int, RotationKernel]:
     """Return the finest scale that the width of a kernel allows, and the kernel there."""
-    level = 0
+    way, level = SETTINGS.candidate.fine, 0
     while True:
         scaled = kernel.for_camera(pyramid.at(level).camera)
-        if level == pyramid.coarsest or scaled.above(FINE.cut).extent_px() <= FINE.wide:
+        if level == pyramid.coarsest or scaled.above(way.cut).extent_px() <= way.wide:
             return level, scaled
         level += 1
 

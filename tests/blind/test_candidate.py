@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from deshake.blind.agreement import agreement
-from deshake.blind.candidate import FINE, THIN, Candidate, Refinement, edge_floor, refined
+from deshake.blind.candidate import Candidate, edge_floor, refined
+from deshake.blind.settings import SETTINGS, Refinement
 from deshake.geometry.camera import Camera
 from deshake.signal.pyramid import RATIO, Pyramid
 
@@ -34,7 +35,7 @@ def test_a_known_shake_is_estimated(finished, shaken) -> None:
 
 
 def test_a_thin_path_reaches_the_known_shake_too(finished, pyramid, shaken) -> None:
-    thin = run(Candidate(pyramid, 3, THIN))
+    thin = run(Candidate(pyramid, 3, SETTINGS.candidate.thin))
     assert thin.level == 0
     assert agreement(thin.kernel, shaken.kernel) > 0.9
     assert thin.kernel.weights.tobytes() != finished.kernel.weights.tobytes()
@@ -80,7 +81,7 @@ def test_uniform_blur_does_not_roll(shake) -> None:
 
 
 def test_the_camera_turns_about_the_axes_that_it_may(pyramid) -> None:
-    quick = replace(FINE, iterations=2)
+    quick = replace(SETTINGS.candidate.fine, iterations=2)
     level = run(Candidate(pyramid, 2, quick, axes=(True, True, False))).kernel
     assert np.ptp(level.theta[:, 2]) < 0.05 * level.steps[2]
     pan = run(Candidate(pyramid, 2, quick, axes=(False, True, False))).kernel
@@ -96,7 +97,7 @@ def test_the_blur_stays_within_its_bound(pyramid, finished) -> None:
 
 
 def test_a_kernel_too_wide_stops_where_it_is(pyramid) -> None:
-    candidate = run(Candidate(pyramid, 4, replace(FINE, wide=8.0)))
+    candidate = run(Candidate(pyramid, 4, replace(SETTINGS.candidate.fine, wide=8.0)))
     assert candidate.level > 0
     assert candidate.width * RATIO > 8
 

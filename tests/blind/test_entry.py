@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from deshake.blind.agreement import agreement
-from deshake.blind.candidate import Refinement
 from deshake.blind.entry import Entry, best_of_starts, nearest
 from deshake.blind.judge import Judge
+from deshake.blind.settings import Refinement
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
 
 

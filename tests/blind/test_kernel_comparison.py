@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from deshake.blind.entry import Entry
-from deshake.blind.kernel_comparison import HOPELESS, Comparison
+from deshake.blind.kernel_comparison import Comparison
+from deshake.blind.settings import SETTINGS
 from deshake.blind.spectral_match import SpectralMatch
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
@@ -29,7 +30,7 @@ def test_the_true_kernel_has_the_highest_score(entries, pyramid) -> None:
 
 
 def test_a_point_is_penalised(entries, pyramid) -> None:
-    assert Comparison(pyramid).scores(entries)[3] < 1 - HOPELESS
+    assert Comparison(pyramid).scores(entries)[3] < 1 - SETTINGS.kernel_comparison.penalty
 
 
 def test_a_kernel_as_wide_as_the_photo_is_penalised(entries, pyramid) -> None:
@@ -37,7 +38,7 @@ def test_a_kernel_as_wide_as_the_photo_is_penalised(entries, pyramid) -> None:
     wide = entries[0]._replace(kernel=replace(true, theta=5 * true.theta))
     assert not Comparison(pyramid).hopeless(entries[0])
     assert Comparison(pyramid).hopeless(wide)
-    assert Comparison(pyramid).scores([wide])[0] < 1 - HOPELESS
+    assert Comparison(pyramid).scores([wide])[0] < 1 - SETTINGS.kernel_comparison.penalty
 
 
 def test_a_match_is_the_mean_over_the_scales_that_have_tiles_enough(shake) -> None:

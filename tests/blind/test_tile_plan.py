@@ -8,7 +8,8 @@ import pytest
 from skimage import data
 
 from deshake.blind import tile_plan
-from deshake.blind.tile_plan import Budget, planned_tiles
+from deshake.blind.settings import SETTINGS, Budget
+from deshake.blind.tile_plan import planned_tiles
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps, reach
@@ -56,7 +57,7 @@ def test_a_small_frame_is_covered(photo, kernel, level) -> None:
 def fields(tiles: Tiles) -> set[tuple[int, int]]:
     """Fields of the chessboard that the centres lie on."""
     middles = (tiles.corners + tiles.size / 2) / tiles.camera.shape
-    return {tuple(field) for field in (middles * tile_plan._FIELDS).astype(int).tolist()}
+    return {tuple(field) for field in (middles * SETTINGS.tile_plan.fields).astype(int).tolist()}
 
 
 @pytest.mark.parametrize("level", [0, 1])
@@ -71,7 +72,7 @@ def test_of_a_large_frame_no_field_is_both_fitted_and_kept_apart(photo, kernel, 
 
 
 def test_a_third_of_the_frame_is_kept_apart() -> None:
-    side = tile_plan._FIELDS
+    side = SETTINGS.tile_plan.fields
     at = (np.arange(side) + 0.5) / side
     x, y = np.meshgrid(at, at)
     apart = tile_plan._belongs(tile_plan._colour(x, y), "apart")

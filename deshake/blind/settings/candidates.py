@@ -1,0 +1,259 @@
+"""The constants of the race: candidates, wide starts, refinements, and the polish."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from deshake.blind.settings.choosing_tiles import Budget
+
+__all__ = [
+    "CandidateSettings",
+    "EntrySettings",
+    "PolishSettings",
+    "RaceSettings",
+    "Refinement",
+    "Way",
+    "WideStartSettings",
+]
+
+
+@dataclass(frozen=True)
+class Way:
+    """The way of one candidate: the price of edges, and the part of a kernel to keep.
+
+    Tuned on the set `tune` of `bench.py shakes`: photos of 0.1 to 16 MP, shakes of 3 to 120 px.
+
+    Parameters
+    ----------
+    first, last : float
+        Squared contrast of the pyramid: price of an edge pixel in the first iteration, and after
+        `falling` iterations. In between the price falls geometrically. If it is too low, the
+        kernel collapses to a point; if it is too high, the kernel widens.
+    falling : int
+        Number of iterations in which the price falls.
+    iterations, shocks : int
+        Number of iterations at each scale. The first `shocks` of them use shock-filtered edges.
+    cut, carried : float
+        Shares of the kernel's weight. The smallest weights that together hold less than this share
+        are noise: `cut` after a fit, `carried` at the beginning of a finer scale.
+    most, most_grown : int
+        Largest number of rotations: `most` at the beginning of a finer scale, before the kernel
+        gets room; `most_grown` after growth.
+    small : float
+        Width in pixels of the scale. A narrower kernel may grow at every scale.
+    wide : float
+        Width in pixels of the scale. A wider kernel would break into pieces.
+    noise : float
+        Least price of an edge, in variances of the noise.
+    thin : bool
+        Whether a kernel is reduced to a thin path before a finer scale, and the price falls to
+        `last` within each scale. Otherwise a kernel stays as wide as its estimate. Wide shakes
+        often succeed in only one of the two ways.
+
+    """
+
+    first: float = 8e-2
+    last: float = 2e-3
+    falling: int = 45
+    iterations: int = 5
+    shocks: int = 3
+    cut: float = 0.03
+    carried: float = 0.03
+    most: int = 150
+    most_grown: int = 500
+    small: float = 8.0
+    wide: float = 41.0
+    noise: float = 10.0
+    thin: bool = False
+
+
+@dataclass(frozen=True)
+class CandidateSettings:
+    """A candidate, in each of two ways (`candidate`).
+
+    Tuned with the ways on the set `tune` of `bench.py shakes`; no record says more.
+
+    Parameters
+    ----------
+    fine, thin : Way
+        The two ways. The starts of a race take them in turn.
+    start_half : (int, int, int)
+        Grid steps about X, Y and Z: half size of the first cube.
+    growth_limit : int
+        Ratio of the frame's shorter side to the largest index of a grown kernel.
+    light : float
+        Share of the kernel's weight: rotations that hold less are discarded.
+    faint : float
+        Share of the kernel's weight that its width does not count.
+    main : float
+        Share of a wide kernel's weight: a main piece with less does not replace it.
+
+    """
+
+    fine: Way = Way()
+    thin: Way = Way(thin=True)
+    start_half: tuple[int, int, int] = (2, 2, 1)
+    growth_limit: int = 6
+    light: float = 1e-4
+    faint: float = 0.05
+    main: float = 0.8
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """How an approximate kernel is refined at one scale.
+
+    Tuned with the whole estimate on the set `tune` of `bench.py shakes`; no record says more.
+
+    Parameters
+    ----------
+    price : float
+        Squared contrast of the pyramid: price of an edge pixel.
+    iterations : int
+        Number of iterations. Each estimates the latent picture and then the kernel.
+    carried, cut : float
+        Shares of the kernel's weight. The smallest weights that together hold less than this share
+        are discarded: `carried` at the beginning, `cut` after a fit.
+    most : int
+        Largest number of rotations at the beginning, before the kernel gets room.
+    room : bool
+        Whether the kernel gets room around its rotations.
+    budget : Budget
+        Number of pixels that the estimate uses.
+
+    """
+
+    price: float
+    iterations: int = 8
+    carried: float = 0.01
+    cut: float = 0.03
+    most: int = 160
+    room: bool = True
+    budget: Budget = Budget(0.25e6, 0.3e6)
+
+
+@dataclass(frozen=True)
+class WideStartSettings:
+    """Kernels of very wide shakes (`wide_start`).
+
+    Tuned on photos of 6 MP shaken by 120 px, and of 0.6 MP by 100 to 140 px.
+
+    Parameters
+    ----------
+    reach, least_reach : float
+        Px: radius of the kernel's room at the last scale, and at the first one.
+    sides : (int, int)
+        Px: least and largest shorter side of the frame at the last scale.
+    first : float
+        Squared contrast of the pyramid: price of an edge in the first iteration.
+    last : (float, float)
+        The same in the last iteration; the second for photos of low contrast.
+    iterations : int
+        Iterations at each scale.
+    cut : float
+        Share of the kernel's weight: smaller weights that hold less together are noise.
+    light : float
+        Share of the kernel's weight: rotations that hold less are discarded.
+
+    """
+
+    reach: int = 15
+    least_reach: float = 2.5
+    sides: tuple[int, int] = (110, 300)
+    first: float = 0.1
+    last: tuple[float, float] = (2e-3, 2e-2)
+    iterations: int = 5
+    cut: float = 0.03
+    light: float = 1e-4
+
+
+@dataclass(frozen=True)
+class EntrySettings:
+    """A kernel in the race (`entry`).
+
+    Tuned with the whole estimate on the set `tune` of `bench.py shakes`; no record says more.
+
+    Parameters
+    ----------
+    faint : float
+        Share of the kernel's weight that its width does not count.
+    roll_worth : float
+        Margin: least gain that justifies a kernel with roll.
+    least_roll : float
+        Grid steps: a kernel that is centred rolls a little, without any meaning.
+    least_width : float
+        Px of the kernel's scale: a narrower kernel is a point and is not refined.
+    agreeing : int
+        Number of nearest kernels in the mean agreement.
+
+    """
+
+    faint: float = 0.05
+    roll_worth: float = 0.003
+    least_roll: float = 0.5
+    least_width: float = 2.5
+    agreeing: int = 3
+
+
+@dataclass(frozen=True)
+class RaceSettings:
+    """The starts of a race, and which of them go on (`race`).
+
+    Tuned with the whole estimate on the set `tune` of `bench.py shakes`; no record says more.
+
+    Parameters
+    ----------
+    coarsest_start : int
+        Index of the coarsest first scale.
+    fewest_starts : int
+        Number of starts: with fewer, every scale is a first scale.
+    wide : int
+        Largest number of wide starts in the race.
+    least_width : float
+        Px of the scale: a wide start is wider. The other starts find narrower kernels better.
+    snapshots : int
+        Number of last scales of a candidate whose kernels are kept.
+    refined : int
+        Number of starts whose last kernels are refined.
+    matched : int
+        Number of starts whose best kernel is matched to the spectra again.
+    refinement, uniform_refinement : Refinement
+        How they are refined, and the second way of the uniform model.
+
+    """
+
+    coarsest_start: int = 11
+    fewest_starts: int = 4
+    wide: int = 3
+    least_width: float = 10.0
+    snapshots: int = 2
+    refined: int = 3
+    matched: int = 4
+    refinement: Refinement = Refinement(2e-3, iterations=5)
+    uniform_refinement: Refinement = Refinement(1e-3, iterations=5)
+
+
+@dataclass(frozen=True)
+class PolishSettings:
+    """The last refinements (`polish`).
+
+    Tuned with the whole estimate on the set `tune` of `bench.py shakes`; no record says more.
+
+    Parameters
+    ----------
+    other_edges : Refinement
+        The first kernel of a start once more, with a higher price: from fewer edges.
+    thin, smooth : Refinement
+        Refinement of a thin path, and of a smooth path.
+    lines : int
+        Number of starts whose best kernel is polished in the first round.
+    rounds : int
+        Largest number of rounds; a round that does not raise the score is the last.
+
+    """
+
+    other_edges: Refinement = Refinement(1e-2)
+    thin: Refinement = Refinement(2e-3, iterations=4)
+    smooth: Refinement = Refinement(2e-3, iterations=3)
+    lines: int = 2
+    rounds: int = 4

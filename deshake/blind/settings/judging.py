@@ -1,0 +1,227 @@
+"""The constants that judge kernels: the judge, the comparison, the agreement, faults, trust."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from deshake.blind.settings.choosing_tiles import Budget
+
+__all__ = [
+    "AgreementSettings",
+    "JudgeSettings",
+    "KernelComparisonSettings",
+    "KernelFaultsSettings",
+    "SpotSettings",
+    "TrustSettings",
+]
+
+
+@dataclass(frozen=True)
+class JudgeSettings:
+    """The energy of a kernel, and the sparsity of its restored picture (`judge`).
+
+    Tuned with the whole estimate on the set `tune` of `bench.py shakes`; no record says more.
+
+    Parameters
+    ----------
+    lam : float
+        Squared contrast of the pyramid: price of an edge pixel.
+    beta_max : float
+        Last weight of the split gradients, no unit.
+    beta_first : float
+        The same, for pictures that only fill the room around the tiles.
+    live : float
+        Share of `lam`: a gradient is an edge if its square exceeds it.
+    room : float
+        Room around a tile, in reaches of the widest kernel.
+    budget : Budget
+        Number of pixels that judge.
+    least_noise : float
+        Contrast of the pyramid: a smaller standard deviation of the noise counts as this.
+    power : float
+        Exponent of the gradients in the prior of the restored picture.
+    prior : float
+        Weight of that prior, in variances of the noise.
+    penalties : (float, float)
+        First and last weight beta of the split gradients in the restoration, no unit. The weights
+        in between grow geometrically.
+    stages : int
+        Number of these weights.
+    fill_at : int
+        Index of the weight at which unknown pixels are filled.
+
+    """
+
+    lam: float = 2e-3
+    beta_max: float = 64.0
+    beta_first: float = 2.0
+    live: float = 1 / 64
+    room: float = 1.2
+    budget: Budget = Budget(0.12e6, 0.3e6)
+    least_noise: float = 0.002
+    power: float = 0.8
+    prior: float = 0.5
+    penalties: tuple[float, float] = (0.01, 0.5)
+    stages: int = 7
+    fill_at: int = 4
+
+
+@dataclass(frozen=True)
+class KernelComparisonSettings:
+    """The score of a kernel (`kernel_comparison`).
+
+    Tuned with the whole estimate on the set `tune` of `bench.py shakes`, but for `widest`: a photo
+    of the set `test`, X64, led to it. No record says more.
+
+    Parameters
+    ----------
+    penalty : float
+        Margin: penalty of a kernel that cannot be right, larger than any gain.
+    width : float
+        Px of a kernel at the scale where it is judged.
+    sharpening_worth : float
+        Margin per gain of 1 in -ln nsp.
+    match_worth : float
+        Margin per correlation of 1 of the spectra.
+    neighbours : int
+        Number of finer and of coarser scales whose match counts, too.
+    fewest_tiles : int
+        Number of tiles: the match of a scale with fewer does not count.
+    widest : float
+        Share of the frame's shorter side: a kernel with a larger extent cannot be right.
+    witness_worth : float
+        Margin per agreement of 1 with the streaks of lights.
+
+    """
+
+    penalty: float = 10.0
+    width: float = 28.0
+    sharpening_worth: float = 0.15
+    match_worth: float = 0.7
+    neighbours: int = 3
+    fewest_tiles: int = 3
+    widest: float = 0.25
+    witness_worth: float = 0.5
+
+
+@dataclass(frozen=True)
+class AgreementSettings:
+    """The likeness of two kernels (`agreement`). No record says what they were tuned on.
+
+    Parameters
+    ----------
+    smoothing : float
+        Standard deviation of the smoothing, as a share of the narrower kernel's spread.
+    least_smoothing : float
+        Px of the photo: the same, at least.
+    most_unlike : float
+        Ratio of the two spreads: below it the agreement is zero.
+    drawn_sigma : float
+        Px of the drawn filter: standard deviation of the smoothing there, at most.
+
+    """
+
+    smoothing: float = 0.3
+    least_smoothing: float = 0.7
+    most_unlike: float = 0.2
+    drawn_sigma: float = 1.5
+
+
+@dataclass(frozen=True)
+class SpotSettings:
+    """The small round spot of a soft lens (`spot`).
+
+    Tuned on simulated photos: sharp and soft ones give spots of 0 to 1.3 px. Of 43 shakes of 3 px
+    and more, none gives a spot from both finest starts.
+
+    Parameters
+    ----------
+    small : float
+        Px of the photo: largest standard deviation along the longer axis.
+    roundness : float
+        Least ratio of the shorter axis to the longer one.
+    faint : float
+        Share of the kernel's weight that does not count.
+    point : float
+        Px of the photo: a kernel this small is a point, whatever its shape.
+
+    """
+
+    small: float = 1.3
+    roundness: float = 0.6
+    faint: float = 0.2
+    point: float = 0.7
+
+
+@dataclass(frozen=True)
+class KernelFaultsSettings:
+    """The faults that a kernel itself shows (`kernel_faults`).
+
+    No record says what they were tuned on. `most_cells` bounds the memory.
+
+    Parameters
+    ----------
+    point : float
+        Share of the weight within a step of the heaviest rotation: a point has more.
+    outside : float
+        Share of the weight beyond the bound: with more the bound is too small.
+    widest : float
+        Share of the shorter side: the bound if none is given.
+    path : float
+        Least share of the weight in the largest connected part of a path.
+    disk : float
+        Share of the cells of an even disk: disks take 0.79 to 0.98, paths 0.56.
+    least_disk : float
+        Grid steps, standard deviation: a smaller kernel is a point.
+    most_cells : int
+        Cells of the grid that holds all rotations, at most.
+
+    """
+
+    point: float = 0.9
+    outside: float = 0.02
+    widest: float = 0.3
+    path: float = 0.7
+    disk: float = 0.7
+    least_disk: float = 0.65
+    most_cells: int = 1 << 24
+
+
+@dataclass(frozen=True)
+class TrustSettings:
+    """The confidence (`trust`).
+
+    The terms come from a logistic regression on results for 42 photos of the set `tune` of
+    `bench.py shakes`, of which sixteen were not shaken. The constant term is 0.5 less, because a
+    wrong kernel harms a sharp photo more than a right one improves a shaken photo. Margin and
+    agreement may speak for a kernel that a sharp photo, or one from a soft lens, gives by chance.
+    The spectra of such a photo do not match it: eight sharp ones have at most 0.09, and most
+    shaken ones 0.2 to 0.4.
+
+    Parameters
+    ----------
+    even : float
+        Log odds: the constant term.
+    of_margin : float
+        Log odds per unit of margin.
+    least_margin, most_margin : float
+        Margin: values beyond count as these.
+    of_agreement : float
+        Log odds per power of ten by which the agreement comes nearer to one.
+    closest : float
+        Agreement: smallest difference from one that can be measured.
+    of_match : float
+        Log odds per correlation of 1 of the spectra.
+    most_match : float
+        Correlation: a higher one counts as this, and a negative one as none.
+
+    """
+
+    even: float = -4.9
+    of_margin: float = 15.0
+    least_margin: float = -0.04
+    most_margin: float = 0.12
+    of_agreement: float = 1.7
+    closest: float = 0.005
+    of_match: float = 17.0
+    most_match: float = 0.4
