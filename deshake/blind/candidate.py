@@ -163,7 +163,7 @@ class Candidate:
         indices = np.concatenate([own.indices, around.indices])
         weights = np.concatenate([own.weights, np.zeros(len(around.weights))])
         grown = self._inside(RotationKernel.from_indices(indices, weights, own.steps, own.camera))
-        limit = max(3, min(own.camera.shape) // _S.growth_limit)
+        limit = max(_S.least_growth, min(own.camera.shape) // _S.growth_limit)
         fits = np.abs(grown.indices).max() <= limit and len(grown.weights) <= self.way.most_grown
         if not fits or len(grown.weights) == len(own.weights):
             return
@@ -177,7 +177,7 @@ class Candidate:
         if self.bound is None:
             return kernel
         shrink = kernel.camera.width / self.pyramid.camera.width
-        half = int(np.ceil(self.bound * shrink / 2)) + 2
+        half = int(np.ceil(self.bound * shrink / 2)) + _S.spare
         keep = np.all(np.abs(kernel.indices) <= half, 1)
         if not kernel.weights[keep].sum() > 0:
             return kernel

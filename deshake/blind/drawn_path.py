@@ -111,7 +111,7 @@ def _rotations(streak: Streak, camera: Camera, *, roll: bool) -> NDArray[np.int6
     middle = np.array([[(width - 1) / 2, (height - 1) / 2]])
     unit = np.diag(grid_steps(camera))[:2]
     moves = -displacements(homographies(camera, unit), middle)[0]  # of a step about X, about Y
-    y, x = np.nonzero(cv2.dilate(streak.ridge, np.ones((5, 5), np.uint8)))
+    y, x = np.nonzero(cv2.dilate(streak.ridge, np.ones((_S.around, _S.around), np.uint8)))
     places = np.stack([x, y], 1) - BLOCK / 2
     flat = np.unique(np.rint(places @ np.linalg.inv(moves)).astype(np.int64), axis=0)
     if len(flat) > _S.most_places:

@@ -45,7 +45,7 @@ class EdgeSpread(NamedTuple):
 def edge_spread(pyramid: Pyramid) -> EdgeSpread | None:
     """Measure the spread of a photo's edges; None: too few edges."""
     scale = pyramid.at(0)
-    if min(scale.picture.shape) < _S.tile or scale.picture.size <= 1.3 * _S.tiles * _S.tile**2:
+    if min(scale.picture.shape) < _S.tile or scale.picture.size <= _S.whole * _S.tiles * _S.tile**2:
         size, corners = max(scale.picture.shape), [(0, 0)]
     else:
         size, corners = _S.tile, chosen(pyramid, 0, _S.tile, _S.tiles, width=_S.longest_edges)
@@ -76,7 +76,7 @@ def _edges(block: Image, usable: NDArray[np.bool_] | None, noise: float) -> Poin
     edge = straight & (slope >= before) & (slope > after) & (slope > least)
     if usable is not None:
         clipped = (~usable).astype(np.uint8)
-        edge &= cv2.dilate(clipped, np.ones((7, 7), np.uint8)) == 0
+        edge &= cv2.dilate(clipped, np.ones((_S.clear, _S.clear), np.uint8)) == 0
     margin = math.ceil(3 * _S.coarse)
     inner = np.zeros_like(edge)
     inner[margin:-margin, margin:-margin] = True

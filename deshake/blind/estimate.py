@@ -158,7 +158,7 @@ def _concluded(
         )
         return _unchanged(pyramid, whole, min(trust, _S.unchanged), note)
     if FILLED in notes and trust < 1:
-        trust = min(trust, 0.9)
+        trust = min(trust, _S.most_filled)
     if trust < _S.doubtful:
         notes.append(
             f"the estimate of the shake is doubtful (confidence {two_digits(trust)}): compare the "

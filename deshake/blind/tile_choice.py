@@ -85,7 +85,7 @@ def chosen(
     scale = pyramid.at(view)
     shrink = scale.camera.width / pyramid.at(level).camera.width
     height, wide = pyramid.at(level).camera.shape
-    hop = max(int(size * _S.nearest), 8)
+    hop = max(int(size * _S.nearest), _S.least_hop)
     rows, columns = (
         np.unique(np.linspace(0, n - size, int(np.ceil((n - size) / hop)) + 1).astype(int))
         for n in (height, wide)
@@ -142,9 +142,9 @@ def _edges(scale: Scale) -> _Edges:
         gx *= scale.usable
         gy *= scale.usable
     length = length_of(gx, gy)
-    noise = max(noise_level(picture), 1e-3 * float(length.mean()), 1e-9)
+    noise = max(noise_level(picture), _S.least_noise * float(length.mean()), 1e-9)
     slopes = [_gradients(picture, sigma) for sigma in _S.focus_sigmas]
-    bound = max(float(np.quantile(length[::4, ::4], _S.bound)), 3 * noise)
+    bound = max(float(np.quantile(length[::4, ::4], _S.bound)), _S.above_noise * noise)
     return _Edges(gx, gy, slopes, noise, bound)
 
 
@@ -163,7 +163,7 @@ def _maps(scale: Scale, edges: _Edges, window: int) -> Iterator[Image]:
     # near 1 along an edge that is longer than the width of the blur, near 0 in fine texture
     around = [cv2.boxFilter(one, -1, box).astype(np.float32) for one in (edges.gx, edges.gy)]
     straight = length_of(around[0], around[1])
-    straight /= cv2.boxFilter(length, -1, box) + np.float32(0.3 * edges.noise)
+    straight /= cv2.boxFilter(length, -1, box) + np.float32(_S.unsure * edges.noise)
     share = straight * np.minimum(1, np.float32(edges.bound) / np.maximum(length, _TINY))
     share *= length > edges.noise
     gx, gy = edges.gx * share, edges.gy * share

@@ -71,8 +71,8 @@ class Tiles:
         taper = _window(self.block, size, min(room, self.first))
         window = np.outer(taper, taper)
         self.belief = known * window
-        self.around = (window > 0.05) * in_frame
-        middle = _window(self.block, size - 2 * (far // 4), _S.ramp)
+        self.around = (window > _S.least_window) * in_frame
+        middle = _window(self.block, size - 2 * (far // _S.inset), _S.ramp)
         self.middle = np.outer(middle, middle) * in_frame
         across, down = differences(self.g)
         edge = in_frame * np.roll(in_frame, -1, 1) * np.roll(in_frame, -1, 2)
@@ -94,7 +94,7 @@ class Tiles:
         inside = np.zeros(self.g.shape, bool)
         inner = slice(self.first + _S.ramp, self.first + self.size - _S.ramp)
         inside[:, inner, inner] = True
-        return inside & (self.belief > 0.99)
+        return inside & (self.belief > _S.known)
 
     def rfft(self, blocks: Image) -> Spectrum:
         """Transform blocks to their spectra (P, N, N // 2 + 1)."""

@@ -81,6 +81,10 @@ class CandidateSettings:
         Grid steps about X, Y and Z: half size of the first cube.
     growth_limit : int
         Ratio of the frame's shorter side to the largest index of a grown kernel.
+    least_growth : int
+        Grid steps: this index is allowed in the smallest frame, too.
+    spare : int
+        Grid steps beyond the bound of the blur that a kernel may use.
     light : float
         Share of the kernel's weight: rotations that hold less are discarded.
     faint : float
@@ -94,6 +98,8 @@ class CandidateSettings:
     thin: Way = Way(thin=True)
     start_half: tuple[int, int, int] = (2, 2, 1)
     growth_limit: int = 6
+    least_growth: int = 3
+    spare: int = 2
     light: float = 1e-4
     faint: float = 0.05
     main: float = 0.8

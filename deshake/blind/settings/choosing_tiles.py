@@ -47,10 +47,19 @@ class TileChoiceSettings:
         Tile sizes: least distance between two tiles.
     nearest : float
         Tile sizes: distance between two possible places.
+    least_hop : int
+        Px of the scale: the same distance, at least.
     clipped : float
         A tile's weight is 1 less this times its share of clipped pixels.
     bound : float
         Quantile of the gradients: a stronger edge counts only this much.
+    above_noise : float
+        Standard deviations of the noise: the same bound, at least.
+    least_noise : float
+        Share of the mean gradient: a smaller noise counts as this.
+    unsure : float
+        Share of the noise that is added to the mean gradient around an edge; so faint edges
+        count as shorter ones.
     focus_sigmas : (float, float)
         Px of the view: smoothing of the fine and of the coarse picture that measure the focus.
     directions : int
@@ -72,8 +81,12 @@ class TileChoiceSettings:
     largest_view: float = 0.8e6
     apart: float = 0.75
     nearest: float = 0.5
+    least_hop: int = 8
     clipped: float = 3.0
     bound: float = 0.98
+    above_noise: float = 3.0
+    least_noise: float = 1e-3
+    unsure: float = 0.3
     focus_sigmas: tuple[float, float] = (0.7, 6.0)
     directions: int = 4
     lively: float = 0.5
@@ -133,8 +146,17 @@ class TilesSettings:
         Px of the scale: least room on each side of the middle.
     ramp : int
         Px of the scale: width of the ramps of the edges' window.
+    inset : int
+        Ratio of the largest displacement to the border of the middle that this window leaves out.
+    least_window : float
+        Weight of the photo in the room, 0..1: with less, the edges there do not count.
+    known : float
+        Weight of the photo in the middle, 0..1: a pixel with less is unknown and no data.
 
     """
 
     least_room: int = 6
     ramp: int = 4
+    inset: int = 4
+    least_window: float = 0.05
+    known: float = 0.99

@@ -47,6 +47,8 @@ class EstimateSettings:
         Confidence: with less a kernel is doubtful, and the user should look at the result.
     unchanged : float
         Largest confidence of a kernel that leaves the photo unchanged.
+    most_filled : float
+        Largest confidence of a kernel that fills a disk.
     race_share : float
         Share of the computing time that the race takes.
 
@@ -57,6 +59,7 @@ class EstimateSettings:
     even: float = 0.5
     doubtful: float = 0.8
     unchanged: float = 0.1
+    most_filled: float = 0.9
     race_share: float = 0.95
 
 
@@ -110,12 +113,16 @@ class EdgeSpreadSettings:
         Px: side of a tile.
     tiles : int
         Largest number of tiles.
+    whole : float
+        Pixels of all tiles: a photo with at most this many times as many is measured whole.
     longest_edges : float
         Px: width of the blur for the choice of tiles.
     straight : float
         Coherence of the gradients around an edge, 0..1: less is no edge.
     around : int
         Px: side of the window for the coherence.
+    clear : int
+        Px: side of the window around an edge that has no clipped pixel.
     above_noise : float
         Standard deviations of the slopes' noise: a weaker edge does not count.
     least_slope : float
@@ -137,9 +144,11 @@ class EdgeSpreadSettings:
     coarse: float = 2.0
     tile: int = 128
     tiles: int = 24
+    whole: float = 1.3
     longest_edges: float = 8.0
     straight: float = 0.9
     around: int = 9
+    clear: int = 7
     above_noise: float = 6.0
     least_slope: float = 0.004
     directions: int = 12

@@ -95,6 +95,8 @@ class DrawnPathSettings:
         Pixels of the scale in which streaks are sought, at most.
     roll : int
         Grid steps of roll to both sides.
+    around : int
+        Px: side of the window around the ridge of a streak; its rotations may draw the streak.
     most_places : int
         Rotations without roll, at most; with more there is no path.
     rounds : int
@@ -122,6 +124,7 @@ class DrawnPathSettings:
 
     pixels: float = 1.2e6
     roll: int = 4
+    around: int = 5
     most_places: int = 300
     rounds: int = 4
     nearby: int = 6
