@@ -57,7 +57,7 @@ class EdgesSettings:
 
     Each part has the name of the module of `deshake/blind/` that uses it. The set `tune` of
     `bench.py shakes`, on which most of it was tuned, has 63 simulated photos: 43 that recorded
-    hands shake by 3 to 120 px, 10 sharp, 5 soft, and 5 out of focus (`docs/benchmarks.md`).
+    hands shake by 3 to 120 px, 10 sharp, 5 soft, and 5 out of focus (`docs/inspect.md`).
 
     Parameters
     ----------
