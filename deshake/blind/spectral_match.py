@@ -8,6 +8,10 @@ smoothly with the path of the camera. So a descent brings a path that is nearly 
 the truth. An alternation with a sharp picture ends farther away, because its errors and those of
 the kernel fit each other.
 
+A scene has fluctuations of its own. A long edge makes a bright line through the origin of the
+spectrum. So the mean along each ray from the origin does not count, and large fluctuations count
+only up to a bound.
+
 The power is the same for a kernel and for its reflection about its centroid. The judge tells them
 apart.
 """
@@ -16,7 +20,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -78,9 +82,13 @@ class SpectralMatch:
         self.band = ((radius > _S.band[0]) & (radius < _S.band[1])).astype(np.float32)
         power = _smoothed(self._power(tiles * window)[1], _S.smoothing)
         floor = np.float32(_S.least_power) * power.max() + np.finfo(np.float32).tiny
-        observed = self.band * _fluctuations(np.log(power + floor))
+        self.rays = _Rays.across(self.band)
+        observed = self._varied(np.log(power + floor))
+        spread = np.sqrt((observed**2).sum((1, 2), keepdims=True) / self.band.sum())
+        bound = np.float32(_S.clip) * spread
+        observed = self._off_rays(np.clip(observed, -bound, bound))
         length = float(np.linalg.norm(observed))
-        self.observed = observed / np.float32(length or 1.0)
+        self.observed: Image = observed / np.float32(length or 1.0)
 
     def value(self, kernel: RotationKernel) -> float:
         """Return the correlation of the fluctuations, -1..1, for a kernel of the photo's camera."""
@@ -189,15 +197,30 @@ class SpectralMatch:
         """Return the correlation for filters (P, N, N), and its gradient by their pixels."""
         spectra, power = self._power(filters)
         power = _smoothed(power, _S.smoothing) + np.float32(_S.floor)
-        expected = self.band * _fluctuations(np.log(power))
+        expected = self._varied(np.log(power))
         length = max(float(np.linalg.norm(expected)), 1e-6)
         match = float(np.vdot(self.observed, expected)) / length
-        change = (self.observed - np.float32(match / length) * expected) / np.float32(length)
+        change = (self.observed - np.float32(match / length) * expected).astype(np.float32)
+        change /= np.float32(length)
         by_power = _smoothed(_fluctuations(change) / power, _S.smoothing)
         half = by_power[:, :, : spectra.shape[2]] * spectra
         shape = self.size, self.size
         gradient = scipy.fft.irfft2(half, shape, overwrite_x=True, workers=1)
         return match, 2 * self.size**2 * gradient
+
+    def _varied(self, spectra: Image) -> Image:
+        """Return the fluctuations in the band, without the means along the rays."""
+        return self._off_rays(_fluctuations(spectra))
+
+    def _off_rays(self, spectra: Image) -> Image:
+        """Subtract the mean along each ray, within the band. The operation is a projection."""
+        rays = self.rays
+        values = spectra.reshape(len(spectra), -1).take(rays.places, 1)
+        means = np.add.reduceat(values, rays.first, axis=1) / rays.lengths
+        values -= means.repeat(rays.lengths, axis=1)
+        varied = np.zeros((len(spectra), self.size**2), np.float32)
+        varied[:, rays.places] = values
+        return varied.reshape(spectra.shape)
 
     def _power(self, blocks: Image) -> tuple[Spectrum, Image]:
         """Return the half spectra of blocks, and their power at all frequencies, (P, N, N)."""
@@ -211,6 +234,35 @@ class SpectralMatch:
         power[:, 0, columns:] = mirrored[:, 0]
         power[:, 1:, columns:] = mirrored[:, :0:-1]
         return spectra, power
+
+
+class _Rays(NamedTuple):
+    """The rays through the origin of a spectrum; a frequency and its negative share one.
+
+    Parameters
+    ----------
+    places : (F,) array of int
+        Indices of the frequencies in the band, ray by ray.
+    first, lengths : (R,) arrays of int
+        Where each ray begins in `places`, and how many frequencies it has.
+
+    """
+
+    places: NDArray[np.int64]
+    first: NDArray[np.int64]
+    lengths: NDArray[np.int64]
+
+    @classmethod
+    def across(cls, band: Image) -> _Rays:
+        """Divide the band of a spectrum (N, N) into N directions."""
+        size = len(band)
+        frequency = np.fft.fftfreq(size)
+        turn = np.mod(np.arctan2(frequency[:, None], frequency), np.pi) / np.pi
+        ray = np.minimum((turn * size).astype(np.int64), size - 1).ravel()
+        inside = np.flatnonzero(band)
+        places = inside[np.argsort(ray[inside], kind="stable")]
+        _, first, lengths = np.unique(ray[places], return_index=True, return_counts=True)
+        return cls(places, first, lengths)
 
 
 def _minimum(

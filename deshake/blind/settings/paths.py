@@ -105,6 +105,8 @@ class SpectralMatchSettings:
         Frequencies: side of the box that smooths the power.
     fluctuation : int
         Frequencies: side of the box whose mean, taken twice, is subtracted.
+    clip : float
+        Standard deviations of a tile: a larger fluctuation of the photo counts only this much.
     least_power : float
         Share of the largest power that is added to all, so that none is 0.
     evenness : tuple of float
@@ -135,6 +137,7 @@ class SpectralMatchSettings:
     band: tuple[float, float] = (1 / 56, 0.4)
     smoothing: int = 3
     fluctuation: int = 7
+    clip: float = 2.0
     least_power: float = 1e-9
     evenness: tuple[float, ...] = (0.0, 0.5, 1.0)
     first_iterations: int = 6
