@@ -4,15 +4,16 @@ The energy of the L0 picture,
 
     E = mean min((A S - g)^2, lam) + lam #{grad S != 0} / N
 
-has two terms: the misfit of the kernel, and the number of edges that the kernel needs. A kernel
-that is too wide or too small needs more edges. The misfit of a pixel is bounded, because no kernel
-explains lights and tone curves. The margin of a kernel is its gain in ``-ln E`` over a still
-camera.
+has two terms. S is the L0 picture, A blurs it with the kernel, g is the photo, and N is the number
+of pixels. The first term is the misfit, and the second one counts the edges. A kernel that is too
+wide or too narrow needs more edges. The misfit of a pixel is at most lam, because no kernel
+explains clipped lights and tone curves. The margin of a kernel is its gain in ``-ln E`` over a
+still camera.
 
-In dark photos of fine texture no kernel lowers the energy, although the restored picture is
-sharper. For those photos the judge offers a second measure, the normalised sparsity of the restored
-picture, ``nsp = |grad f|_1 / |grad f|_2`` (Krishnan, Tay & Fergus, CVPR 2011). It falls with
-sharpness and rises with ringing.
+In dark photos with fine texture no kernel lowers the energy, although the restored picture is
+sharper. So the judge has a second measure, the normalised sparsity of the restored picture f,
+``nsp = |grad f|_1 / |grad f|_2`` (Krishnan, Tay & Fergus, CVPR 2011). It is lower for a sharper
+picture, and higher for a picture with ringing.
 """
 
 from __future__ import annotations

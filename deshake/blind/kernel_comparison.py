@@ -2,10 +2,11 @@
 
 Each kernel is judged at the scale that resolves it well, whatever the width of the others. At a
 coarser scale right and wrong kernels differ little; at a finer one a wide kernel is a thin line
-that only few tiles can hold. Three measures count. One is the judge's margin. In photos of fine
-texture, or with a bent tone curve, it shows little difference between right and wrong kernels; so
-the second is how much sparser the restored picture is. The third needs no restored picture: how
-well the spectra of the photo match the kernel.
+that only few tiles can hold. Three measures always count. The first is the judge's margin. It
+differs little between right and wrong kernels if the photo has fine texture or a nonlinear tone
+curve. The second is how much sparser the gradients of the restored picture are. The third needs no
+restored picture: how well the spectra of the photo match the kernel. If lights draw streaks, a
+fourth measure counts: the agreement with the kernel of the streaks.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ class Comparison:
         self._scores: dict[tuple[Judge, RotationKernel], float] = {}
 
     def scores(self, entries: Sequence[Entry]) -> Scores:
-        """Return the margins of kernels, with the worth of the sparsity and of the match."""
+        """Return the scores of kernels; a hopeless kernel gets a penalty."""
         levels = [self._level(entry) for entry in entries]
         by_level: dict[int, list[Entry]] = {}
         for entry, level in zip(entries, levels, strict=True):
@@ -96,10 +97,10 @@ class Comparison:
         return self._scores[key]
 
     def match(self, entry: Entry) -> float:
-        """Return how well the spectra of tiles that no kernel was fitted to match, -1..1.
+        """Return the match of a kernel, -1..1, on tiles that no kernel was fitted to.
 
-        It is the mean over the scale of the kernel and its neighbours. Scales with very few tiles
-        do not count: a wrong kernel matches one tile by chance.
+        It is the mean over the scale of the kernel and the scales next to it. Coarse scales with
+        too few tiles do not count: on a single tile, a wrong kernel can match by chance.
         """
         if entry.kernel not in self._matches:
             middle = min(self._level(entry), self._last_matched)

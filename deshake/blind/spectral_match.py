@@ -1,16 +1,16 @@
 """How well the spectra of a photo match a kernel, and the camera path that they match best.
 
 Where the filter H of a blur has a zero in the frequency domain, the power of the photo is low,
-whatever the scene. The power of most scenes changes slowly with the frequency. So the fluctuations
-of the log power of the photo are those of ``ln |H|^2``, and noise. Their correlation needs no
-estimate of the sharp picture. It is high only for kernels that are nearly right, and it changes
-smoothly with the path of the camera. So a descent brings a path that is nearly right much nearer to
-the truth. An alternation with a sharp picture ends farther away, because its errors and those of
-the kernel fit each other.
+whatever the scene. The power of most scenes changes slowly with the frequency. So the log power of
+the photo fluctuates as ``ln |H|^2`` does, with noise added. The match is the correlation of the
+two. It needs no estimate of the sharp picture, it is high only for kernels that are nearly right,
+and it changes smoothly with the path of the camera. So a descent that begins at a path that is
+nearly right ends much nearer to the true path. A method that estimates the sharp picture and the
+kernel in turn ends farther from it, because an error of one hides an error of the other.
 
 A scene has fluctuations of its own. A long edge makes a bright line through the origin of the
-spectrum. So the mean along each ray from the origin does not count, and large fluctuations count
-only up to a bound.
+spectrum. So the mean along each line through the origin does not count, and large fluctuations
+count only up to a bound.
 
 The power is the same for a kernel and for its reflection about its centroid. The judge tells them
 apart.
@@ -59,9 +59,9 @@ class SpectralMatch:
     pyramid : Pyramid
         The photo.
     level : int
-        The scale. The kernels are some 30 pixels wide there.
+        The scale.
     part : {"fitted", "apart", "all"}
-        The tiles.
+        The tiles to use. If none of them is informative, tiles that cover the frame are used.
 
     """
 
@@ -82,11 +82,11 @@ class SpectralMatch:
         self.band = ((radius > _S.band[0]) & (radius < _S.band[1])).astype(np.float32)
         power = _smoothed(self._power(tiles * window)[1], _S.smoothing)
         floor = np.float32(_S.least_power) * power.max() + np.finfo(np.float32).tiny
-        self.rays = _Rays.across(self.band)
+        self.lines = _Lines.across(self.band)
         observed = self._varied(np.log(power + floor))
         spread = np.sqrt((observed**2).sum((1, 2), keepdims=True) / self.band.sum())
         bound = np.float32(_S.clip) * spread
-        observed = self._off_rays(np.clip(observed, -bound, bound))
+        observed = self._off_lines(np.clip(observed, -bound, bound))
         length = float(np.linalg.norm(observed))
         self.observed: Image = observed / np.float32(length or 1.0)
 
@@ -119,9 +119,10 @@ class SpectralMatch:
         return self._moved(best, _S.iterations)[1].kernel(kernel.camera)
 
     def weighed(self, kernel: RotationKernel) -> RotationKernel:
-        """Change the weights of a kernel's rotations to those that match best.
+        """Fit the weights of a kernel's rotations, without a smooth path.
 
-        A smooth path has few control points. Some kernels are not so simple.
+        A smooth path has few control points, and some kernels need more. The rotations are first
+        resampled to the grid of the scale, and faint ones are discarded.
 
         Parameters
         ----------
@@ -131,7 +132,7 @@ class SpectralMatch:
         Returns
         -------
         RotationKernel
-            The kernel with other weights, on the grid of the scale.
+            The kernel with fitted weights, for its own camera.
 
         """
         own = kernel.for_camera(self.camera).resampled(grid_steps(self.camera))
@@ -194,7 +195,7 @@ class SpectralMatch:
         return match, gradient / count
 
     def _correlation(self, filters: Image) -> tuple[float, Image]:
-        """Return the correlation for filters (P, N, N), and its gradient by their pixels."""
+        """Return the correlation for filters (P, N, N), and its gradient for each pixel."""
         spectra, power = self._power(filters)
         power = _smoothed(power, _S.smoothing) + np.float32(_S.floor)
         expected = self._varied(np.log(power))
@@ -209,17 +210,17 @@ class SpectralMatch:
         return match, 2 * self.size**2 * gradient
 
     def _varied(self, spectra: Image) -> Image:
-        """Return the fluctuations in the band, without the means along the rays."""
-        return self._off_rays(_fluctuations(spectra))
+        """Return the fluctuations in the band, without the means along the lines."""
+        return self._off_lines(_fluctuations(spectra))
 
-    def _off_rays(self, spectra: Image) -> Image:
-        """Subtract the mean along each ray, within the band. The operation is a projection."""
-        rays = self.rays
-        values = spectra.reshape(len(spectra), -1).take(rays.places, 1)
-        means = np.add.reduceat(values, rays.first, axis=1) / rays.lengths
-        values -= means.repeat(rays.lengths, axis=1)
+    def _off_lines(self, spectra: Image) -> Image:
+        """Subtract the mean along each line, within the band. The operation is a projection."""
+        lines = self.lines
+        values = spectra.reshape(len(spectra), -1).take(lines.places, 1)
+        means = np.add.reduceat(values, lines.first, axis=1) / lines.lengths
+        values -= means.repeat(lines.lengths, axis=1)
         varied = np.zeros((len(spectra), self.size**2), np.float32)
-        varied[:, rays.places] = values
+        varied[:, lines.places] = values
         return varied.reshape(spectra.shape)
 
     def _power(self, blocks: Image) -> tuple[Spectrum, Image]:
@@ -236,15 +237,15 @@ class SpectralMatch:
         return spectra, power
 
 
-class _Rays(NamedTuple):
-    """The rays through the origin of a spectrum; a frequency and its negative share one.
+class _Lines(NamedTuple):
+    """The lines through the origin of a spectrum; a frequency and its negative share one.
 
     Parameters
     ----------
     places : (F,) array of int
-        Indices of the frequencies in the band, ray by ray.
-    first, lengths : (R,) arrays of int
-        Where each ray begins in `places`, and how many frequencies it has.
+        Indices of the frequencies in the band, line by line.
+    first, lengths : (L,) arrays of int
+        Where each line begins in `places`, and how many frequencies it has.
 
     """
 
@@ -253,15 +254,15 @@ class _Rays(NamedTuple):
     lengths: NDArray[np.int64]
 
     @classmethod
-    def across(cls, band: Image) -> _Rays:
+    def across(cls, band: Image) -> _Lines:
         """Divide the band of a spectrum (N, N) into N directions."""
         size = len(band)
         frequency = np.fft.fftfreq(size)
         turn = np.mod(np.arctan2(frequency[:, None], frequency), np.pi) / np.pi
-        ray = np.minimum((turn * size).astype(np.int64), size - 1).ravel()
+        line = np.minimum((turn * size).astype(np.int64), size - 1).ravel()
         inside = np.flatnonzero(band)
-        places = inside[np.argsort(ray[inside], kind="stable")]
-        _, first, lengths = np.unique(ray[places], return_index=True, return_counts=True)
+        places = inside[np.argsort(line[inside], kind="stable")]
+        _, first, lengths = np.unique(line[places], return_index=True, return_counts=True)
         return cls(places, first, lengths)
 
 
@@ -269,14 +270,14 @@ def _minimum(
     descent: Callable[[Points], tuple[float, Points]], start: Points, iterations: int
 ) -> tuple[float, Points]:
     """Descend by L-BFGS from a start; return the value of the end, and the end."""
-    from scipy.optimize import minimize  # noqa: PLC0415 - slow to import, for estimates alone
+    from scipy.optimize import minimize  # noqa: PLC0415 - slow to import, and only estimates need it
 
     end = minimize(descent, start, jac=True, method="L-BFGS-B", options={"maxiter": iterations})
     return float(end.fun), end.x
 
 
 def _smoothed(spectra: Image, side: int, times: int = 1) -> Image:
-    """Take means over boxes of periodic spectra (P, N, N), once or more often."""
+    """Apply a box filter to periodic spectra (P, N, N), one or more times."""
     smooth = np.empty_like(spectra)
     room = side // 2 * times
     for wide, one in zip(smooth, spectra, strict=True):

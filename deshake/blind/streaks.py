@@ -1,12 +1,12 @@
 """The streaks that small lights draw on a photo, and which of them show the same path.
 
 A lamp much brighter than its surroundings leaves a streak, which is the local filter of the blur at
-its place. A streak is compact, thin, and dark around. Light beyond the clip level is not counted,
-so only its shape is used.
+its place. A streak is small and thin, and its surroundings are dark. The sensor clips bright light,
+so only the shape of a streak is used.
 
 A lamp, a window or a reflection has a shape of its own. So a streak counts only if others agree
-with it. The streak of a weaker lamp shows those parts of the path alone where the camera moved
-slowly: two streaks agree if the ridge of the shorter one lies on the longer one.
+with it. The streak of a weaker lamp shows only the parts of the path where the camera moved slowly.
+So two streaks agree if the ridge of the shorter one lies on the longer one.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Streak(NamedTuple):
     thickness : float
         Ratio of its area to that of the ridge.
     sigma : float
-        Standard deviation of its light across the path, in pixels.
+        Standard deviation of its light across the path, in pixels, estimated from its width.
 
     """
 
@@ -61,9 +61,9 @@ class Streak(NamedTuple):
 
 
 def find_streaks(scale: Scale) -> list[Streak]:
-    """Find the streaks in one scale of a photo, the brightest first."""
+    """Find the streaks in one scale of a photo, ordered by peak times threshold."""
     bright = scale.picture
-    if scale.usable is not None:  # clipped
+    if scale.usable is not None:  # clipped pixels count as at least 1
         bright = np.where(scale.usable, bright, np.maximum(bright, 1)).astype(np.float32)
     bright = np.asarray(cv2.medianBlur(np.ascontiguousarray(bright), 3), np.float32)
     taken = np.zeros(bright.shape, bool)
@@ -78,7 +78,7 @@ def find_streaks(scale: Scale) -> list[Streak]:
         fits = (
             (longer >= _S.least_side) & (longer <= _S.longest_side) & (boxes[:, 4] >= _S.least_area)
         )
-        pieces = np.flatnonzero(fits[1:]) + 1  # 0 is the ground
+        pieces = np.flatnonzero(fits[1:]) + 1  # label 0 is the background
         if len(pieces) > _S.most_pieces:
             break
         for piece in pieces:
@@ -105,7 +105,8 @@ def agreeing(streaks: list[Streak]) -> tuple[list[Streak], NDArray[np.int64]]:
     Returns
     -------
     streaks : list of Streak
-        The longest streak of the set comes first. Empty: fewer than three streaks agree.
+        The first streak is the one that the others lie on. The list is empty if too few streaks
+        agree, or if too few of them are long and thin.
     shifts : (n, 2) array of int
         Row and column by which each streak moves onto the first one, in pixels.
 
@@ -147,7 +148,11 @@ def _streak(
     box: tuple[int, int, int, int],
     level: float,
 ) -> Streak | None:
-    """Return a piece as a streak; None: it is not dark around it, or it is a spot or a surface."""
+    """Return a piece as a streak, or None if it is not a streak.
+
+    A piece is not a streak if it is too near the border of the frame, if its surroundings are not
+    dark, if its peak is too weak, or if it is a spot or a surface.
+    """
     x, y, w, h = box
     height, width = bright.shape
     top, left = y - _S.ring, x - _S.ring

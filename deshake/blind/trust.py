@@ -21,15 +21,15 @@ def confidence(ended: Finish) -> float:
     """Return the chance, 0..1, that the winner of a race improves the photo."""
     if ended.at_rest:
         return 0.0
-    excess = (
-        _S.even
+    log_odds = (
+        _S.constant
         + _S.of_margin * np.clip(ended.margin, _S.least_margin, _S.most_margin)
         - _S.of_agreement * np.log10(1 + _S.closest - min(ended.agreement, 1.0))
         + _S.of_match * np.clip(ended.match, 0, _S.most_match)
     )
-    return float(1 / (1 + np.exp(-excess)))
+    return float(1 / (1 + np.exp(-log_odds)))
 
 
 def two_digits(confidence: float) -> str:
-    """Write a confidence with two digits, never rounded up: 0.797 is doubtful, and 0.80 is not."""
+    """Write a confidence with two digits, rounded down: 0.797 must not look like the limit 0.80."""
     return f"{math.floor(100 * confidence + 1e-9) / 100:.2f}"

@@ -25,7 +25,7 @@ class JudgeSettings:
     Parameters
     ----------
     lam : float
-        Squared contrast of the pyramid: price of an edge pixel.
+        Squared contrast of the pyramid: price of an edge pixel, and largest misfit of a pixel.
     beta_max : float
         Last weight of the split gradients, no unit.
     beta_first : float
@@ -35,7 +35,7 @@ class JudgeSettings:
     room : float
         Room around a tile, in reaches of the widest kernel.
     budget : Budget
-        Number of pixels that judge.
+        Number of pixels on which kernels are judged.
     least_noise : float
         Contrast of the pyramid: a smaller standard deviation of the noise counts as this.
     power : float
@@ -70,15 +70,15 @@ class JudgeSettings:
 class KernelComparisonSettings:
     """The score of a kernel (`kernel_comparison`).
 
-    Tuned with the whole estimate on the set `tune` of `bench.py shakes`, but for `widest`: a photo
-    of the set `test`, X64, led to it. No record says more.
+    Tuned with the whole estimate on the set `tune` of `bench.py shakes`. The exception is `widest`:
+    the photo X64 of the set `test` led to it. No record says more.
 
     Parameters
     ----------
     penalty : float
         Margin: penalty of a kernel that cannot be right, larger than any gain.
     width : float
-        Px of a kernel at the scale where it is judged.
+        Px of the scale: largest width of a kernel at the scale where it is judged.
     sharpening_worth : float
         Margin per gain of 1 in -ln nsp.
     match_worth : float
@@ -192,15 +192,15 @@ class TrustSettings:
     """The confidence (`trust`).
 
     The terms come from a logistic regression on results for 42 photos of the set `tune` of
-    `bench.py shakes`, of which sixteen were not shaken. The constant term is 0.5 less, because a
-    wrong kernel harms a sharp photo more than a right one improves a shaken photo. Margin and
-    agreement may speak for a kernel that a sharp photo, or one from a soft lens, gives by chance.
-    The spectra of such a photo do not match it: eight sharp ones have at most 0.09, and most
-    shaken ones 0.2 to 0.4.
+    `bench.py shakes`, of which sixteen were not shaken. The constant term is 0.5 below that of the
+    regression, because a wrong kernel harms a sharp photo more than a right kernel improves a
+    shaken photo. A sharp photo, or one from a soft lens, can give a kernel with a high margin and
+    agreement by chance. The spectra of such a photo do not match the kernel. A later change made
+    the matches of right kernels about a tenth smaller. `of_match` and `most_match` followed.
 
     Parameters
     ----------
-    even : float
+    constant : float
         Log odds: the constant term.
     of_margin : float
         Log odds per unit of margin.
@@ -209,7 +209,7 @@ class TrustSettings:
     of_agreement : float
         Log odds per power of ten by which the agreement comes nearer to one.
     closest : float
-        Agreement: smallest difference from one that can be measured.
+        Agreement: added to the difference from one, so that the logarithm stays finite.
     of_match : float
         Log odds per correlation of 1 of the spectra.
     most_match : float
@@ -217,11 +217,11 @@ class TrustSettings:
 
     """
 
-    even: float = -4.9
+    constant: float = -4.9
     of_margin: float = 15.0
     least_margin: float = -0.04
     most_margin: float = 0.12
     of_agreement: float = 1.7
     closest: float = 0.005
-    of_match: float = 17.0
-    most_match: float = 0.4
+    of_match: float = 19.0
+    most_match: float = 0.36
