@@ -62,7 +62,7 @@ class Comparison:
         self._scores: dict[tuple[Judge, RotationKernel], float] = {}
 
     def scores(self, entries: Sequence[Entry]) -> Scores:
-        """Return the scores of kernels; a hopeless kernel gets a penalty."""
+        """Return the scores of kernels; a kernel that cannot be right gets a penalty."""
         levels = [self._level(entry) for entry in entries]
         by_level: dict[int, list[Entry]] = {}
         for entry, level in zip(entries, levels, strict=True):

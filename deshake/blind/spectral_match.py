@@ -81,9 +81,9 @@ class SpectralMatch:
         radius = np.hypot(frequency[:, None], frequency)
         self.band = ((radius > _S.band[0]) & (radius < _S.band[1])).astype(np.float32)
         power = _smoothed(self._power(tiles * window)[1], _S.smoothing)
-        floor = np.float32(_S.least_power) * power.max() + np.finfo(np.float32).tiny
+        offset = np.float32(_S.least_power) * power.max() + np.finfo(np.float32).tiny
         self.lines = _Lines.across(self.band)
-        observed = self._varied(np.log(power + floor))
+        observed = self._varied(np.log(power + offset))
         spread = np.sqrt((observed**2).sum((1, 2), keepdims=True) / self.band.sum())
         bound = np.float32(_S.clip) * spread
         observed = self._off_lines(np.clip(observed, -bound, bound))
@@ -141,7 +141,7 @@ class SpectralMatch:
         matrix = gathering_matrix(moved, (self.size, self.size))
         blocks = len(self.centres), self.size, self.size
 
-        def descent(roots: Points) -> tuple[float, Points]:
+        def objective(roots: Points) -> tuple[float, Points]:
             total = roots @ roots
             weights = roots**2 / total
             filters = (matrix.T @ weights.astype(np.float32)).reshape(blocks)
@@ -149,7 +149,7 @@ class SpectralMatch:
             gradient = matrix @ change.ravel()
             return -match, -2 / total * roots * (gradient - weights @ gradient)
 
-        _, roots = _minimum(descent, np.sqrt(own.weights), _S.weight_iterations)
+        _, roots = _minimum(objective, np.sqrt(own.weights), _S.weight_iterations)
         weights = roots**2 / (roots @ roots)
         return heaviest(replace(own, weights=weights), _S.light).centred().for_camera(kernel.camera)
 
@@ -160,7 +160,7 @@ class SpectralMatch:
         flat = np.ptp(path.controls, axis=0) == 0
         stiffness = _S.bending * np.square(self._slopes).mean((0, 1))
 
-        def descent(flattened: Points) -> tuple[float, Points]:
+        def objective(flattened: Points) -> tuple[float, Points]:
             controls = flattened.reshape(path.controls.shape)
             match, gradient = self._along(basis @ controls)
             bends = np.diff(controls, 2, axis=0)
@@ -172,7 +172,7 @@ class SpectralMatch:
             change[:, flat] = 0
             return value, change.ravel()
 
-        value, end = _minimum(descent, path.controls.ravel(), iterations)
+        value, end = _minimum(objective, path.controls.ravel(), iterations)
         return value, path._replace(controls=end.reshape(path.controls.shape))
 
     @cached_property
@@ -267,12 +267,12 @@ class _Lines(NamedTuple):
 
 
 def _minimum(
-    descent: Callable[[Points], tuple[float, Points]], start: Points, iterations: int
+    objective: Callable[[Points], tuple[float, Points]], start: Points, iterations: int
 ) -> tuple[float, Points]:
     """Descend by L-BFGS from a start; return the value of the end, and the end."""
     from scipy.optimize import minimize  # noqa: PLC0415 - slow to import, and only estimates need it
 
-    end = minimize(descent, start, jac=True, method="L-BFGS-B", options={"maxiter": iterations})
+    end = minimize(objective, start, jac=True, method="L-BFGS-B", options={"maxiter": iterations})
     return float(end.fun), end.x
 
 
