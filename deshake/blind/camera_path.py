@@ -157,7 +157,7 @@ def _controls(places: Points, duration: Points) -> Points:
 
 def _spline(time: Points) -> Points:
     """Return the values (n, controls) of the B-splines at times 0..1."""
-    from scipy.interpolate import BSpline  # noqa: PLC0415 - slow to import, for estimates alone
+    from scipy.interpolate import BSpline  # noqa: PLC0415 - slow to import, and only estimates need it
 
     inner = np.linspace(0, 1, _S.controls - _S.degree + 1)
     knots = np.concatenate([np.zeros(_S.degree), inner, np.ones(_S.degree)])

@@ -201,8 +201,8 @@ class SpectralMatch:
         expected = self._varied(np.log(power))
         length = max(float(np.linalg.norm(expected)), 1e-6)
         match = float(np.vdot(self.observed, expected)) / length
-        change = (self.observed - np.float32(match / length) * expected).astype(np.float32)
-        change /= np.float32(length)
+        change = self.observed - np.float32(match / length) * expected
+        change = (change / np.float32(length)).astype(np.float32, copy=False)
         by_power = _smoothed(_fluctuations(change) / power, _S.smoothing)
         half = by_power[:, :, : spectra.shape[2]] * spectra
         shape = self.size, self.size
