@@ -69,12 +69,12 @@ def thinned(kernel: RotationKernel, width: float = 1.0) -> RotationKernel:
 
 
 class SmoothPath(NamedTuple):
-    """A smooth curve of rotations: a cubic B-spline of time, with few control points.
+    """A smooth curve of rotations: a cubic B-spline of time.
 
     Parameters
     ----------
-    controls : (8, 3) array
-        Control points, in grid steps of the camera.
+    controls : (n, 3) array
+        Control points, more of them for a longer curve, in grid steps of the camera.
     camera : Camera
         The camera of a scale.
 
@@ -89,8 +89,8 @@ class SmoothPath(NamedTuple):
     ) -> list[SmoothPath]:
         """Draw curves through a kernel: one place of the curve, and several courses of time.
 
-        The curve follows the longest branch of the minimum spanning tree of the thin path. Its time
-        is the share of the weight up to there, the share of the length, or a mean of the two. An
+        The curve follows the branches of the minimum spanning tree of the thin path. Its time is
+        the share of the weight up to there, the share of the length, or a mean of the two. An
         estimate often puts too much weight on one place, where the camera did not rest.
 
         Parameters
@@ -115,70 +115,105 @@ class SmoothPath(NamedTuple):
         thin = strongest(heaviest(thinned(reduced), _S.faint), _S.most_points)
         places = (thin.theta - thin.centroid) / thin.steps
         places[:, np.ptp(places, 0) < _S.least_turn] = 0
-        branch, held = _longest_branch(places, thin.weights)
-        if len(branch) == 1:
+        order, held = _walk(places, thin.weights)
+        if len(order) == 1:
             return []
-        lengths = np.linalg.norm(np.diff(places[branch], axis=0), axis=1)
+        lengths = np.linalg.norm(np.diff(places[order], axis=0), axis=1)
         along = np.convolve(lengths, [0.5, 0.5]) / lengths.sum()
+        count = int(np.clip(lengths.sum() / _S.spacing, _S.fewest_controls, _S.most_controls))
         return [
-            cls(_controls(places[branch], (1 - even) * held + even * along), scale)
+            cls(_controls(places[order], (1 - even) * held + even * along, count), scale)
             for even in evenness
         ]
 
     @property
     def length(self) -> float:
         """Length of the curve in grid steps of its camera."""
-        pieces = np.diff(_spline(np.linspace(0, 1, 10 * _S.controls)) @ self.controls, axis=0)
+        count = len(self.controls)
+        pieces = np.diff(_spline(np.linspace(0, 1, 10 * count), count) @ self.controls, axis=0)
         return float(np.linalg.norm(pieces, axis=1).sum())
 
+    @property
+    def reflected(self) -> SmoothPath:
+        """The path with every rotation reversed; every local filter is reflected."""
+        return self._replace(controls=-self.controls)
+
+    def on_scale(self, camera: Camera) -> SmoothPath:
+        """Return the same curve on the grid of a camera of another size."""
+        ratio = grid_steps(self.camera) / grid_steps(camera)
+        return SmoothPath(self.controls * ratio, camera)
+
     def basis(self, count: int) -> Points:
-        """Return the weights (count, 8) of the control points at equal steps of time."""
-        return _spline((np.arange(count) + 0.5) / count)
+        """Return the weights (count, n) of the control points at equal steps of time."""
+        return _spline((np.arange(count) + 0.5) / count, len(self.controls))
 
     def kernel(self, camera: Camera) -> RotationKernel:
         """Return the kernel of the curve, centred, on the grid of a camera of any size."""
         steps = grid_steps(camera)
-        own = SmoothPath(self.controls * (grid_steps(self.camera) / steps), camera)
-        count = max(int(_S.density * own.length), _S.controls)
+        own = self.on_scale(camera)
+        count = max(int(_S.density * own.length), len(own.controls))
         curve = own.basis(count) @ own.controls
         rest = RotationKernel.delta(camera, steps=steps)
         return _on_grid(curve - curve.mean(0), np.full(count, 1 / count), rest)
 
 
-def _controls(places: Points, duration: Points) -> Points:
-    """Fit the control points of a curve to places (n, 3), by the time that each of them lasts."""
-    basis = _spline(np.cumsum(duration) - duration / 2)
-    bends = np.diff(np.eye(_S.controls), 2, axis=0)
+def _controls(places: Points, duration: Points, count: int) -> Points:
+    """Fit the control points of a curve to places (m, 3), by the time that each of them lasts."""
+    basis = _spline(np.cumsum(duration) - duration / 2, count)
+    bends = np.diff(np.eye(count), 2, axis=0)
     pull = basis.T * duration
-    normal = pull @ basis + _S.stiffness * bends.T @ bends + _S.least_pull * np.eye(_S.controls)
+    normal = pull @ basis + _S.stiffness * bends.T @ bends + _S.least_pull * np.eye(count)
     controls: Points = np.linalg.solve(normal, pull @ places).astype(np.float64)
     return controls
 
 
-def _spline(time: Points) -> Points:
+def _spline(time: Points, controls: int) -> Points:
     """Return the values (n, controls) of the B-splines at times 0..1."""
     from scipy.interpolate import BSpline  # noqa: PLC0415 - slow to import, and only estimates need it
 
-    inner = np.linspace(0, 1, _S.controls - _S.degree + 1)
+    inner = np.linspace(0, 1, controls - _S.degree + 1)
     knots = np.concatenate([np.zeros(_S.degree), inner, np.ones(_S.degree)])
     values: Points = BSpline.design_matrix(np.clip(time, 0, 1), knots, _S.degree).toarray()
     return values
 
 
-def _longest_branch(places: Points, weights: Points) -> tuple[NDArray[np.int64], Points]:
-    """Return the points along the longest branch of their tree, and the weight near each."""
+def _walk(places: Points, weights: Points) -> tuple[NDArray[np.int64], Points]:
+    """Return points in the order of a walk along the branches of their tree, and durations.
+
+    The tree is the minimum spanning tree. The walk follows its longest branch. It goes along each
+    long side branch and back, and the visits of a point share its weight. The points of a short
+    side branch add their weight to the point where it begins.
+    """
     from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree  # noqa: PLC0415 - likewise
 
     tree = minimum_spanning_tree(cdist(places, places) ** _S.long_way)
     tree.data **= 1 / _S.long_way
     length, before = dijkstra(tree, directed=False, return_predecessors=True)
-    first, last = np.unravel_index(np.argmax(length), length.shape)
-    branch = [int(last)]
-    while branch[-1] != first:
-        branch.append(int(before[first, branch[-1]]))
-    nearest = cdist(places, places[branch]).argmin(1)
-    held = np.bincount(nearest, weights, len(branch)).astype(np.float64)
-    return np.array(branch, np.int64), held
+    first, last = (int(n) for n in np.unravel_index(np.argmax(length), length.shape))
+    distance, before = length[first], before[first]
+    longest = [last]
+    while longest[-1] != first:
+        longest.append(int(before[longest[-1]]))
+    far, held = distance.copy(), weights.copy()
+    sides: list[list[int]] = [[] for _ in places]
+    for at in np.argsort(-distance, kind="stable").tolist():  # the ends of branches come first
+        if at in longest:
+            continue
+        begin = int(before[at])
+        far[begin] = max(far[begin], far[at])
+        if far[at] - distance[begin] > _S.least_branch:
+            sides[begin].append(at)
+        else:
+            held[begin] += held[at]
+
+    def there_and_back(at: int) -> list[int]:
+        visits = [at]
+        for side in sides[at]:
+            visits += [*there_and_back(side), at]
+        return visits
+
+    order = np.array([n for at in reversed(longest) for n in there_and_back(at)], np.int64)
+    return order, held[order] / np.bincount(order, minlength=len(places))[order]
 
 
 def _on_grid(points: Points, weights: Points, kernel: RotationKernel) -> RotationKernel:

@@ -63,7 +63,7 @@ class Comparison:
 
     def scores(self, entries: Sequence[Entry]) -> Scores:
         """Return the scores of kernels; a kernel that cannot be right gets a penalty."""
-        levels = [self._level(entry) for entry in entries]
+        levels = [self.level(entry) for entry in entries]
         by_level: dict[int, list[Entry]] = {}
         for entry, level in zip(entries, levels, strict=True):
             by_level.setdefault(level, []).append(entry)
@@ -80,7 +80,7 @@ class Comparison:
 
     def judge(self, entry: Entry) -> Judge:
         """Return the judge at the scale of a kernel."""
-        level = self._level(entry)
+        level = self.level(entry)
         self._make_room(level, [entry])
         return self._judges[level]
 
@@ -103,7 +103,7 @@ class Comparison:
         too few tiles do not count: on a single tile, a wrong kernel can match by chance.
         """
         if entry.kernel not in self._matches:
-            middle = min(self._level(entry), self._last_matched)
+            middle = min(self.level(entry), self._last_matched)
             last = min(middle + _S.neighbours, self._last_matched)
             levels = range(max(middle - _S.neighbours, 0), last + 1)
             values = [self._spectra_at(level, "apart").value(entry.kernel) for level in levels]
@@ -113,14 +113,19 @@ class Comparison:
     def matched(self, entry: Entry) -> Entry:
         """Draw a smooth path through a kernel, and fit it to the spectra of the photo."""
         if entry.kernel not in self._paths:
-            spectra = self._spectra_at(self._level(entry), "fitted")
+            spectra = self._spectra_at(self.level(entry), "fitted")
             self._paths[entry.kernel] = spectra.fitted(entry.kernel)
         return entry._replace(name=f"{entry.name}, path", kernel=self._paths[entry.kernel])
 
     def weighed(self, entry: Entry) -> Entry:
         """Fit the weights of a kernel to the spectra of the photo."""
-        kernel = self._spectra_at(self._level(entry), "fitted").weighed(entry.kernel)
+        kernel = self._spectra_at(self.level(entry), "fitted").weighed(entry.kernel)
         return entry._replace(name=f"{entry.name}, weights", kernel=kernel)
+
+    def level(self, entry: Entry) -> int:
+        """Return the scale that resolves a kernel well."""
+        level = np.ceil(2 * np.log2(max(entry.width / _S.width, 1e-9)))
+        return int(np.clip(level, 0, self.pyramid.coarsest))
 
     @cached_property
     def _last_matched(self) -> int:
@@ -143,8 +148,3 @@ class Comparison:
         judge = self._judges.get(level)
         if judge is None or not all(judge.has_room(kernel) for kernel in kernels):
             self._judges[level] = Judge.of(self.pyramid, level, kernels)
-
-    def _level(self, entry: Entry) -> int:
-        """Return the scale that resolves a kernel well."""
-        level = np.ceil(2 * np.log2(max(entry.width / _S.width, 1e-9)))
-        return int(np.clip(level, 0, self.pyramid.coarsest))

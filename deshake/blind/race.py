@@ -10,7 +10,9 @@ The score of the comparison then ranks the kernels, on tiles that no candidate u
 more, and ranked again. The best kernels of two starts are polished (`polish`).
 
 Every second start carries its kernel as a thin path from scale to scale. Wide shakes often succeed
-in only one of the two ways. Very wide ones have starts of their own (`wide_start`).
+in only one of the two ways. Very wide ones have starts of their own (`wide_start`). Other starts
+need no latent picture: they are the paths that match the spectra best (`spectral_start`). The
+spectra cannot tell a path from its reflection, so both take part.
 
 The two finest starts run first. If both end in a small round spot, the photo was not shaken, and
 the race stops.
@@ -28,6 +30,7 @@ from deshake.blind.entry import Entry, all_refined, best_of_starts, nearest
 from deshake.blind.kernel_comparison import Comparison
 from deshake.blind.polish import polished
 from deshake.blind.settings import SETTINGS
+from deshake.blind.spectral_start import spectral_starts
 from deshake.blind.spot import is_spot
 from deshake.blind.wide_start import wide_starts
 from deshake.geometry.kernel import ALL_AXES
@@ -36,8 +39,9 @@ from deshake.run import Run
 from deshake.signal.pyramid import RATIO
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
+    from deshake.blind.camera_path import SmoothPath
     from deshake.blind.drawn_path import Drawing
     from deshake.signal.pyramid import Pyramid
 
@@ -47,6 +51,7 @@ _S: Final = SETTINGS.race
 _WAYS: Final = (SETTINGS.candidate.fine, SETTINGS.candidate.thin)  # the starts use them in turn
 _OF_STREAKS = -1  # number of the start that is no scale
 _OF_WIDE = -2  # number of the first wide start; the others count downwards
+_OF_SPECTRA = -100  # number of the first spectral start; the others count downwards
 
 
 class Finish(NamedTuple):
@@ -118,11 +123,12 @@ def race(
         winner = course.best(entries)
     else:
         entries += course.wide(run.part(0.5, 0.55))
-        winner = course.finished(entries, run.part(0.55, 1.0))
+        entries += course.spectral(run.part(0.55, 0.6))
+        winner = course.finished(entries, run.part(0.6, 1.0))
     margin = winner.margin(course.comparison.judge(winner))
     run.report(1.0, "kernel estimated")
     match = course.comparison.match(winner)
-    alike = nearest(winner, entries)
+    alike = nearest(winner, _of_edges(entries))
     if drawn is not None:
         alike = max(alike, agreement(winner.kernel, drawn.kernel))
     return Finish(winner, margin, match, alike, at_rest=False)
@@ -161,6 +167,37 @@ class _Course:
         wide = [entry for entry in starts if entry.width > _S.least_width * RATIO**entry.level]
         return sorted(wide, key=self.comparison.match, reverse=True)[: _S.wide]
 
+    def spectral(self, run: Run) -> list[Entry]:
+        """Find paths by the spectra; return distinct ones that match best, and reflections."""
+        found = [
+            (self.comparison.match(entry), entry, path)
+            for entry, path in self._of_paths(spectral_starts(self.pyramid, self.axes, run))
+        ]
+        taken: list[Entry] = []
+        for _, entry, path in sorted(found, key=lambda one: -one[0]):
+            if all(agreement(entry.kernel, known.kernel) < _S.alike for known in taken):
+                reflected = entry._replace(
+                    name=f"{entry.name}, reflected",
+                    start=entry.start - 1,
+                    kernel=path.reflected.kernel(self.pyramid.camera),
+                )
+                taken += [entry, reflected]
+            if len(taken) == 2 * _S.spectral:
+                break
+        return taken
+
+    def _of_paths(
+        self, starts: Sequence[tuple[int, SmoothPath]]
+    ) -> Iterator[tuple[Entry, SmoothPath]]:
+        """Make entries of paths, with numbers that leave room for their reflections."""
+        for n, (level, path) in enumerate(starts):
+            kernel = path.kernel(self.pyramid.camera)
+            name = f"spectral start {n}, scale {level}"
+            entry = Entry(name, _OF_SPECTRA - 2 * n, level, kernel)
+            entry = entry._replace(level=min(level, self.comparison.level(entry)))
+            if self.bound is None or kernel.extent_px() <= self.bound:
+                yield entry, path
+
     def best(self, entries: Sequence[Entry]) -> Entry:
         """Return the best kernel of the starts."""
         return self._ranked(entries)[0]
@@ -168,7 +205,7 @@ class _Course:
     def finished(self, entries: list[Entry], run: Run) -> Entry:
         """Refine the kernels of the best starts, add them to the entries, and return the best."""
         ends = _last(entries)
-        entries += self._matched(ends)
+        entries += self._matched(_of_edges(ends))
         best = [entry.start for entry in best_of_starts(self._ranked(entries))][: _S.refined]
         taken = [e for e in ends if e.start in best]
         taken = [e for e in taken if not is_spot(e.kernel)] or taken
@@ -211,6 +248,11 @@ def _first_scales(coarsest: int) -> list[int]:
     coarsest = min(coarsest, _S.coarsest_start)
     sparse = list(range(coarsest, 0, -2))[::-1] or [0]
     return sparse if len(sparse) >= _S.fewest_starts else list(range(1, coarsest + 1)) or [0]
+
+
+def _of_edges(entries: Sequence[Entry]) -> list[Entry]:
+    """Return the kernels that edges gave. Those of spectral starts resemble each other."""
+    return [entry for entry in entries if entry.start > _OF_SPECTRA]
 
 
 def _last(entries: Sequence[Entry]) -> list[Entry]:

@@ -28,7 +28,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from deshake.blind.camera_path import SmoothPath
-from deshake.blind.settings import SETTINGS
+from deshake.blind.settings import SETTINGS, SpectrumTiles
 from deshake.blind.tile_choice import covering
 from deshake.blind.tile_plan import informative_corners
 from deshake.blind.trimming import heaviest, strongest
@@ -62,15 +62,19 @@ class SpectralMatch:
         The scale.
     part : {"fitted", "apart", "all"}
         The tiles to use. If none of them is informative, tiles that cover the frame are used.
+    wanted : SpectrumTiles
+        Size and number of the tiles.
 
     """
 
-    def __init__(self, pyramid: Pyramid, level: int, part: Part) -> None:
+    def __init__(
+        self, pyramid: Pyramid, level: int, part: Part, wanted: SpectrumTiles = _S.tiles
+    ) -> None:
         scale = pyramid.at(level)
         self.camera = scale.camera
-        size = min(_S.size, *(n - n % 2 for n in scale.camera.shape))
-        corners = informative_corners(pyramid, level, size, _S.tiles, width=_S.edges, part=part)
-        corners = corners or covering(scale.camera.shape, size)[: _S.tiles]
+        size = min(wanted.size, *(n - n % 2 for n in scale.camera.shape))
+        corners = informative_corners(pyramid, level, size, wanted.count, width=_S.edges, part=part)
+        corners = corners or covering(scale.camera.shape, size)[: wanted.count]
         self.size = size
         self.centres = np.array(corners)[:, ::-1] + (size - 1) / 2
         taper = np.hanning(size + 2)[1:-1].astype(np.float32)
@@ -79,7 +83,7 @@ class SpectralMatch:
         tiles = tiles - (tiles * window).sum((1, 2), keepdims=True) / window.sum()
         frequency = np.fft.fftfreq(size)
         radius = np.hypot(frequency[:, None], frequency)
-        self.band = ((radius > _S.band[0]) & (radius < _S.band[1])).astype(np.float32)
+        self.band = ((radius * size > _S.slowest) & (radius < _S.fastest)).astype(np.float32)
         power = _smoothed(self._power(tiles * window)[1], _S.smoothing)
         offset = np.float32(_S.least_power) * power.max() + np.finfo(np.float32).tiny
         self.lines = _Lines.across(self.band)
@@ -114,9 +118,9 @@ class SpectralMatch:
         paths = SmoothPath.through(kernel, self.camera, _S.evenness)
         if not paths:
             return kernel
-        begun = [self._moved(path, _S.first_iterations) for path in paths]
-        best = min(begun, key=lambda one: one[0])[1]
-        return self._moved(best, _S.iterations)[1].kernel(kernel.camera)
+        begun = [self.descended(path, _S.first_iterations) for path in paths]
+        best = max(begun, key=lambda one: one[0])[1]
+        return self.descended(best, _S.iterations)[1].kernel(kernel.camera)
 
     def weighed(self, kernel: RotationKernel) -> RotationKernel:
         """Fit the weights of a kernel's rotations, without a smooth path.
@@ -153,10 +157,29 @@ class SpectralMatch:
         weights = roots**2 / (roots @ roots)
         return heaviest(replace(own, weights=weights), _S.light).centred().for_camera(kernel.camera)
 
-    def _moved(self, path: SmoothPath, iterations: int) -> tuple[float, SmoothPath]:
-        """Descend from a path; return the value of its end, and the end."""
-        count = int(np.clip(_S.along * path.length, _S.fewest, _S.most))
-        basis = path.basis(count)
+    def of_path(self, path: SmoothPath) -> float:
+        """Return the correlation for a path on the grid of the scale."""
+        return self._along(_basis(path) @ path.controls)[0]
+
+    def descended(self, path: SmoothPath, iterations: int) -> tuple[float, SmoothPath]:
+        """Move a path on the grid of the scale to where it matches better.
+
+        Parameters
+        ----------
+        path : SmoothPath
+            The path. An axis about which it does not turn stays so.
+        iterations : int
+            Iterations of the descent.
+
+        Returns
+        -------
+        match : float
+            The correlation, less a price of bends.
+        path : SmoothPath
+            The end of the descent.
+
+        """
+        basis = _basis(path)
         flat = np.ptp(path.controls, axis=0) == 0
         stiffness = _S.bending * np.square(self._slopes).mean((0, 1))
 
@@ -173,7 +196,14 @@ class SpectralMatch:
             return value, change.ravel()
 
         value, end = _minimum(objective, path.controls.ravel(), iterations)
-        return value, path._replace(controls=end.reshape(path.controls.shape))
+        return -value, path._replace(controls=end.reshape(path.controls.shape))
+
+    def tracks(self, path: SmoothPath, count: int) -> Points:
+        """Return how a path moves the centres of the tiles (P, T, 2) about their means, in px."""
+        rotations = path.basis(count) @ path.controls
+        moved: Points = np.einsum("pij,tj->pti", self._slopes, rotations)
+        moved -= moved.mean(1, keepdims=True)
+        return moved
 
     @cached_property
     def _slopes(self) -> Points:
@@ -264,6 +294,11 @@ class _Lines(NamedTuple):
         places = inside[np.argsort(line[inside], kind="stable")]
         _, first, lengths = np.unique(line[places], return_index=True, return_counts=True)
         return cls(places, first, lengths)
+
+
+def _basis(path: SmoothPath) -> Points:
+    """Return the weights of a path's control points, at times a fraction of a pixel apart."""
+    return path.basis(int(np.clip(_S.along * path.length, _S.fewest, _S.most)))
 
 
 def _minimum(

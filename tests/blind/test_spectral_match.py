@@ -9,7 +9,7 @@ from deshake.blind.agreement import agreement
 from deshake.blind.camera_path import SmoothPath
 from deshake.blind.spectral_match import SpectralMatch
 from deshake.geometry.kernel import RotationKernel
-from deshake.geometry.rotations import grid_steps
+from deshake.geometry.rotations import displacements, grid_steps, homographies
 from deshake.signal.pyramid import Pyramid
 
 FINE = 0.1  # share of the kernel's spread: smoothing of a strict agreement
@@ -150,3 +150,24 @@ def test_a_photo_smaller_than_a_tile_is_one_tile(shake) -> None:
     tiny = SpectralMatch(pyramid, 0, "all")
     assert tiny.size == min(small.camera.shape) // 2 * 2
     assert len(tiny.centres) >= 1
+
+
+def test_a_path_matches_as_its_kernel_does(match, bent) -> None:
+    path = SmoothPath.through(bent, match.camera)[0]
+    assert match.of_path(path) == pytest.approx(match.value(path.kernel(match.camera)), abs=0.02)
+
+
+def test_a_descent_ends_at_a_path_that_matches_better(match, bent) -> None:
+    path = SmoothPath.through(bent, match.camera)[0]
+    worth, end = match.descended(path, 10)
+    assert match.of_path(end) > match.of_path(path) + 0.02
+    assert worth <= match.of_path(end)  # bends have a price
+
+
+def test_tracks_are_the_displacements_of_the_centres(match, bent) -> None:
+    path = SmoothPath.through(bent, match.camera)[0]
+    tracks = match.tracks(path, 20)
+    rotations = path.basis(20) @ path.controls * grid_steps(match.camera)
+    exact = displacements(homographies(match.camera, rotations), match.centres)
+    exact -= exact.mean(1, keepdims=True)
+    np.testing.assert_allclose(tracks, exact, atol=0.1)

@@ -45,10 +45,12 @@ from deshake.blind.settings.lamps import DrawnPathSettings, StreaksSettings
 from deshake.blind.settings.paths import (
     CameraPathSettings,
     SpectralMatchSettings,
+    SpectralStartSettings,
+    SpectrumTiles,
     TrimmingSettings,
 )
 
-__all__ = ["SETTINGS", "Budget", "EdgesSettings", "Refinement", "Way"]
+__all__ = ["SETTINGS", "Budget", "EdgesSettings", "Refinement", "SpectrumTiles", "Way"]
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ class EdgesSettings:
         The picture of edges, and the kernel.
     candidate, wide_start, entry, race, polish
         The race.
-    trimming, camera_path, spectral_match
+    trimming, camera_path, spectral_match, spectral_start
         The paths of a camera.
     judge, kernel_comparison, agreement, spot, kernel_faults, trust
         What is thought of a kernel.
@@ -98,6 +100,7 @@ class EdgesSettings:
     trimming: TrimmingSettings = field(default_factory=TrimmingSettings)
     camera_path: CameraPathSettings = field(default_factory=CameraPathSettings)
     spectral_match: SpectralMatchSettings = field(default_factory=SpectralMatchSettings)
+    spectral_start: SpectralStartSettings = field(default_factory=SpectralStartSettings)
     judge: JudgeSettings = field(default_factory=JudgeSettings)
     kernel_comparison: KernelComparisonSettings = field(default_factory=KernelComparisonSettings)
     agreement: AgreementSettings = field(default_factory=AgreementSettings)

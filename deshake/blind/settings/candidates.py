@@ -215,6 +215,10 @@ class RaceSettings:
         Number of starts: with fewer, every scale is a first scale.
     wide : int
         Largest number of wide starts in the race.
+    spectral : int
+        Number of spectral starts in the race, and of their reflections.
+    alike : float
+        Agreement from which two spectral starts count as one.
     least_width : float
         Px of the scale: a wide start is wider. The other starts find narrower kernels better.
     snapshots : int
@@ -231,9 +235,11 @@ class RaceSettings:
     coarsest_start: int = 11
     fewest_starts: int = 4
     wide: int = 3
+    spectral: int = 4
+    alike: float = 0.9
     least_width: float = 10.0
     snapshots: int = 2
-    refined: int = 3
+    refined: int = 4
     matched: int = 4
     refinement: Refinement = Refinement(2e-3, iterations=5)
     uniform_refinement: Refinement = Refinement(1e-3, iterations=5)

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["CameraPathSettings", "SpectralMatchSettings", "TrimmingSettings"]
+__all__ = [
+    "CameraPathSettings",
+    "SpectralMatchSettings",
+    "SpectralStartSettings",
+    "SpectrumTiles",
+    "TrimmingSettings",
+]
 
 
 @dataclass(frozen=True)
@@ -43,8 +49,12 @@ class CameraPathSettings:
         Iterations of the mean shift.
     light : float
         Share of the kernel's weight: lighter rotations are discarded.
-    controls : int
-        Control points of a smooth path.
+    fewest_controls, most_controls : int
+        Control points of a smooth path, at least and at most.
+    spacing : float
+        Grid steps of a smooth path for each control point.
+    least_branch : float
+        Grid steps: a shorter side branch is no part of a smooth path.
     degree : int
         Degree of its B-spline.
     density : float
@@ -70,7 +80,10 @@ class CameraPathSettings:
     most_filled: int = 1500
     ridge_steps: int = 15
     light: float = 1e-6
-    controls: int = 8
+    fewest_controls: int = 8
+    most_controls: int = 30
+    spacing: float = 2.5
+    least_branch: float = 2.0
     degree: int = 3
     density: float = 2.0
     faint: float = 0.05
@@ -83,6 +96,23 @@ class CameraPathSettings:
 
 
 @dataclass(frozen=True)
+class SpectrumTiles:
+    """The tiles whose spectra are measured.
+
+    Parameters
+    ----------
+    size : int
+        Px of the scale: side of a tile.
+    count : int
+        Largest number of tiles.
+
+    """
+
+    size: int
+    count: int
+
+
+@dataclass(frozen=True)
 class SpectralMatchSettings:
     """The fluctuations of spectra, and the descent to the path that matches them best.
 
@@ -92,16 +122,16 @@ class SpectralMatchSettings:
 
     Parameters
     ----------
-    size : int
-        Px of the scale: side of a tile.
-    tiles : int
-        Largest number of tiles.
+    tiles : SpectrumTiles
+        The tiles, unless others are asked for.
     edges : float
         Px of the scale: least length of the edges that count for the choice of tiles.
     floor : float
         Added to the power of the filter, because noise hides low power. A still camera has 1.
-    band : (float, float)
-        Cycles per pixel of the scale: frequencies that count.
+    slowest : float
+        Cycles per tile: higher frequencies count.
+    fastest : float
+        Cycles per pixel of the scale: lower frequencies count.
     smoothing : int
         Frequencies: side of the box that smooths the power.
     fluctuation : int
@@ -131,11 +161,11 @@ class SpectralMatchSettings:
 
     """
 
-    size: int = 128
-    tiles: int = 24
+    tiles: SpectrumTiles = SpectrumTiles(128, 24)
     edges: float = 12.0
     floor: float = 0.01
-    band: tuple[float, float] = (1 / 56, 0.4)
+    slowest: float = 16 / 7
+    fastest: float = 0.4
     smoothing: int = 3
     fluctuation: int = 7
     clip: float = 2.0
@@ -146,7 +176,59 @@ class SpectralMatchSettings:
     weight_iterations: int = 12
     faint: float = 0.03
     light: float = 1e-4
-    bending: float = 1e-3
+    bending: float = 3e-3
     along: float = 2.0
     fewest: int = 24
     most: int = 150
+
+
+@dataclass(frozen=True)
+class SpectralStartSettings:
+    """Paths that are found by the spectra alone (`spectral_start`).
+
+    Tuned on 16 photos of the set `tune` of `bench.py shakes`, by how alike the best ends are to the
+    true kernel.
+
+    Parameters
+    ----------
+    tiles : SpectrumTiles
+        The tiles.
+    fewest : int
+        Tiles: a scale with fewer is left out.
+    scales : int
+        Every so many scales are used.
+    paths : int
+        Number of random paths at a scale.
+    turns : (float, float)
+        Correlation of the steps of a path from control point to control point: least, largest.
+    rests : float
+        Standard deviation of the logarithm of the steps' lengths.
+    rolls : tuple of float
+        Angles of the roll, relative to the other angles in grid steps; one of them is drawn.
+    widths : (float, float)
+        Px of the scale: mean diagonal of a path's box over the tiles, least and largest.
+    first, second : int
+        Number of paths that descend a little, and of those that descend farther.
+    first_iterations, second_iterations : int
+        Iterations of the two descents.
+    times : int
+        Times at which two paths are compared.
+    unlike : float
+        Px of the scale: root mean square distance of two paths that are not the same.
+
+    """
+
+    tiles: SpectrumTiles = SpectrumTiles(64, 12)
+    fewest: int = 3
+    scales: int = 2
+    paths: int = 200
+    turns: tuple[float, float] = (0.3, 0.95)
+    rests: float = 0.8
+    rolls: tuple[float, ...] = (0.0, 0.5, 1.0, 2.0)
+    widths: tuple[float, float] = (8.0, 21.0)
+    first: int = 16
+    second: int = 6
+    first_iterations: int = 8
+    second_iterations: int = 20
+    times: int = 24
+    unlike: float = 1.0
