@@ -1,16 +1,23 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from deshake.blind.agreement import agreement
-from deshake.blind.race import race
+from deshake.blind.entry import Entry
+from deshake.blind.race import _Course, _of_edges, race
+from deshake.blind.settings import SETTINGS
 from deshake.blind.spot import is_spot
 from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
 from deshake.run import Run
 from deshake.signal.pyramid import Pyramid
 
 pytestmark = pytest.mark.long
+
+ONE = Entry("start 3, scale 0", 3, 0, RotationKernel.delta(Camera.from_focal(64.0, 56, 64)))
 
 
 def test_a_known_shake_wins(ended, shaken) -> None:
@@ -37,6 +44,49 @@ def test_progress_rises_to_one(ended, shares) -> None:
     assert shares[0] >= 0
     assert shares[-1] == 1
     assert len(set(shares)) > 5
+
+
+@pytest.fixture(scope="module")
+def larger(shake) -> Pyramid:
+    """A photo of 300 x 400 pixels: the spectra need three tiles of 64."""
+    path = np.array([[0.0, -8, -3], [3, -2, 0], [-1, 3, 1], [2, 9, 3]])
+    return shake(Camera.from_focal(400.0, 300, 400), path=path).pyramid
+
+
+@pytest.fixture(scope="module")
+def course(larger) -> _Course:
+    return _Course(larger, (True, True, True), None, None)
+
+
+@pytest.fixture(scope="module")
+def spectral(course) -> list[Entry]:
+    return course.spectral(Run(1))
+
+
+def test_spectral_starts_are_distinct_and_take_part_with_their_reflections(
+    course, spectral
+) -> None:
+    assert spectral
+    assert len({entry.start for entry in spectral}) == len(spectral)
+    for entry, reflected in zip(spectral[::2], spectral[1::2], strict=True):
+        turned = replace(entry.kernel, theta=-entry.kernel.theta)
+        assert agreement(reflected.kernel, turned) > 0.99
+        assert course.comparison.match(reflected) == pytest.approx(
+            course.comparison.match(entry), abs=0.03
+        )
+    firsts = [entry.kernel for entry in spectral[::2]]
+    for n, kernel in enumerate(firsts):
+        assert all(agreement(kernel, other) < SETTINGS.race.alike for other in firsts[:n])
+    assert _of_edges([*spectral, ONE]) == [ONE]
+
+
+def test_spectral_starts_keep_a_bound(larger, spectral) -> None:
+    widths = [entry.kernel.extent_px() for entry in spectral[::2]]
+    bound = float(np.mean(widths))
+    within = _Course(larger, (True, True, True), bound, None).spectral(Run(1))
+    assert max(widths) > bound
+    assert within
+    assert all(entry.kernel.extent_px() <= bound for entry in within[::2])
 
 
 def test_it_stops_early_for_a_sharp_photo(still) -> None:
