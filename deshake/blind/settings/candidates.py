@@ -265,7 +265,7 @@ class PolishSettings:
     """
 
     other_edges: Refinement = Refinement(1e-2)
-    thin: Refinement = Refinement(2e-3, iterations=4)
-    smooth: Refinement = Refinement(2e-3, iterations=3)
+    thin: Refinement = Refinement(2e-3, iterations=4, budget=Budget(0.6e6, 0.6e6, 1.2e6))
+    smooth: Refinement = Refinement(2e-3, iterations=3, budget=Budget(0.6e6, 0.6e6, 1.2e6))
     lines: int = 2
     rounds: int = 4
