@@ -61,7 +61,7 @@ def test_writes_a_kernel_that_does_not_roll_and_its_provenance(deshake, shaken, 
     assert provenance["input_sha256"] == hashlib.sha256(photo.read_bytes()).hexdigest()
     assert provenance["camera"] == "--focal-35mm 40"
     assert provenance["notes"] == report["warnings"]
-    assert provenance["estimated_by"].startswith("start ")
+    assert "start " in provenance["estimated_by"]
     assert str(tmp_path) not in json.dumps(provenance)
     for note in report["warnings"]:
         assert f"warning: {photo}: {note}" in outcome.err
