@@ -62,6 +62,10 @@ class Entry(NamedTuple):
         """Return the margin of the kernel, less a price if it has roll."""
         return judge.margin(self.kernel) - _S.roll_worth * self.rolls
 
+    def zoomed(self, ratio: float) -> Entry:
+        """Take the kernel for a focal length `ratio` times as long."""
+        return self if ratio == 1 else self._replace(kernel=self.kernel.zoomed(ratio))
+
     def thin(self) -> Entry:
         """Reduce the kernel to a thin path."""
         return self._replace(name=f"{self.name}, thin", kernel=thinned(self.kernel))

@@ -61,6 +61,7 @@ def estimate_kernel(
     region: Region | None = None,
     uniform: bool = False,
     quick: bool = False,
+    any_focal: bool = False,
     run: Run = Run(),
 ) -> BlindEstimate:
     """Estimate the blur kernel of one photo and its confidence.
@@ -84,6 +85,9 @@ def estimate_kernel(
         Whether to use the uniform model: theta_Z = 0 and a very long focal length.
     quick : bool
         Whether to return the first good kernel, for a preview.
+    any_focal : bool
+        Whether the focal length of the camera is only assumed. Then "edges" estimates it, too,
+        unless the model is uniform.
     run : Run, optional
         Threads to use, and who receives the progress.
 
@@ -125,7 +129,9 @@ def estimate_kernel(
     if looks_sharp(pyramid):
         run.report(1.0, "the photo looks sharp")
         return _unchanged(pyramid, whole, _S.unchanged, SHARP)
-    estimated = partial(race, axes=(True, True, not uniform), bound=blur_px, quick=quick)
+    estimated = partial(
+        race, any_focal=any_focal, axes=(True, True, not uniform), bound=blur_px, quick=quick
+    )
     result, start = None, 0.0
     drawn = drawing(pyramid, roll=not uniform, bound=blur_px)
     if drawn is not None:
@@ -164,9 +170,9 @@ def _concluded(
             f"the estimate of the shake is doubtful (confidence {two_digits(trust)}): compare the "
             "result with the photo"
         )
-    latent = latent_gradients(pyramid, kernel)
-    final = filled_path(kernel).for_camera(whole)
-    return BlindEstimate(final, trust, notes, [], latent, result.winner.name)
+    latent = latent_gradients(pyramid.zoomed(result.zoom), kernel)
+    final = filled_path(kernel).for_camera(whole.zoomed(result.zoom))
+    return BlindEstimate(final, trust, notes, [], latent, result.winner.name, result.zoom)
 
 
 def _on_its_grid(kernel: RotationKernel) -> RotationKernel:

@@ -61,6 +61,11 @@ class Comparison:
         self._paths: dict[RotationKernel, RotationKernel] = {}
         self._scores: dict[tuple[Judge, RotationKernel], float] = {}
 
+    def zoomed(self, ratio: float) -> Comparison:
+        """Return the comparison for a focal length `ratio` times as long."""
+        witness = None if self.witness is None else self.witness.zoomed(ratio)
+        return Comparison(self.pyramid.zoomed(ratio), witness)
+
     def scores(self, entries: Sequence[Entry]) -> Scores:
         """Return the scores of kernels; a kernel that cannot be right gets a penalty."""
         levels = [self.level(entry) for entry in entries]
@@ -103,12 +108,20 @@ class Comparison:
         too few tiles do not count: on a single tile, a wrong kernel can match by chance.
         """
         if entry.kernel not in self._matches:
-            middle = min(self.level(entry), self._last_matched)
-            last = min(middle + _S.neighbours, self._last_matched)
-            levels = range(max(middle - _S.neighbours, 0), last + 1)
-            values = [self._spectra_at(level, "apart").value(entry.kernel) for level in levels]
-            self._matches[entry.kernel] = float(np.mean(values))
+            self._matches[entry.kernel] = self._match(entry.kernel, self.level(entry))
         return self._matches[entry.kernel]
+
+    def zoomed_matches(self, entry: Entry, ratios: Scores) -> Scores:
+        """Return the matches of a kernel for focal lengths `ratios` times as long."""
+        level = self.level(entry)
+        return np.array([self._match(entry.kernel.zoomed(ratio), level) for ratio in ratios])
+
+    def _match(self, kernel: RotationKernel, level: int) -> float:
+        """Return the mean match of a kernel at a scale and the scales next to it."""
+        middle = min(level, self._last_matched)
+        last = min(middle + _S.neighbours, self._last_matched)
+        levels = range(max(middle - _S.neighbours, 0), last + 1)
+        return float(np.mean([self._spectra_at(n, "apart").value(kernel) for n in levels]))
 
     def matched(self, entry: Entry) -> Entry:
         """Draw a smooth path through a kernel, and fit it to the spectra of the photo."""

@@ -27,6 +27,7 @@ import numpy as np
 from deshake.blind.agreement import agreement
 from deshake.blind.candidate import Axes, Candidate
 from deshake.blind.entry import Entry, all_refined, best_of_starts, nearest
+from deshake.blind.focal_search import best_zoom
 from deshake.blind.kernel_comparison import Comparison
 from deshake.blind.polish import polished
 from deshake.blind.settings import SETTINGS
@@ -69,6 +70,8 @@ class Finish(NamedTuple):
         Mean agreement of the winner with the nearest kernels of other starts, 0..1.
     at_rest : bool
         Whether the race stopped early, because the winner is a small round spot.
+    zoom : float
+        Focal length of the winner's camera over that of the photo's; 1 if it is known.
 
     """
 
@@ -77,6 +80,7 @@ class Finish(NamedTuple):
     match: float
     agreement: float
     at_rest: bool
+    zoom: float = 1.0
 
 
 def race(
@@ -87,6 +91,7 @@ def race(
     quick: bool = False,
     may_rest: bool = True,
     drawn: Drawing | None = None,
+    any_focal: bool = False,
     run: Run = Run(),
 ) -> Finish:
     """Estimate a kernel from several first scales, and keep the best.
@@ -106,36 +111,40 @@ def race(
         a spot, too. So this is only safe if the photo looks fairly sharp.
     drawn : Drawing, optional
         What the streaks of lights say of the shake; it takes part in the race.
+    any_focal : bool
+        Whether the focal length of the camera is only assumed. Then it is estimated, too.
     run : Run, optional
         Threads to use, and who receives the progress.
 
     """
-    course = _Course(pyramid, axes, bound, drawn)
+    course = _Course(pyramid, axes, bound, drawn, any_focal=any_focal)
     starts = _first_scales(pyramid.coarsest)
-    entries = course.started(starts[:2], run.part(0.0, 0.15))
-    if may_rest and all(is_spot(e.kernel) and e.level == 0 for e in _last(entries)):
+    course.start(starts[:2], run.part(0.0, 0.15))
+    ends = _last(course.entries)
+    if may_rest and all(is_spot(entry.kernel) and entry.level == 0 for entry in ends):
         run.report(1.0, "the photo is not shaken")
-        return Finish(_last(entries)[0], 0.0, 0.0, 1.0, at_rest=True)
-    entries += course.started(starts[2:], run.part(0.15, 0.5))
+        return Finish(ends[0], 0.0, 0.0, 1.0, at_rest=True)
+    course.start(starts[2:], run.part(0.15, 0.5))
     if drawn is not None:
-        entries.append(Entry("streaks", _OF_STREAKS, drawn.level, drawn.kernel))
+        course.entries.append(Entry("streaks", _OF_STREAKS, drawn.level, drawn.kernel))
     if quick:
-        winner = course.best(entries)
+        winner = course.best()
     else:
-        entries += course.wide(run.part(0.5, 0.55))
-        entries += course.spectral(run.part(0.55, 0.6))
-        winner = course.finished(entries, run.part(0.6, 1.0))
-    margin = winner.margin(course.comparison.judge(winner))
+        course.start_wide(run.part(0.5, 0.55))
+        course.start_spectral(run.part(0.55, 0.6))
+        winner = course.finish(run.part(0.6, 1.0))
+    comparison = course.comparison
+    margin = winner.margin(comparison.judge(winner))
     run.report(1.0, "kernel estimated")
-    match = course.comparison.match(winner)
-    alike = nearest(winner, _of_edges(entries))
-    if drawn is not None:
-        alike = max(alike, agreement(winner.kernel, drawn.kernel))
-    return Finish(winner, margin, match, alike, at_rest=False)
+    alike = nearest(winner, _of_edges(course.entries))
+    if comparison.witness is not None:
+        alike = max(alike, agreement(winner.kernel, comparison.witness))
+    match = comparison.match(winner)
+    return Finish(winner, margin, match, alike, at_rest=False, zoom=course.zoom)
 
 
 class _Course:
-    """The photo and the settings that all steps of a race share."""
+    """The photo, the settings, and the kernels that all steps of a race share."""
 
     def __init__(
         self,
@@ -143,32 +152,35 @@ class _Course:
         axes: Axes,
         bound: float | None,
         drawn: Drawing | None,
+        *,
+        any_focal: bool,
     ) -> None:
         self.pyramid = pyramid
         self.axes = (axes[0], axes[1], axes[2] and not pyramid.camera.is_uniform)
         self.bound = bound
         self.comparison = Comparison(pyramid, None if drawn is None else drawn.kernel)
+        self.any_focal = any_focal and not pyramid.camera.is_uniform
+        self.zoom = 1.0
+        self.entries: list[Entry] = []
 
-    def started(self, starts: Sequence[int], run: Run) -> list[Entry]:
-        """Run candidates to their finest scales; return the kernels of their last scales."""
-        entries: list[Entry] = []
+    def start(self, starts: Sequence[int], run: Run) -> None:
+        """Run candidates to their finest scales; keep the kernels of their last scales."""
         for done, (_, new) in enumerate(in_order(self._started, starts, run), 1):
-            entries += new
+            self.entries += new
             run.report(done / len(starts), "starts")
-        return entries
 
-    def wide(self, run: Run) -> list[Entry]:
-        """Estimate kernels of very wide shakes; return those that match the spectra best."""
+    def start_wide(self, run: Run) -> None:
+        """Estimate kernels of very wide shakes; keep those that match the spectra best."""
         starts = [
             Entry(f"wide start {n}, scale {level}", _OF_WIDE - n, level, kernel)
             for n, (level, kernel) in enumerate(wide_starts(self.pyramid, self.axes, run))
             if self.bound is None or kernel.extent_px() <= self.bound
         ]
         wide = [entry for entry in starts if entry.width > _S.least_width * RATIO**entry.level]
-        return sorted(wide, key=self.comparison.match, reverse=True)[: _S.wide]
+        self.entries += sorted(wide, key=self.comparison.match, reverse=True)[: _S.wide]
 
-    def spectral(self, run: Run) -> list[Entry]:
-        """Find paths by the spectra; return distinct ones that match best, and reflections."""
+    def start_spectral(self, run: Run) -> None:
+        """Find paths by the spectra; keep distinct ones that match best, and reflections."""
         found = [
             (self.comparison.match(entry), entry, path)
             for entry, path in self._of_paths(spectral_starts(self.pyramid, self.axes, run))
@@ -184,7 +196,7 @@ class _Course:
                 taken += [entry, reflected]
             if len(taken) == 2 * _S.spectral:
                 break
-        return taken
+        self.entries += taken
 
     def _of_paths(
         self, starts: Sequence[tuple[int, SmoothPath]]
@@ -198,21 +210,46 @@ class _Course:
             if self.bound is None or kernel.extent_px() <= self.bound:
                 yield entry, path
 
-    def best(self, entries: Sequence[Entry]) -> Entry:
-        """Return the best kernel of the starts."""
-        return self._ranked(entries)[0]
+    def best(self) -> Entry:
+        """Return the best kernel."""
+        best = self._ranked(self.entries)[0]
+        return best.zoomed(self._focus([best]))
 
-    def finished(self, entries: list[Entry], run: Run) -> Entry:
-        """Refine the kernels of the best starts, add them to the entries, and return the best."""
-        ends = _last(entries)
-        entries += self._matched(_of_edges(ends))
-        best = [entry.start for entry in best_of_starts(self._ranked(entries))][: _S.refined]
-        taken = [e for e in ends if e.start in best]
-        taken = [e for e in taken if not is_spot(e.kernel)] or taken
-        entries += self._refined(taken, run.part(0.0, 0.5))
-        entries += self._matched(best_of_starts(self._ranked(entries))[: _S.matched])
-        ranked = self._ranked(entries)
+    def finish(self, run: Run) -> Entry:
+        """Refine the kernels of the best starts, keep them, too, and return the best kernel."""
+        ends = _last(self.entries)
+        self.entries += self._matched(_of_edges(ends))
+        best = best_of_starts(self._ranked(self.entries))[: _S.refined]
+        starts = {entry.start for entry in best}
+        ends = _zoomed(ends, self._focus(best))
+        taken = [end for end in ends if end.start in starts]
+        taken = [end for end in taken if not is_spot(end.kernel)] or taken
+        self.entries += self._refined(taken, run.part(0.0, 0.5))
+        best = best_of_starts(self._ranked(self._contenders(starts)))
+        self.entries += self._matched(best[: _S.matched])
+        ranked = self._ranked(self._contenders(starts))
+        ratio = self._focus(best_of_starts(ranked)[: SETTINGS.polish.lines])
+        ranked, ends = _zoomed(ranked, ratio), _zoomed(ends, ratio)
         return polished(self.comparison, ranked, ends, self.axes, run.part(0.5, 1.0))
+
+    def _focus(self, best: Sequence[Entry]) -> float:
+        """Take the focal length that suits the kernels, unless it is known; return the zoom."""
+        ratio = best_zoom(self.comparison, best) if self.any_focal else 1.0
+        if ratio != 1:
+            self.zoom *= ratio
+            self.comparison = self.comparison.zoomed(ratio)
+            self.pyramid = self.comparison.pyramid
+            self.entries = _zoomed(self.entries, ratio)
+        return ratio
+
+    def _contenders(self, starts: set[int]) -> list[Entry]:
+        """Return the kernels that may win.
+
+        A new focal length needs new scores. Only the best starts are worth their time.
+        """
+        if self.zoom == 1:
+            return self.entries
+        return [entry for entry in self.entries if entry.start in starts]
 
     def _ranked(self, entries: Sequence[Entry]) -> list[Entry]:
         """Sort kernels by their scores, the best first."""
@@ -253,6 +290,11 @@ def _first_scales(coarsest: int) -> list[int]:
 def _of_edges(entries: Sequence[Entry]) -> list[Entry]:
     """Return the kernels that edges gave. Those of spectral starts resemble each other."""
     return [entry for entry in entries if entry.start > _OF_SPECTRA]
+
+
+def _zoomed(entries: Sequence[Entry], ratio: float) -> list[Entry]:
+    """Return the kernels for a focal length `ratio` times as long."""
+    return [entry.zoomed(ratio) for entry in entries]
 
 
 def _last(entries: Sequence[Entry]) -> list[Entry]:

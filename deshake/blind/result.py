@@ -39,6 +39,9 @@ class BlindEstimate:
         neighbour, in linear light, at the size of the last scale, in the kernel's frame.
     name : str
         Name of the estimate.
+    zoom : float
+        Focal length of the kernel's camera over that of the camera that was given; not 1 only if
+        the focal length was estimated.
 
     """
 
@@ -48,3 +51,4 @@ class BlindEstimate:
     scales: list[ScaleReport]
     latent: Image
     name: str = "variational"
+    zoom: float = 1.0

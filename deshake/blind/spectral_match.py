@@ -95,9 +95,12 @@ class SpectralMatch:
         self.observed: Image = observed / np.float32(length or 1.0)
 
     def value(self, kernel: RotationKernel) -> float:
-        """Return the correlation of the fluctuations, -1..1, for a kernel of the photo's camera."""
-        kernel = kernel.for_camera(self.camera)
-        moved = displacements(homographies(self.camera, kernel.theta), self.centres)
+        """Return the correlation of the fluctuations, -1..1, for a kernel of the photo.
+
+        The focal length of its camera may differ from that of the photo.
+        """
+        camera = kernel.camera.scaled(*self.camera.shape)
+        moved = displacements(homographies(camera, kernel.theta), self.centres)
         moved -= np.einsum("k,pki->pi", kernel.weights, moved)[:, None]
         return self._correlation(splat(moved, kernel.weights, (self.size, self.size)))[0]
 

@@ -146,6 +146,11 @@ class Camera:
         shift = np.array([[1, 0, -x], [0, 1, -y], [0, 0, 1]], np.float64)
         return replace(self, matrix=shift @ self.matrix, height=height, width=width)
 
+    def zoomed(self, ratio: float) -> Camera:
+        """Return the camera of the same photo, with a focal length `ratio` times as long."""
+        longer = self.matrix * np.array([[ratio, ratio, 1], [ratio, ratio, 1], [1, 1, 1]])
+        return replace(self, matrix=longer)
+
     def padded(self, margin: int) -> Camera:
         """Return the camera of the picture with `margin` pixels added on every side."""
         return self.cropped(-margin, -margin, self.width + 2 * margin, self.height + 2 * margin)

@@ -180,6 +180,15 @@ class RotationKernel:
         """Return the same kernel for the resized photo: the angles stay, K is scaled."""
         return replace(self, camera=self.camera.scaled(height, width))
 
+    def zoomed(self, ratio: float) -> RotationKernel:
+        """Return a kernel for a focal length `ratio` times as long.
+
+        The displacements of small rotations stay the same in the middle of the frame.
+        """
+        shrink = np.array([1 / ratio, 1 / ratio, 1.0])
+        camera = self.camera.zoomed(ratio)
+        return replace(self, theta=self.theta * shrink, steps=self.steps * shrink, camera=camera)
+
     def centred(self) -> RotationKernel:
         """Return the kernel turned so that its centroid is the origin.
 

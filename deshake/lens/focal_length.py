@@ -37,10 +37,13 @@ if TYPE_CHECKING:
     from deshake.metadata.camera_tags import CameraTags
     from deshake.metadata.metadata import Metadata
 
-__all__ = ["FULL_FRAME_DIAGONAL", "FocalLength", "assumed_focal_length", "focal_length"]
+__all__ = ["ASSUMED", "FULL_FRAME_DIAGONAL", "FocalLength", "assumed_focal_length", "focal_length"]
 
 FULL_FRAME_DIAGONAL: Final = math.hypot(36, 24)
 """Diagonal of the 35 mm frame in millimetres, 43.27."""
+
+ASSUMED: Final = "assumed: 50 mm-equivalent"
+"""Source of the focal length that is assumed if no source states one."""
 
 _ASSUMED_35MM: Final = 50.0  # mm on 35 mm film, where nothing is known
 _RANGE: Final = (0.1, 100.0)  # sensible focal lengths, in diagonals of the picture
@@ -157,7 +160,7 @@ def assumed_focal_length(height: int, width: int) -> FocalLength:
     blur is nearly a translation. With too short a focal length, paths of rotations are bent.
     """
     pixels = _ASSUMED_35MM * math.hypot(height, width) / FULL_FRAME_DIAGONAL
-    return FocalLength(pixels, "assumed: 50 mm-equivalent", 0.1)
+    return FocalLength(pixels, ASSUMED, 0.1)
 
 
 def _weighed(

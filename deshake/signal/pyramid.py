@@ -7,6 +7,7 @@ absolute.
 
 from __future__ import annotations
 
+from copy import copy
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import cv2
@@ -114,6 +115,16 @@ class Pyramid:
             self._kept[key] = make()
         value: T = self._kept[key]
         return value
+
+    def zoomed(self, ratio: float) -> Pyramid:
+        """Return the same pictures of a camera whose focal length is `ratio` times as long."""
+        light = {
+            level: (picture, usable, camera.zoomed(ratio))
+            for level, (picture, usable, camera) in self._light.items()
+        }
+        other = copy(self)
+        vars(other).update(camera=light[0][2], _light=light, _scales={}, _kept={})
+        return other
 
     def without(self, hidden: Mask) -> Pyramid:
         """Return the photo with more unusable pixels; `hidden` (h, w) may be of any scale."""

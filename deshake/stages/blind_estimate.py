@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from deshake.blind.estimate import estimate_kernel
 from deshake.errors import DeshakeError
-from deshake.files.kernel_file import KernelFile
+from deshake.files.kernel_file import CameraFile, KernelFile
+from deshake.lens.focal_length import ASSUMED
 from deshake.lens.straightening import (
     bent_kernel,
     straight_region,
@@ -18,7 +19,7 @@ from deshake.lens.straightening import (
 from deshake.run import Run
 from deshake.signal.luminance import luminance
 from deshake.signal.noise import noise_model
-from deshake.stages.calibration import camera_for
+from deshake.stages.calibration import ASSUMPTION, assumed_camera, camera_for, focal_35mm
 from deshake.stages.estimate_options import EstimateOptions, largest_blur
 from deshake.stages.estimate_result import Estimate
 from deshake.stages.fitting import check_region
@@ -26,21 +27,17 @@ from deshake.version import __version__
 
 if TYPE_CHECKING:
     from deshake.blind.result import BlindEstimate
-    from deshake.files.kernel_file import CameraFile
     from deshake.formats.photo import Photo
+    from deshake.stages.camera_choice import CameraChoice
 
 
 __all__ = [
-    "FOCAL_LENGTHS",
     "estimate_blind",
     "silent_estimate",
     "warn",
 ]
 
 _log = logging.getLogger(__name__)
-
-FOCAL_LENGTHS: Final = (24.0, 35.0, 50.0, 70.0)
-"""Focal lengths in mm (35 mm equivalent) that an estimate of kernel and focal length tries."""
 
 _MID_GREY: Final = 0.18  # linear light, 0..1
 
@@ -53,11 +50,9 @@ def estimate_blind(
 ) -> Estimate:
     """Estimate the blur kernel of a photo, from its luminance.
 
-    If the focal length is unknown, a 50 mm equivalent is assumed, and a note says so. A focal
-    length that is too long costs little; one that is too short distorts the rotations. A photo
-    from a lens with distortion is straightened first; the kernel's camera is the photo's. With
-    ``focal="auto"`` the kernel is estimated at each of `FOCAL_LENGTHS`, and the kernel with the
-    highest confidence is kept.
+    If the focal length is unknown, or with ``focal="auto"``, the estimate by edges begins at a 50
+    mm equivalent, and estimates the focal length, too; a note says so. A photo from a lens with
+    distortion is straightened first; the kernel's camera is the photo's.
 
     Raises
     ------
@@ -78,43 +73,8 @@ def estimate_blind(
 
 def silent_estimate(photo: Photo, options: EstimateOptions, *, run: Run = Run()) -> Estimate:
     """Estimate as `estimate_blind` does, but without warnings of its notes."""
-    if options.camera.focal == "auto" and not options.uniform:
-        return _at_best_focal_length(photo, options, run)
-    return _estimate(photo, options, run)
-
-
-def warn(photo: Photo, estimate: Estimate) -> None:
-    """Warn of the notes of an estimate."""
-    for note in estimate.notes:
-        _log.warning("%s: %s", photo.source, note)
-
-
-def _at_best_focal_length(photo: Photo, options: EstimateOptions, run: Run) -> Estimate:
-    """Estimate at several focal lengths; the confidence rises with the judge's score."""
-    best: Estimate | None = None
-    count = len(FOCAL_LENGTHS)
-    for number, film in enumerate(FOCAL_LENGTHS):
-        partial = run.part(number / count, (number + 1) / count)
-        at = replace(options, camera=replace(options.camera, focal=None, focal_35mm=film))
-        estimate = _estimate(photo, at, partial)
-        _log.info("%s: %g mm: confidence %.6f", photo.source, film, estimate.content.confidence)
-        if best is None or estimate.content.confidence > best.content.confidence:
-            source = f"--focal auto, {film:g} mm-equivalent"
-            content = replace(
-                estimate.content,
-                provenance=estimate.content.provenance
-                | {"options": options.provenance(), "camera": source},
-            )
-            camera = replace(estimate.camera, source=source)
-            best = replace(estimate, content=content, camera=camera)
-    if best is None:
-        raise ValueError("there is no focal length to try")
-    return best
-
-
-def _estimate(photo: Photo, options: EstimateOptions, run: Run) -> Estimate:
-    """Estimate at one focal length."""
-    camera, notes = camera_for(photo, options.camera)
+    camera, notes = _first_camera(photo, options.camera)
+    any_focal = camera.source == ASSUMED
     check_region(photo, options.region)
     straight, pinhole = straightened(_without_colours(photo), camera.camera)
     grey = straight.pixels
@@ -128,11 +88,14 @@ def _estimate(photo: Photo, options: EstimateOptions, run: Run) -> Estimate:
             region=straight_region(options.region, camera.camera, pinhole),
             uniform=options.uniform,
             quick=options.preview,
+            any_focal=any_focal,
             run=run,
         )
     except DeshakeError as error:
         error.file = error.file or str(photo.source)
         raise
+    if blind.zoom != 1:
+        camera, notes = _estimated_camera(camera, notes, blind.zoom)
     notes += blind.notes
     provenance = _provenance(photo, options, camera, blind) | {"notes": notes}
     kernel = bent_kernel(blind.kernel, camera.camera, pinhole)
@@ -140,6 +103,28 @@ def _estimate(photo: Photo, options: EstimateOptions, run: Run) -> Estimate:
     slope, floor = noise_model(grey)
     noise = math.sqrt(slope * _MID_GREY + floor)
     return Estimate(content, camera, notes, latent=blind.latent, noise=noise)
+
+
+def warn(photo: Photo, estimate: Estimate) -> None:
+    """Warn of the notes of an estimate."""
+    for note in estimate.notes:
+        _log.warning("%s: %s", photo.source, note)
+
+
+def _first_camera(photo: Photo, choice: CameraChoice) -> tuple[CameraFile, list[str]]:
+    """Return the camera at which an estimate begins, and notes on assumptions."""
+    return (assumed_camera(photo), []) if choice.focal == "auto" else camera_for(photo, choice)
+
+
+def _estimated_camera(
+    camera: CameraFile, notes: list[str], zoom: float
+) -> tuple[CameraFile, list[str]]:
+    """Return the camera with the focal length that was estimated, and what the notes say then."""
+    zoomed = camera.camera.zoomed(zoom)
+    film = f"{focal_35mm(zoomed):.0f} mm-equivalent"
+    suits = f"a {film} suits the photo: --focal-35mm sets another"
+    reasons = [note.replace(ASSUMPTION, suits) for note in notes]
+    return CameraFile(zoomed, f"estimated with the kernel: {film}"), reasons
 
 
 def _without_colours(photo: Photo) -> Photo:

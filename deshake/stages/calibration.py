@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from deshake.errors import CalibrationError
 from deshake.files.disk import check_output
@@ -22,7 +22,23 @@ if TYPE_CHECKING:
     from deshake.formats.photo import Photo
     from deshake.stages.camera_choice import CameraChoice
 
-__all__ = ["Calibration", "calibrate", "calibrate_file", "camera_for"]
+__all__ = [
+    "ASSUMPTION",
+    "Calibration",
+    "assumed_camera",
+    "calibrate",
+    "calibrate_file",
+    "camera_for",
+    "focal_35mm",
+]
+
+ASSUMPTION: Final = "a 50 mm-equivalent is assumed: --focal-35mm sets another"
+"""Last part of the note on an assumed focal length."""
+
+
+def focal_35mm(camera: Camera) -> float:
+    """Return the 35 mm equivalent of a focal length in mm, by the diagonal of the photo."""
+    return camera.focal_px * FULL_FRAME_DIAGONAL / math.hypot(*camera.shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +78,7 @@ class Calibration:
     @property
     def focal_35mm(self) -> float:
         """The 35 mm equivalent, by the diagonal of the photo."""
-        return self.camera.focal_px * FULL_FRAME_DIAGONAL / math.hypot(*self.camera.shape)
+        return focal_35mm(self.camera)
 
     def report(self) -> dict[str, Any]:
         """Return the figures as JSON data."""
@@ -182,7 +198,11 @@ def camera_for(photo: Photo, choice: CameraChoice) -> tuple[CameraFile, list[str
     except CalibrationError as error:
         if choice.has_focal_length or choice.looks_up_lens:
             raise
-        assumed = assumed_focal_length(*photo.shape)
-        note = f"{error.message}; a 50 mm-equivalent is assumed: --focal-35mm sets another"
-        return CameraFile(Camera.from_focal(assumed.pixels, *photo.shape), assumed.source), [note]
+        return assumed_camera(photo), [f"{error.message}; {ASSUMPTION}"]
     return calibration.content, calibration.notes
+
+
+def assumed_camera(photo: Photo) -> CameraFile:
+    """Return the camera of a photo whose focal length no one knows."""
+    assumed = assumed_focal_length(*photo.shape)
+    return CameraFile(Camera.from_focal(assumed.pixels, *photo.shape), assumed.source)

@@ -18,12 +18,11 @@ from deshake.files.artifact import is_artifact, read_artifact
 from deshake.files.kernel_file import CameraFile, KernelFile
 from deshake.files.registration_file import RegistrationFile
 from deshake.formats.photo import read_photo
-from deshake.lens.focal_length import FULL_FRAME_DIAGONAL
 from deshake.metadata.provenance import carried_provenance
 from deshake.signal.luminance import luminance
 from deshake.signal.noise import noise_model
 from deshake.signal.pyramid import Pyramid
-from deshake.stages.calibration import camera_for
+from deshake.stages.calibration import camera_for, focal_35mm
 from deshake.stages.camera_choice import CameraChoice
 
 if TYPE_CHECKING:
@@ -111,12 +110,11 @@ def _blur(photo: Photo) -> BlurKind:
 
 def _camera(camera: Camera) -> dict[str, Any]:
     """Return the figures of a camera."""
-    film = camera.focal_px * FULL_FRAME_DIAGONAL / math.hypot(*camera.shape)
     figures = {
         "width": camera.width,
         "height": camera.height,
         "focal_px": round(camera.focal_px, 2),
-        "focal_35mm": round(film, 2),
+        "focal_35mm": round(focal_35mm(camera), 2),
     }
     if not camera.is_pinhole:
         figures["distortion"] = camera.distortion.tolist()

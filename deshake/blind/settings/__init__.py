@@ -35,6 +35,7 @@ from deshake.blind.settings.edge_fit import (
 )
 from deshake.blind.settings.judging import (
     AgreementSettings,
+    FocalSearchSettings,
     JudgeSettings,
     KernelComparisonSettings,
     KernelFaultsSettings,
@@ -73,7 +74,7 @@ class EdgesSettings:
         The race.
     trimming, camera_path, spectral_match, spectral_start
         The paths of a camera.
-    judge, kernel_comparison, agreement, spot, kernel_faults, trust
+    judge, kernel_comparison, focal_search, agreement, spot, kernel_faults, trust
         What is thought of a kernel.
     streaks, drawn_path
         The streaks of lamps.
@@ -102,6 +103,7 @@ class EdgesSettings:
     spectral_match: SpectralMatchSettings = field(default_factory=SpectralMatchSettings)
     spectral_start: SpectralStartSettings = field(default_factory=SpectralStartSettings)
     judge: JudgeSettings = field(default_factory=JudgeSettings)
+    focal_search: FocalSearchSettings = field(default_factory=FocalSearchSettings)
     kernel_comparison: KernelComparisonSettings = field(default_factory=KernelComparisonSettings)
     agreement: AgreementSettings = field(default_factory=AgreementSettings)
     spot: SpotSettings = field(default_factory=SpotSettings)

@@ -8,6 +8,7 @@ from deshake.blind.settings.choosing_tiles import Budget
 
 __all__ = [
     "AgreementSettings",
+    "FocalSearchSettings",
     "JudgeSettings",
     "KernelComparisonSettings",
     "KernelFaultsSettings",
@@ -185,6 +186,28 @@ class KernelFaultsSettings:
     disk: float = 0.7
     least_disk: float = 0.65
     most_cells: int = 1 << 24
+
+
+@dataclass(frozen=True)
+class FocalSearchSettings:
+    """The focal length that suits the spectra (`focal_search`).
+
+    Chosen, not tuned. On 12 photos of the set `tune` of `bench.py shakes`, of 28 and 35 mm, the
+    search ends between 25 and 35 mm.
+
+    Parameters
+    ----------
+    shortest, longest : float
+        Diagonals of the frame: 0.55 is 24 mm on 35 mm film, 3.5 is 150 mm. Beyond, the blur is
+        nearly the same in all of the frame.
+    steps : int
+        Focal lengths to each doubling.
+
+    """
+
+    shortest: float = 0.55
+    longest: float = 3.5
+    steps: int = 6
 
 
 @dataclass(frozen=True)
