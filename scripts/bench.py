@@ -37,7 +37,6 @@ TABLES = {
         "photos without shake: none may become worse", "no data; two photos more: --data"
     ),
     "uniform": Table("uniform blur, against scikit-image"),
-    "focal": Table("what a wrong focal length costs", "--data recordings"),
     "lens": Table("what it gains to undo a lens's distortion", "no data; the package lensfunpy"),
     "pair": Table("a blurred and a noisy photo", "--data recordings"),
     "pair-cost": Table("time and memory of a pair"),

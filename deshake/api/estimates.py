@@ -57,7 +57,7 @@ def estimate_blind(
         The photo in linear light, 1 where it clips; at least 48 pixels a side.
     camera : Camera, optional
         Its camera; one for another size of the same proportions is scaled. By default the camera
-        of the photo's metadata, else a focal length of 50 mm on 35 mm film, with a note.
+        of the photo's metadata, else a focal length that is estimated with the kernel, with a note.
     blur_size : float, optional
         Largest blur to look for, in pixels of the photo, from 1 to half the shorter side.
     max_angle : float, optional

@@ -68,9 +68,9 @@ def command(
     A kernel says for how much of the exposure the camera stood at each rotation. It is estimated
     from the luminance of PHOTO, from coarse to fine, up to the size at which the shake is some 40
     pixels wide, and belongs to the photo at any size. A photo that looks sharp or merely soft gets
-    the kernel of a camera that stood still. Where the focal length is unknown, a 50 mm
-    equivalent is assumed. The photos of a folder are taken in natural order, with -r also those of
-    the folders in it; if one fails, the others go on.
+    the kernel of a camera that stood still. Where the focal length is unknown, it is
+    estimated with the kernel. The photos of a folder are taken in natural order, with -r also those
+    of the folders in it; if one fails, the others go on.
     """
     from deshake.batch.estimate_work import EstimateKernel
     from deshake.batch.plan import Extra

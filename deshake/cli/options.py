@@ -264,8 +264,8 @@ focal_option = click.option(
     "--focal",
     type=click.Choice(["auto"]),
     callback=only_one_of(*_FOCAL_SOURCES, "lens", "lens_model"),
-    help="Estimate the focal length with the kernel, where it is unknown: four estimates are made, "
-    "and the one that explains the photo best is kept.",
+    help="Estimate the focal length with the kernel, whatever the metadata say. Without metadata "
+    "this is the default.",
 )
 
 
@@ -277,6 +277,8 @@ def chosen_estimate(
 
     Raises
     ------
+    click.UsageError
+        If the focal length is to be estimated by an estimator that cannot.
     KernelFileError
         If the camera file cannot be read.
 
@@ -288,6 +290,8 @@ def chosen_estimate(
     names = [name for name in _CAMERA_CHOICES if name in choices]
     known = {name: choices.pop(name) for name in names}
     file = None if camera is None else read_camera(camera)
+    if known.get("focal") is not None and choices.get("estimator") == "variational":
+        raise click.UsageError("--focal auto needs --estimator edges.")
     return EstimateOptions(camera=CameraChoice(file=file, **known), **choices)
 
 

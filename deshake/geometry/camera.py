@@ -148,6 +148,8 @@ class Camera:
 
     def zoomed(self, ratio: float) -> Camera:
         """Return the camera of the same photo, with a focal length `ratio` times as long."""
+        if ratio == 1:
+            return self
         longer = self.matrix * np.array([[ratio, ratio, 1], [ratio, ratio, 1], [1, 1, 1]])
         return replace(self, matrix=longer)
 

@@ -118,6 +118,8 @@ class Pyramid:
 
     def zoomed(self, ratio: float) -> Pyramid:
         """Return the same pictures of a camera whose focal length is `ratio` times as long."""
+        if ratio == 1:
+            return self
         light = {
             level: (picture, usable, camera.zoomed(ratio))
             for level, (picture, usable, camera) in self._light.items()

@@ -22,7 +22,8 @@ class CameraChoice:
     file : CameraFile, optional
         A camera file instead of both, with its lens if it has one.
     focal : {"auto"}, optional
-        Estimate the focal length together with the kernel, instead of all these.
+        Estimate the focal length together with the kernel, instead of all these, and whatever the
+        metadata say.
     lens : bool
         Whether to look up the distortion of the lens in lensfun's database.
     lens_model : str, optional

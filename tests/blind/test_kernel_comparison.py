@@ -49,6 +49,18 @@ def test_a_match_is_the_mean_over_the_scales_that_have_tiles_enough(shake) -> No
     assert Comparison(wide.pyramid).match(entry) == pytest.approx(spectra[0].value(wide.kernel))
 
 
+def test_matches_at_other_focal_lengths(entries, pyramid) -> None:
+    comparison = Comparison(pyramid)
+    ratios = np.array([0.6, 1.0, 1.7])
+    matches = comparison.zoomed_matches(entries[0], ratios)
+    assert matches[1] == pytest.approx(comparison.match(entries[0]))
+    longer = Comparison(pyramid, witness=entries[0].kernel).zoomed(1.7)
+    assert longer.pyramid.camera.focal_px == pytest.approx(1.7 * pyramid.camera.focal_px)
+    assert longer.witness is not None
+    assert longer.witness.camera.focal_px == longer.pyramid.camera.focal_px
+    assert longer.match(entries[0].zoomed(1.7)) == pytest.approx(matches[2], abs=0.02)
+
+
 def test_the_score_of_a_kernel_alone_does_not_depend_on_others(entries, pyramid) -> None:
     comparison = Comparison(pyramid)
     alone = comparison.scores(entries[:1])[0]

@@ -55,12 +55,13 @@ def larger(shake) -> Pyramid:
 
 @pytest.fixture(scope="module")
 def course(larger) -> _Course:
-    return _Course(larger, (True, True, True), None, None)
+    return _Course(larger, (True, True, True), None, None, any_focal=False)
 
 
 @pytest.fixture(scope="module")
 def spectral(course) -> list[Entry]:
-    return course.spectral(Run(1))
+    course.start_spectral(Run(1))
+    return course.entries
 
 
 def test_spectral_starts_are_distinct_and_take_part_with_their_reflections(
@@ -83,10 +84,29 @@ def test_spectral_starts_are_distinct_and_take_part_with_their_reflections(
 def test_spectral_starts_keep_a_bound(larger, spectral) -> None:
     widths = [entry.kernel.extent_px() for entry in spectral[::2]]
     bound = float(np.mean(widths))
-    within = _Course(larger, (True, True, True), bound, None).spectral(Run(1))
+    bounded = _Course(larger, (True, True, True), bound, None, any_focal=False)
+    bounded.start_spectral(Run(1))
+    within = bounded.entries
     assert max(widths) > bound
     assert within
     assert all(entry.kernel.extent_px() <= bound for entry in within[::2])
+
+
+@pytest.mark.parametrize("quick", [False, True])
+def test_a_focal_length_that_is_only_assumed_is_estimated(shake, quick) -> None:
+    path = np.array([[0.0, -10, -1], [4, -3, 0], [-1, 4, 1], [3, 12, 1]])
+    wide = shake(Camera.from_focal(0.65 * np.hypot(240, 320), 240, 320), path=path)
+    assumed = wide.pyramid.zoomed(1.8)
+    ended = race(assumed, any_focal=True, quick=quick)
+    assert 1.8 * ended.zoom == pytest.approx(1, rel=0.3)
+    kernel = ended.winner.kernel
+    assert kernel.camera.focal_px == pytest.approx(ended.zoom * assumed.camera.focal_px)
+    assert agreement(kernel, wide.kernel) > (0.7 if quick else 0.85)
+
+
+def test_the_uniform_model_has_no_focal_length(shake) -> None:
+    pan = shake(Camera.uniform(56, 64), np.array([[0.0, -2, 0], [0, 2, 0]]))
+    assert race(pan.pyramid, any_focal=True).zoom == 1
 
 
 def test_it_stops_early_for_a_sharp_photo(still) -> None:

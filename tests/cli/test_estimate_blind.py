@@ -270,3 +270,11 @@ def test_a_pair_estimates_no_focal_length(deshake, pair):
     outcome = deshake("fix", pair[0], "--noisy", pair[1], "--focal", "auto")
     assert outcome.code == 2
     assert "--focal does not go with --noisy" in outcome.err
+
+
+def test_the_variational_estimator_does_not_estimate_a_focal_length(deshake, shaken):
+    args = ("--focal", "auto", "--estimator", "variational")
+    outcome = deshake("estimate-blind", shaken("a.png"), *args)
+    assert outcome.code == 2
+    assert "--focal auto needs --estimator edges" in outcome.err
+    assert outcome.out == ""

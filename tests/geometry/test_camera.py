@@ -68,6 +68,15 @@ def test_cropped_shifts_the_pixels() -> None:
     np.testing.assert_allclose(shown_points(crop), shown_points(camera) - [5, 7], atol=1e-9)
 
 
+def test_a_zoomed_camera_has_a_longer_focal_length_and_the_same_middle() -> None:
+    camera = Camera.from_focal(70.0, 48, 64).cropped(3, 5, 40, 30)
+    longer = camera.zoomed(1.5)
+    assert longer.focal_px == pytest.approx(105)
+    assert np.array_equal(longer.matrix[:, 2], camera.matrix[:, 2])
+    assert longer.shape == camera.shape
+    assert camera.zoomed(1.0) is camera
+
+
 def test_padded_is_undone_by_cropping() -> None:
     camera = Camera.from_focal(70.0, 48, 64)
     padded = camera.padded(9)

@@ -218,6 +218,26 @@ def test_a_kernel_of_a_crop_moves_the_same_pixels() -> None:
     )
 
 
+def test_a_kernel_for_a_longer_lens_moves_the_middle_alike_and_the_corners_less() -> None:
+    kernel = RotationKernel.from_path(wander(5) * [1, 1, 0], CAMERA)
+    longer = kernel.zoomed(2.0)
+    assert longer.camera.focal_px == pytest.approx(2 * CAMERA.focal_px)
+    middle = CAMERA.matrix[:2, 2]
+    here, there = kernel.displacements([middle]), longer.displacements([middle])
+    np.testing.assert_allclose(there, here, atol=0.01 * np.abs(here).max())
+    corner = np.abs(kernel.displacements([[0.0, 0.0]])).max()
+    assert np.abs(longer.displacements([[0.0, 0.0]])).max() < 0.95 * corner
+    np.testing.assert_array_equal(longer.indices, kernel.indices)
+
+
+def test_a_roll_is_the_same_for_every_lens() -> None:
+    roll = RotationKernel.from_path(wander(5) * [0, 0, 1], CAMERA)
+    points = np.array([[0.0, 0.0], [30.0, 20.0]])
+    np.testing.assert_allclose(
+        roll.zoomed(2.0).displacements(points), roll.displacements(points), atol=1e-9
+    )
+
+
 def test_extent_is_the_widest_spread() -> None:
     indices = [[0, -10, 0], [0, 15, 0], [0, 400, 0]]
     kernel = RotationKernel.from_indices(indices, [1, 1, 1e-3], STEPS, CAMERA)

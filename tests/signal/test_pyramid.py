@@ -128,6 +128,19 @@ def test_what_was_made_of_a_photo_is_kept_under_its_key(sharp) -> None:
     assert len(made) == 2
 
 
+def test_another_focal_length_changes_the_cameras_alone(sharp) -> None:
+    pyramid = of(sharp)
+    pyramid.kept("camera", lambda: pyramid.camera)
+    longer = pyramid.zoomed(1.5)
+    for level in (0, 1, 3):
+        one, other = pyramid.at(level), longer.at(level)
+        assert np.array_equal(one.picture, other.picture)
+        assert one.contrast == other.contrast
+        assert other.camera.focal_px == pytest.approx(1.5 * one.camera.focal_px)
+    assert longer.kept("camera", lambda: longer.camera) is longer.camera
+    assert pyramid.zoomed(1.0) is pyramid
+
+
 def test_noise_is_in_the_contrast_of_the_pyramid(sharp) -> None:
     grain = np.random.default_rng(0).normal(0, 0.05, sharp.shape).astype(np.float32)
     pyramid = of(sharp + grain)

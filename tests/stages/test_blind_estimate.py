@@ -2,10 +2,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
+from skimage import data
 
+from deshake.blind.agreement import agreement
 from deshake.blind.variational import scales
 from deshake.blind.variational.settings import SETTINGS
 from deshake.errors import EstimationError
@@ -13,10 +16,10 @@ from deshake.files.kernel_file import CameraFile
 from deshake.formats.photo import read_photo
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
+from deshake.geometry.rotations import grid_steps
 from deshake.operators.shake_blur import ShakeBlur
 from deshake.run import Run
-from deshake.stages import blind_estimate
-from deshake.stages.blind_estimate import FOCAL_LENGTHS, estimate_blind
+from deshake.stages.blind_estimate import estimate_blind
 from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.deblurring import deblur
 from deshake.stages.estimate_options import EstimateOptions
@@ -153,26 +156,62 @@ def test_deblurring_comes_nearer_to_the_sharp_photo(shaken, method):
     assert report == sorted(report)
 
 
-def test_the_focal_length_that_explains_the_photo_best_is_kept(shaken, monkeypatch):
-    photo, _, _ = shaken
-    monkeypatch.setattr(blind_estimate, "FOCAL_LENGTHS", FOCAL_LENGTHS[::3])
-    options = EstimateOptions(blur_size=3, estimator="edges", region=(0, 0, 64, 56))
-    shares = []
-    auto = estimate_blind(
-        photo,
-        replace(options, camera=CameraChoice(focal="auto")),
-        run=Run(1, lambda share, _: shares.append(share)),
+@pytest.fixture(scope="module")
+def unknown(tmp_path_factory):
+    """A photo of 320 x 240 through a 28 mm lens, without metadata, and its kernel."""
+    camera = Camera.from_focal(0.65 * 400, 240, 320)
+    path = np.array([[0.0, -10, -1], [4, -3, 0], [-1, 4, 1], [3, 12, 1]]) * grid_steps(camera)
+    kernel = RotationKernel.from_path(path, camera).centred()
+    blur = ShakeBlur(kernel)
+    grey = cv2.resize(data.coffee(), blur.latent_shape[::-1], interpolation=cv2.INTER_AREA)[..., 1]
+    codes = np.rint(np.stack([blur.forward((grey / 255).astype(np.float32))] * 3, -1) * 255)
+    path = tmp_path_factory.mktemp("unknown") / "unknown.png"
+    Image.fromarray(codes.astype(np.uint8)).save(path)
+    return read_photo(path, transfer="linear"), kernel
+
+
+@pytest.fixture(scope="module")
+def focused(unknown):
+    """The estimate for that photo."""
+    return estimate_blind(unknown[0], EstimateOptions(preview=True))
+
+
+@pytest.mark.long
+def test_a_focal_length_that_no_one_knows_is_estimated_with_the_kernel(unknown, focused):
+    photo, truth = unknown
+    estimate = focused
+    camera = estimate.content.kernel.camera
+    assert camera.focal_px == pytest.approx(truth.camera.focal_px, rel=0.3)
+    assert camera.focal_px == estimate.camera.camera.focal_px
+    film = round(camera.focal_px * np.hypot(36, 24) / 400)
+    assert estimate.camera.source == f"estimated with the kernel: {film} mm-equivalent"
+    assert estimate.content.provenance["camera"] == estimate.camera.source
+    [note] = [note for note in estimate.notes if "mm-equivalent" in note]
+    assert note == (
+        f"no focal length in its metadata; a {film} mm-equivalent suits the photo: --focal-35mm "
+        "sets another"
     )
-    each = [
-        estimate_blind(photo, replace(options, camera=CameraChoice(focal_35mm=film)), run=Run(1))
-        for film in blind_estimate.FOCAL_LENGTHS
-    ]
-    best = max(each, key=lambda estimate: estimate.content.confidence)
-    np.testing.assert_array_equal(auto.content.kernel.weights, best.content.kernel.weights)
-    assert auto.content.kernel.camera.focal_px == best.content.kernel.camera.focal_px
-    film = best.camera.source.removeprefix("--focal-35mm ")
-    assert auto.camera.source == f"--focal auto, {film} mm-equivalent"
-    assert auto.content.provenance["camera"] == auto.camera.source
-    assert auto.content.provenance["options"]["focal"] == "auto"
-    assert shares == sorted(shares)
-    assert each[0].content.confidence != each[1].content.confidence
+    known = estimate_blind(
+        photo, EstimateOptions(camera=CameraChoice(focal_35mm=50.0), preview=True)
+    )
+    assert known.camera.source == "--focal-35mm 50"
+    best = agreement(estimate.content.kernel, truth)
+    assert best > agreement(known.content.kernel, truth)
+
+
+@pytest.mark.long
+def test_auto_ignores_the_metadata(unknown, focused, tmp_path):
+    photo, _ = unknown
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0xA405] = 80  # FocalLengthIn35mmFilm
+    tagged = tmp_path / "tagged.png"
+    with Image.open(photo.source) as picture:
+        picture.save(tagged, exif=exif)
+    tagged = read_photo(tagged, transfer="linear")
+    auto = EstimateOptions(camera=CameraChoice(focal="auto"), preview=True)
+    chosen = estimate_blind(tagged, auto)
+    kernel, same = (estimate.content.kernel for estimate in (chosen, focused))
+    assert kernel.weights.tobytes() == same.weights.tobytes()
+    assert kernel.theta.tobytes() == same.theta.tobytes()
+    assert not any("mm-equivalent" in note for note in chosen.notes)
+    assert chosen.content.provenance["options"]["focal"] == "auto"

@@ -69,8 +69,6 @@ class Shake(NamedTuple):
         Exposure.
     lamps : int
         How many are added.
-    focal : float
-        Focal length, in widths of the photo.
 
     """
 
@@ -83,7 +81,6 @@ class Shake(NamedTuple):
     quality: int = 90
     gain: float = 1
     lamps: int = 0
-    focal: float = 1
 
     @property
     def night(self) -> bool:
@@ -183,7 +180,7 @@ def shaken(case: Shake, logs: Sequence[Path]) -> ShakenPhoto:
     scene = decode(np.asarray(PHOTOS[case.photo]()), Srgb()) * np.float32(case.gain)
     margin = int(case.extent) + 6
     height, width = (side - 2 * margin for side in scene.shape[:2])
-    camera = Camera.from_focal(case.focal * width, height, width)
+    camera = Camera.from_focal(width, height, width)
     path = path_of(case, camera, logs)
     fine = cv2.resize(scene, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
     fine = lit(np.maximum(fine, 0), case.lamps, rng)

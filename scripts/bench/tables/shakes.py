@@ -19,6 +19,8 @@ itself and the result of the true kernel are scored in the same way, once; DIR k
 `gain` is the result's lead on the photo, `below` the true kernel's lead on the result. `alike` is
 the largest correlation of the kernel's and the truth's local filters over shifts, on average. A
 result has a warning if its confidence is below .5 or a note says `doubtful`.
+
+With `--focal auto` or a number of mm, the estimate does not know the true focal length.
 """
 
 from __future__ import annotations
@@ -150,13 +152,20 @@ def is_still(kernel: RotationKernel) -> bool:
     return not kernel.theta[kernel.weights > 0].any()
 
 
-def measure(case: Case, folder: Path) -> Row:
+def camera_of(case: Case, focal: str) -> CameraChoice:
+    """Return the choice of a camera: the true one, one of `focal` mm, or one to be estimated."""
+    if focal == "auto":
+        return CameraChoice(focal="auto")
+    if focal == "true":
+        return CameraChoice(focal_35mm=None if case.quality else float(case.film))
+    return CameraChoice(focal_35mm=float(focal))
+
+
+def measure(case: Case, folder: Path, focal: str = "true") -> Row:
     """Estimate a case's kernel, deblur with it, and compare with the truth."""
     cv2.setNumThreads(1)
     photo = read_photo(folder / case.photo)
-    options = EstimateOptions(
-        camera=CameraChoice(focal_35mm=None if case.quality else float(case.film))
-    )
+    options = EstimateOptions(camera=camera_of(case, focal))
     kernel, confidence, notes, verdict = None, 0.0, [], "left"
     start = time.process_time()
     try:
@@ -210,7 +219,9 @@ def run_case(case: Case, args: argparse.Namespace, places: Places) -> Row | Base
     """Render a case, unless it is there, and measure it."""
     if not is_rendered(case, args.cases):
         apart(render, case, args.set, places, args.cases)
-    return apart(prepare if args.render_only else measure, case, args.cases)
+    if args.render_only:
+        return apart(prepare, case, args.cases)
+    return apart(measure, case, args.cases, args.focal)
 
 
 def at_hand(cases: Sequence[Case], args: argparse.Namespace, places: Places) -> list[Case]:
@@ -248,6 +259,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_jobs(parser, 1)
     parser.add_argument(
         "--render-only", action="store_true", help="render, and score photos and true kernels"
+    )
+    parser.add_argument(
+        "--focal",
+        choices=("true", "auto", "28", "50", "100"),
+        default="true",
+        help="focal length: the true one, estimated, or so many mm; default: true",
     )
     parser.add_argument("--out", type=Path, help="file for all rows, as JSON")
 
