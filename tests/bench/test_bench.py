@@ -68,7 +68,7 @@ def test_wrong_usage(bench, args, said):
     assert said in done.stderr
 
 
-@pytest.mark.parametrize("table", ["pair", "focal", "restoration"])
+@pytest.mark.parametrize("table", ["pair", "restoration"])
 def test_missing_recordings_are_reported_in_one_line(bench, table, tmp_path):
     done = bench(table, "--data", tmp_path)
     assert done.returncode == 1
