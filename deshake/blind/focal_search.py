@@ -9,11 +9,13 @@ other focal lengths. The best of these is nearer to the true one.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from deshake.blind.settings import SETTINGS
+from deshake.operators.strips import in_order
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -45,5 +47,6 @@ def best_zoom(comparison: Comparison, entries: Sequence[Entry]) -> float:
         max(np.floor(_S.steps * np.log2(longest)), 0) + 1,
     )
     ratios = 2 ** (steps / _S.steps)
-    matches = np.array([comparison.zoomed_matches(entry, ratios) for entry in entries])
+    work = in_order(partial(comparison.zoomed_matches, ratios=ratios), entries, comparison.run)
+    matches = np.array([curve for _, curve in work])
     return float(ratios[np.unravel_index(matches.argmax(), matches.shape)[1]])

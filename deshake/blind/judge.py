@@ -82,17 +82,19 @@ class Judge:
 
     def energy(self, kernel: RotationKernel) -> float:
         """Return ``ln E`` of the L0 picture of a kernel."""
-        self.tiles.bind(kernel.for_camera(self.tiles.camera), afresh=True)
-        return float(np.log(self._energy()))
+        return float(np.log(self._energy(self._bound(kernel))))
 
     def sharpening(self, kernel: RotationKernel) -> float:
         """Return the gain in ``-ln nsp``: how much sparser the restored picture's gradients are."""
-        self.tiles.bind(kernel.for_camera(self.tiles.camera), afresh=True)
-        return float(np.log(self._unrestored / self._ratio(self._restored())))
+        restored = self._restored(self._bound(kernel))
+        return float(np.log(self._unrestored / self._ratio(restored)))
 
-    def _energy(self) -> float:
+    def _bound(self, kernel: RotationKernel) -> Tiles:
+        """Return the tiles for a kernel."""
+        return self.tiles.bound(kernel.for_camera(self.tiles.camera))
+
+    def _energy(self, tiles: Tiles) -> float:
         """Return E of the L0 picture; fill the room around the tiles first."""
-        tiles = self.tiles
         for _ in range(2):
             tiles.fill(l0_picture(tiles, 2 * _S.lam, beta_max=_S.beta_first)[0])
         picture, _, _ = l0_picture(tiles, _S.lam, beta_max=_S.beta_max)
@@ -115,9 +117,9 @@ class Judge:
         noise = max(2 * noise_level(tiles.g.reshape(-1, tiles.block)), _S.least_noise)
         return _S.prior * noise**2 / (_S.power * float((length**_S.power).mean()))
 
-    def _restored(self) -> Image:
+    def _restored(self, tiles: Tiles) -> Image:
         """Restore the tiles with a sparse prior of gradients, ``sum |grad f|^0.8``."""
-        tiles, price = self.tiles, self._price
+        price = self._price
         picture, data = tiles.g, tiles.data()
         for stage, beta in enumerate(np.geomspace(*_S.penalties, _S.stages).tolist()):
             if stage == _S.fill_at:

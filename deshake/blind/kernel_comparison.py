@@ -12,6 +12,7 @@ fourth measure counts: the agreement with the kernel of the streaks.
 from __future__ import annotations
 
 from functools import cached_property
+from threading import Lock
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -22,6 +23,8 @@ from deshake.blind.judge import Judge
 from deshake.blind.settings import SETTINGS
 from deshake.blind.spectral_match import SpectralMatch
 from deshake.blind.spot import is_spot
+from deshake.operators.strips import in_order
+from deshake.run import Run
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -49,14 +52,20 @@ class Comparison:
         The photo.
     witness : RotationKernel, optional
         The kernel that the streaks of lights draw. Kernels that agree with it score higher.
+    run : Run, optional
+        Threads to use. The scores do not depend on them.
 
     """
 
-    def __init__(self, pyramid: Pyramid, witness: RotationKernel | None = None) -> None:
+    def __init__(
+        self, pyramid: Pyramid, witness: RotationKernel | None = None, run: Run = Run()
+    ) -> None:
         self.pyramid = pyramid
         self.witness = witness
+        self.run = run
         self._judges: dict[int, Judge] = {}
         self._spectra: dict[tuple[int, Part], SpectralMatch] = {}
+        self._making = Lock()
         self._matches: dict[RotationKernel, float] = {}
         self._paths: dict[RotationKernel, RotationKernel] = {}
         self._scores: dict[tuple[Judge, RotationKernel], float] = {}
@@ -64,7 +73,7 @@ class Comparison:
     def zoomed(self, ratio: float) -> Comparison:
         """Return the comparison for a focal length `ratio` times as long."""
         witness = None if self.witness is None else self.witness.zoomed(ratio)
-        return Comparison(self.pyramid.zoomed(ratio), witness)
+        return Comparison(self.pyramid.zoomed(ratio), witness, self.run)
 
     def scores(self, entries: Sequence[Entry]) -> Scores:
         """Return the scores of kernels; a kernel that cannot be right gets a penalty."""
@@ -74,9 +83,18 @@ class Comparison:
             by_level.setdefault(level, []).append(entry)
         for level, group in by_level.items():
             self._make_room(level, group)
-        judges = [self._judges[level] for level in levels]
-        scores = [self.score(entry, judge) for entry, judge in zip(entries, judges, strict=True)]
-        return np.array(scores) - _S.penalty * np.array([self.hopeless(entry) for entry in entries])
+        scores = self.scores_by(
+            [(entry, self._judges[level]) for entry, level in zip(entries, levels, strict=True)]
+        )
+        return scores - _S.penalty * np.array([self.hopeless(entry) for entry in entries])
+
+    def scores_by(self, pairs: Sequence[tuple[Entry, Judge]]) -> Scores:
+        """Return the scores of kernels, each at its judge's scale; none is penalised."""
+        new = {(judge, entry.kernel): (entry, judge) for entry, judge in pairs}
+        waiting = [pair for key, pair in new.items() if key not in self._scores]
+        for (entry, judge), score in in_order(lambda pair: self._score(*pair), waiting, self.run):
+            self._scores[judge, entry.kernel] = score
+        return np.array([self._scores[judge, entry.kernel] for entry, judge in pairs])
 
     def hopeless(self, entry: Entry) -> bool:
         """Return whether a kernel is a small round spot, or far too wide for the photo."""
@@ -89,17 +107,16 @@ class Comparison:
         self._make_room(level, [entry])
         return self._judges[level]
 
-    def score(self, entry: Entry, judge: Judge) -> float:
-        """Return the score of a kernel at a judge's scale; a hopeless one is not penalised."""
-        key = judge, entry.kernel
-        if key not in self._scores:
-            sharper = judge.sharpening(entry.kernel)
-            score = entry.margin(judge) + _S.sharpening_worth * sharper
-            score += _S.match_worth * self.match(entry)
-            if self.witness is not None:
-                score += _S.witness_worth * agreement(entry.kernel, self.witness)
-            self._scores[key] = score
-        return self._scores[key]
+    def _score(self, entry: Entry, judge: Judge) -> float:
+        score = entry.margin(judge) + _S.sharpening_worth * judge.sharpening(entry.kernel)
+        score += _S.match_worth * self.match(entry)
+        if self.witness is not None:
+            score += _S.witness_worth * agreement(entry.kernel, self.witness)
+        return score
+
+    def matches(self, entries: Sequence[Entry]) -> Scores:
+        """Return the matches of kernels."""
+        return np.array([match for _, match in in_order(self.match, entries, self.run)])
 
     def match(self, entry: Entry) -> float:
         """Return the match of a kernel, -1..1, on tiles that no kernel was fitted to.
@@ -151,9 +168,10 @@ class Comparison:
     def _spectra_at(self, level: int, part: Part) -> SpectralMatch:
         """Return the spectra of the tiles of a part, at a scale."""
         key = level, part
-        if key not in self._spectra:
-            self._spectra[key] = SpectralMatch(self.pyramid, *key)
-        return self._spectra[key]
+        with self._making:
+            if key not in self._spectra:
+                self._spectra[key] = SpectralMatch(self.pyramid, *key)
+            return self._spectra[key]
 
     def _make_room(self, level: int, entries: Sequence[Entry]) -> None:
         """Replace the judge of a scale, unless it has room for the kernels."""

@@ -8,15 +8,19 @@ a wrong one seldom gains.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from deshake.blind.entry import all_refined, best_of_starts
+from deshake.blind.entry import best_of_starts
 from deshake.blind.settings import SETTINGS
+from deshake.operators.strips import in_order
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
 
     from deshake.blind.candidate import Axes
     from deshake.blind.entry import Entry
@@ -57,48 +61,96 @@ def polished(
 
     """
     others = {source.start: source for source in sources}
-    lines = [_Line(comparison, entry, axes) for entry in best_of_starts(ranked)[: _S.lines]]
-    parts = iter(run.parts([1.0] * (len(lines) + _S.rounds - 1)))
-    for line in lines:
-        line.advance(next(parts), others[line.best.start])
+    best = best_of_starts(ranked)[: _S.lines]
+    lines = [_Line(comparison, entry, others[entry.start], axes) for entry in best]
+    for line, score in zip(lines, _scores([(line, line.best) for line in lines]), strict=True):
+        line.score = float(score)
+    first, *rest = run.parts([len(lines), *[1] * (_S.rounds - 1)])
+    _advance(lines, first)
     leader = lines[int(np.argmax(comparison.scores([line.best for line in lines])))]
-    for part in parts:
-        leader.advance(part)
+    for part in rest:
+        _advance([leader], part)
     return leader.best
 
 
 class _Line:
-    """A kernel, its score, and whether the last round raised it."""
+    """A kernel, its score, and whether the last round raised it.
 
-    def __init__(self, comparison: Comparison, entry: Entry, axes: Axes) -> None:
+    Parameters
+    ----------
+    comparison : Comparison
+        The photo, and the judge of its kernels.
+    entry : Entry
+        The kernel to begin with.
+    source : Entry
+        The last kernel of its start before any refinement; only the first round uses it.
+    axes : three bools
+        The axes that the camera may turn about.
+
+    """
+
+    def __init__(self, comparison: Comparison, entry: Entry, source: Entry, axes: Axes) -> None:
         self.comparison = comparison
         self.judge = comparison.judge(entry)
         self.axes = (axes[0], axes[1], axes[2] and entry.rolls)
         self.name = f"{entry.name}, polished"
         self.best = entry
-        self.score = self._score(entry)
+        self.source: Entry | None = source
+        self.score = -np.inf
         self.rises = True
 
-    def advance(self, run: Run, source: Entry | None = None) -> None:
-        """Replace the kernel by the best refinement of it or its source, if the score rises."""
-        if not self.rises:
-            return
-        thin, smooth = self.best.thin(), self.comparison.matched(self.best)
-        jobs = [(thin, _S.thin, self.axes), (smooth, _S.smooth, self.axes)]
-        if source is not None:
-            jobs.append((source, _S.other_edges, self.axes))
-        new = all_refined(self.comparison.pyramid, jobs, run)
-        if source is not None:
-            new += [thin, new[-1].thin()]
-        new += [smooth, self.comparison.weighed(self.best)]
-        scores = [self._score(entry) for entry in new]
+    def ways(self) -> list[Callable[[], list[Entry]]]:
+        """Return the ways to kernels that may be better; none depends on another."""
+        ways = [self._thin, self._smooth, self._weighed]
+        return ways if self.source is None else [partial(self._from, self.source), *ways]
+
+    def take(self, new: Sequence[Entry], scores: Sequence[float]) -> None:
+        """Replace the kernel by the best of others, if its score is higher."""
+        self.source = None
         top = int(np.argmax(scores))
         self.rises = scores[top] > self.score
         if self.rises:
             self.best, self.score = new[top]._replace(name=self.name), scores[top]
 
-    def _score(self, entry: Entry) -> float:
-        """Return the score of a kernel; one that the judge has no room for has none."""
-        if self.comparison.hopeless(entry) or not self.judge.has_room(entry.kernel):
-            return -SETTINGS.kernel_comparison.penalty
-        return self.comparison.score(entry, self.judge)
+    def _thin(self) -> list[Entry]:
+        thin = self.best.thin()
+        refined = thin.refined(self.comparison.pyramid, _S.thin, self.axes)
+        return [refined] if self.source is None else [refined, thin]
+
+    def _smooth(self) -> list[Entry]:
+        smooth = self.comparison.matched(self.best)
+        return [smooth.refined(self.comparison.pyramid, _S.smooth, self.axes), smooth]
+
+    def _weighed(self) -> list[Entry]:
+        return [self.comparison.weighed(self.best)]
+
+    def _from(self, source: Entry) -> list[Entry]:
+        refined = source.refined(self.comparison.pyramid, _S.other_edges, self.axes)
+        return [refined, refined.thin()]
+
+
+def _advance(lines: Sequence[_Line], run: Run) -> None:
+    """Replace the kernels of lines by the best refinements of them, where the score rises."""
+    rising = [line for line in lines if line.rises]
+    jobs = [(line, way) for line in rising for way in line.ways()]
+    pairs: list[tuple[_Line, Entry]] = []
+    for done, ((line, _), new) in enumerate(in_order(lambda job: job[1](), jobs, run), 1):
+        pairs += [(line, entry) for entry in new]
+        run.report(done / len(jobs), "refinement")
+    scores = _scores(pairs)
+    for line in rising:
+        own = [n for n, (other, _) in enumerate(pairs) if other is line]
+        line.take([pairs[n][1] for n in own], [float(scores[n]) for n in own])
+
+
+def _scores(pairs: Sequence[tuple[_Line, Entry]]) -> NDArray[np.float64]:
+    """Return the scores of kernels, each by the judge of its line, if that has room for it."""
+    scores = np.full(len(pairs), -SETTINGS.kernel_comparison.penalty)
+    fits = [
+        not line.comparison.hopeless(entry) and line.judge.has_room(entry.kernel)
+        for line, entry in pairs
+    ]
+    if any(fits):
+        held = [(entry, line.judge) for (line, entry), fit in zip(pairs, fits, strict=True) if fit]
+        scores[fits] = pairs[0][0].comparison.scores_by(held)
+    return scores

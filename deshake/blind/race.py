@@ -117,7 +117,7 @@ def race(
         Threads to use, and who receives the progress.
 
     """
-    course = _Course(pyramid, axes, bound, drawn, any_focal=any_focal)
+    course = _Course(pyramid, axes, bound, drawn, any_focal=any_focal, run=run.silent())
     starts = _first_scales(pyramid.coarsest)
     course.start(starts[:2], run.part(0.0, 0.15))
     ends = _last(course.entries)
@@ -154,11 +154,13 @@ class _Course:
         drawn: Drawing | None,
         *,
         any_focal: bool,
+        run: Run,
     ) -> None:
+        self.run = run
         self.pyramid = pyramid
         self.axes = (axes[0], axes[1], axes[2] and not pyramid.camera.is_uniform)
         self.bound = bound
-        self.comparison = Comparison(pyramid, None if drawn is None else drawn.kernel)
+        self.comparison = Comparison(pyramid, None if drawn is None else drawn.kernel, run)
         self.any_focal = any_focal and not pyramid.camera.is_uniform
         self.zoom = 1.0
         self.entries: list[Entry] = []
@@ -177,16 +179,16 @@ class _Course:
             if self.bound is None or kernel.extent_px() <= self.bound
         ]
         wide = [entry for entry in starts if entry.width > _S.least_width * RATIO**entry.level]
-        self.entries += sorted(wide, key=self.comparison.match, reverse=True)[: _S.wide]
+        matches = self.comparison.matches(wide)
+        self.entries += [wide[n] for n in np.argsort(-matches, kind="stable")[: _S.wide]]
 
     def start_spectral(self, run: Run) -> None:
         """Find paths by the spectra; keep distinct ones that match best, and reflections."""
-        found = [
-            (self.comparison.match(entry), entry, path)
-            for entry, path in self._of_paths(spectral_starts(self.pyramid, self.axes, run))
-        ]
+        found = list(self._of_paths(spectral_starts(self.pyramid, self.axes, run)))
+        matches = self.comparison.matches([entry for entry, _ in found])
         taken: list[Entry] = []
-        for _, entry, path in sorted(found, key=lambda one: -one[0]):
+        for n in np.argsort(-matches, kind="stable"):
+            entry, path = found[n]
             if all(agreement(entry.kernel, known.kernel) < _S.alike for known in taken):
                 reflected = entry._replace(
                     name=f"{entry.name}, reflected",
@@ -258,7 +260,8 @@ class _Course:
 
     def _matched(self, entries: Sequence[Entry]) -> list[Entry]:
         """Fit a smooth path through each kernel to the spectra of the photo."""
-        return [self.comparison.matched(e) for e in entries if not is_spot(e.kernel)]
+        blurred = [entry for entry in entries if not is_spot(entry.kernel)]
+        return [path for _, path in in_order(self.comparison.matched, blurred, self.run)]
 
     def _refined(self, entries: Sequence[Entry], run: Run) -> list[Entry]:
         """Refine kernels, with roll and without."""

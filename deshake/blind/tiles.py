@@ -13,6 +13,7 @@ treated as periodic, and every step is a batch of FFTs.
 
 from __future__ import annotations
 
+from copy import copy
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -107,15 +108,25 @@ class Tiles:
         blocks: Image = scipy.fft.irfft2(spectra, shape, overwrite_x=True, workers=1)
         return blocks
 
-    def bind(self, kernel: RotationKernel, *, afresh: bool = False) -> None:
-        """Set the kernel of the blur; fill the room the first time, or if `afresh` is set."""
+    def bound(self, kernel: RotationKernel) -> Tiles:
+        """Return the same tiles for a kernel, as if they never had another one.
+
+        Threads can so compare kernels on the same tiles.
+        """
+        tiles = copy(self)
+        tiles.filled = tiles.g
+        tiles.bind(kernel)
+        return tiles
+
+    def bind(self, kernel: RotationKernel) -> None:
+        """Set the kernel of the blur; fill the room the first time."""
         used = kernel.weights > 0
         h = homographies(self.camera, kernel.theta[used])
         moved = displacements(h, self.centres)
         filters = splat(moved, kernel.weights[used], (self.block, self.block))
         self.H = self.rfft(filters)
         self.power = self.H.real**2 + self.H.imag**2
-        if afresh or self.filled is self.g:
+        if self.filled is self.g:
             self.fill(self.g)
 
     def blurred(self, latent: Image) -> Image:

@@ -147,11 +147,11 @@ def test_what_a_blur_leaves_open_holds_the_kernel_to_its_zeros(translations) -> 
         grid_steps(CAMERAS["uniform"]),
         CAMERAS["uniform"],
     )
-    grid.tiles.bind(pan, afresh=True)
+    grid.tiles.bind(pan)
     more = grid.equations(edges, 0.003).gram - grid.equations(edges).gram
     assert np.linalg.eigvalsh(more).min() > -1e-3 * more.max()
     assert more[0, 0] == pytest.approx(more.max(), rel=1e-4)
-    grid.tiles.bind(RotationKernel.delta(CAMERAS["uniform"]), afresh=True)
+    grid.tiles.bind(RotationKernel.delta(CAMERAS["uniform"]))
     sharp = grid.equations(edges, 0.003).gram - grid.equations(edges).gram
     assert more[0, 0] > 2 * sharp[0, 0]  # a blur leaves more open than none
 

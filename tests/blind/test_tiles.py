@@ -161,15 +161,26 @@ def test_unknown_pixels_are_filled_in_from_the_latent_picture(tiles) -> None:
     tiles.filled = before
 
 
-def test_a_kernel_fills_at_first_and_on_request(shaken) -> None:
+def test_only_the_first_kernel_fills_the_room(shaken) -> None:
     tiles = cut(shaken.grey, shaken.camera, 10)
     tiles.bind(shaken.kernel)
     first = tiles.filled
     assert not np.array_equal(first, tiles.g)
     tiles.bind(RotationKernel.delta(shaken.camera))
     assert tiles.filled is first
-    tiles.bind(shaken.kernel, afresh=True)
-    np.testing.assert_array_equal(tiles.filled, first)
+    again = tiles.bound(shaken.kernel)
+    np.testing.assert_array_equal(again.filled, first)
+
+
+def test_tiles_for_another_kernel_leave_the_first_ones_alone(shaken) -> None:
+    tiles = cut(shaken.grey, shaken.camera, 10)
+    tiles.bind(RotationKernel.delta(shaken.camera))
+    filters, filled = tiles.H, tiles.filled
+    other = tiles.bound(shaken.kernel)
+    assert tiles.H is filters
+    assert tiles.filled is filled
+    assert not np.array_equal(other.H, filters)
+    assert other.g is tiles.g
 
 
 def test_rotations_without_weight_do_not_blur(shaken) -> None:
