@@ -8,9 +8,8 @@ and it changes smoothly with the path of the camera. So a descent that begins at
 nearly right ends much nearer to the true path. A method that estimates the sharp picture and the
 kernel in turn ends farther from it, because an error of one hides an error of the other.
 
-A scene has fluctuations of its own. A long edge makes a bright line through the origin of the
-spectrum. So the mean along each line through the origin does not count, and large fluctuations
-count only up to a bound.
+A scene has fluctuations of its own. Those along a line through the origin of the spectrum do not
+count (`fluctuations`), and large ones count only up to a bound.
 
 The power is the same for a kernel and for its reflection about its centroid. The judge tells them
 apart.
@@ -20,14 +19,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
-import cv2
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
 from deshake.blind.camera_path import SmoothPath
+from deshake.blind.fluctuations import Fluctuations, box_filtered
 from deshake.blind.settings import SETTINGS, SpectrumTiles
 from deshake.blind.tile_choice import covering
 from deshake.blind.tile_plan import informative_corners
@@ -81,17 +80,16 @@ class SpectralMatch:
         window = np.outer(taper, taper)
         tiles = np.stack([scale.picture[y : y + size, x : x + size] for y, x in corners])
         tiles = tiles - (tiles * window).sum((1, 2), keepdims=True) / window.sum()
-        frequency = np.fft.fftfreq(size)
-        radius = np.hypot(frequency[:, None], frequency)
-        self.band = ((radius * size > _S.slowest) & (radius < _S.fastest)).astype(np.float32)
-        power = _smoothed(self._power(tiles * window)[1], _S.smoothing)
+        band = _S.slowest / size, _S.fastest
+        self.fluctuations = Fluctuations(size, band, _S.fluctuation)
+        power = box_filtered(_power(scipy.fft.rfft2(tiles * window, workers=1)), _S.smoothing)
         offset = np.float32(_S.least_power) * power.max() + np.finfo(np.float32).tiny
-        self.lines = _Lines.across(self.band)
-        observed = self._varied(np.log(power + offset))
-        spread = np.sqrt((observed**2).sum((1, 2), keepdims=True) / self.band.sum())
+        observed = self.fluctuations.of(np.log(power + offset))
+        counts = self.fluctuations.counts
+        spread = np.sqrt((observed**2 * counts).sum(1, keepdims=True) / counts.sum())
         bound = np.float32(_S.clip) * spread
-        observed = self._off_lines(np.clip(observed, -bound, bound))
-        length = float(np.linalg.norm(observed))
+        observed = self.fluctuations.off_lines(np.clip(observed, -bound, bound))
+        length = np.sqrt(self.fluctuations.product(observed, observed))
         self.observed: Image = observed / np.float32(length or 1.0)
 
     def value(self, kernel: RotationKernel) -> float:
@@ -229,74 +227,21 @@ class SpectralMatch:
 
     def _correlation(self, filters: Image) -> tuple[float, Image]:
         """Return the correlation for filters (P, N, N), and its gradient for each pixel."""
-        spectra, power = self._power(filters)
-        power = _smoothed(power, _S.smoothing) + np.float32(_S.floor)
-        expected = self._varied(np.log(power))
-        length = max(float(np.linalg.norm(expected)), 1e-6)
-        match = float(np.vdot(self.observed, expected)) / length
-        change = self.observed - np.float32(match / length) * expected
-        change = (change / np.float32(length)).astype(np.float32, copy=False)
-        by_power = _smoothed(_fluctuations(change) / power, _S.smoothing)
-        half = by_power[:, :, : spectra.shape[2]] * spectra
+        fluctuations = self.fluctuations
+        spectra = scipy.fft.rfft2(filters, workers=1)
+        power = box_filtered(_power(spectra), _S.smoothing) + np.float32(_S.floor)
+        expected = fluctuations.of(np.log(power))
+        length = max(fluctuations.product(expected, expected) ** 0.5, 1e-6)
+        match = fluctuations.product(self.observed, expected) / length
+        expected *= np.float32(-match / length)
+        expected += self.observed
+        expected /= np.float32(length)
+        change = fluctuations.adjoint(expected)
+        change /= power
+        spectra *= box_filtered(change, _S.smoothing)
         shape = self.size, self.size
-        gradient = scipy.fft.irfft2(half, shape, overwrite_x=True, workers=1)
+        gradient = scipy.fft.irfft2(spectra, shape, overwrite_x=True, workers=1)
         return match, 2 * self.size**2 * gradient
-
-    def _varied(self, spectra: Image) -> Image:
-        """Return the fluctuations in the band, without the means along the lines."""
-        return self._off_lines(_fluctuations(spectra))
-
-    def _off_lines(self, spectra: Image) -> Image:
-        """Subtract the mean along each line, within the band. The operation is a projection."""
-        lines = self.lines
-        values = spectra.reshape(len(spectra), -1).take(lines.places, 1)
-        means = np.add.reduceat(values, lines.first, axis=1) / lines.lengths
-        values -= means.repeat(lines.lengths, axis=1)
-        varied = np.zeros((len(spectra), self.size**2), np.float32)
-        varied[:, lines.places] = values
-        return varied.reshape(spectra.shape)
-
-    def _power(self, blocks: Image) -> tuple[Spectrum, Image]:
-        """Return the half spectra of blocks, and their power at all frequencies, (P, N, N)."""
-        spectra = scipy.fft.rfft2(blocks, workers=1)
-        half = spectra.real**2 + spectra.imag**2
-        n = self.size
-        power = np.empty((len(blocks), n, n), np.float32)
-        columns = n // 2 + 1
-        power[:, :, :columns] = half
-        mirrored = half[:, :, (n - 1) // 2 : 0 : -1]
-        power[:, 0, columns:] = mirrored[:, 0]
-        power[:, 1:, columns:] = mirrored[:, :0:-1]
-        return spectra, power
-
-
-class _Lines(NamedTuple):
-    """The lines through the origin of a spectrum; a frequency and its negative share one.
-
-    Parameters
-    ----------
-    places : (F,) array of int
-        Indices of the frequencies in the band, line by line.
-    first, lengths : (L,) arrays of int
-        Where each line begins in `places`, and how many frequencies it has.
-
-    """
-
-    places: NDArray[np.int64]
-    first: NDArray[np.int64]
-    lengths: NDArray[np.int64]
-
-    @classmethod
-    def across(cls, band: Image) -> _Lines:
-        """Divide the band of a spectrum (N, N) into N directions."""
-        size = len(band)
-        frequency = np.fft.fftfreq(size)
-        turn = np.mod(np.arctan2(frequency[:, None], frequency), np.pi) / np.pi
-        line = np.minimum((turn * size).astype(np.int64), size - 1).ravel()
-        inside = np.flatnonzero(band)
-        places = inside[np.argsort(line[inside], kind="stable")]
-        _, first, lengths = np.unique(line[places], return_index=True, return_counts=True)
-        return cls(places, first, lengths)
 
 
 def _basis(path: SmoothPath) -> Points:
@@ -314,21 +259,11 @@ def _minimum(
     return float(end.fun), end.x
 
 
-def _smoothed(spectra: Image, side: int, times: int = 1) -> Image:
-    """Apply a box filter to periodic spectra (P, N, N), one or more times."""
-    smooth = np.empty_like(spectra)
-    room = side // 2 * times
-    for wide, one in zip(smooth, spectra, strict=True):
-        around = cv2.copyMakeBorder(one, room, room, room, room, cv2.BORDER_WRAP)
-        for _ in range(times):
-            around = cv2.blur(around, (side, side))
-        wide[:] = around[room:-room, room:-room]
-    return smooth
-
-
-def _fluctuations(spectra: Image) -> Image:
-    """Return what changes fast with the frequency. The operation is self-adjoint."""
-    return spectra - _smoothed(spectra, _S.fluctuation, 2)
+def _power(spectra: Spectrum) -> Image:
+    """Return the power of spectra."""
+    power: Image = spectra.real**2
+    power += spectra.imag**2
+    return power
 
 
 def _gradient_at(blocks: Image, places: Points) -> tuple[Points, Points]:

@@ -70,19 +70,6 @@ def test_the_gradient_is_that_of_finite_differences(match, bent, axis, when) -> 
     assert change == pytest.approx(gradient[when, axis], rel=0.1, abs=1e-4)
 
 
-def test_what_is_the_same_along_each_line_is_left_out(match) -> None:
-    rng = np.random.default_rng(3)
-    shape = len(match.centres), match.size, match.size
-    one, other = (rng.normal(size=shape).astype(np.float32) for _ in range(2))
-    off = match._off_lines(one)
-    assert match._off_lines(off) == pytest.approx(off, abs=1e-5)  # a projection
-    assert np.vdot(off, other) == pytest.approx(np.vdot(one, match._off_lines(other)), rel=1e-3)
-    frequency = np.fft.fftfreq(match.size)
-    turn = np.mod(np.arctan2(frequency[:, None], frequency), np.pi) / np.pi
-    lines = np.floor(turn * match.size).astype(np.float32)  # one value along each line
-    assert match._off_lines(np.broadcast_to(lines, shape)) == pytest.approx(0, abs=1e-3)
-
-
 def test_a_strong_fluctuation_of_one_frequency_counts_little(shaken) -> None:
     waves = 0.2 * np.sin(np.arange(shaken.camera.width) * 2 * np.pi * 0.2)
     grey = shaken.pyramid.at(0).picture + waves.astype(np.float32)
