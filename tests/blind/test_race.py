@@ -55,7 +55,7 @@ def larger(shake) -> Pyramid:
 
 @pytest.fixture(scope="module")
 def course(larger) -> _Course:
-    return _Course(larger, (True, True, True), None, None, any_focal=False)
+    return _Course(larger, (True, True, True), None, None, any_focal=False, run=Run())
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +84,7 @@ def test_spectral_starts_are_distinct_and_take_part_with_their_reflections(
 def test_spectral_starts_keep_a_bound(larger, spectral) -> None:
     widths = [entry.kernel.extent_px() for entry in spectral[::2]]
     bound = float(np.mean(widths))
-    bounded = _Course(larger, (True, True, True), bound, None, any_focal=False)
+    bounded = _Course(larger, (True, True, True), bound, None, any_focal=False, run=Run())
     bounded.start_spectral(Run(1))
     within = bounded.entries
     assert max(widths) > bound
