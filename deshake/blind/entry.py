@@ -11,7 +11,7 @@ from deshake.blind.camera_path import thinned
 from deshake.blind.candidate import refined
 from deshake.blind.settings import SETTINGS
 from deshake.blind.trimming import heaviest
-from deshake.operators.strips import in_order
+from deshake.operators.strips import reported
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -84,12 +84,8 @@ def all_refined(
     pyramid: Pyramid, jobs: Sequence[tuple[Entry, Refinement, Axes]], run: Run
 ) -> list[Entry]:
     """Refine kernels, each in its way and about its axes."""
-    results = []
-    work = in_order(lambda job: job[0].refined(pyramid, *job[1:]), jobs, run)
-    for done, (_, entry) in enumerate(work, 1):
-        results.append(entry)
-        run.report(done / len(jobs), "refinement")
-    return results
+    work = reported(lambda job: job[0].refined(pyramid, *job[1:]), jobs, run, "refinement")
+    return [entry for _, entry in work]
 
 
 def best_of_starts(ranked: Sequence[Entry]) -> list[Entry]:

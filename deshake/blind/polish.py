@@ -15,7 +15,7 @@ import numpy as np
 
 from deshake.blind.entry import best_of_starts
 from deshake.blind.settings import SETTINGS
-from deshake.operators.strips import in_order
+from deshake.operators.strips import reported
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -63,13 +63,11 @@ def polished(
     others = {source.start: source for source in sources}
     best = best_of_starts(ranked)[: _S.lines]
     lines = [_Line(comparison, entry, others[entry.start], axes) for entry in best]
-    for line, score in zip(lines, _scores([(line, line.best) for line in lines]), strict=True):
-        line.score = float(score)
     first, *rest = run.parts([len(lines), *[1] * (_S.rounds - 1)])
-    _advance(lines, first)
+    _advance(comparison, lines, first)
     leader = lines[int(np.argmax(comparison.scores([line.best for line in lines])))]
     for part in rest:
-        _advance([leader], part)
+        _advance(comparison, [leader], part)
     return leader.best
 
 
@@ -96,7 +94,7 @@ class _Line:
         self.name = f"{entry.name}, polished"
         self.best = entry
         self.source: Entry | None = source
-        self.score = -np.inf
+        self.score = float(_scores(comparison, [(self, entry)])[0])
         self.rises = True
 
     def ways(self) -> list[Callable[[], list[Entry]]]:
@@ -104,13 +102,13 @@ class _Line:
         ways = [self._thin, self._smooth, self._weighed]
         return ways if self.source is None else [partial(self._from, self.source), *ways]
 
-    def take(self, new: Sequence[Entry], scores: Sequence[float]) -> None:
+    def take(self, scored: Sequence[tuple[float, Entry]]) -> None:
         """Replace the kernel by the best of others, if its score is higher."""
         self.source = None
-        top = int(np.argmax(scores))
-        self.rises = scores[top] > self.score
+        score, entry = max(scored, key=lambda one: one[0])
+        self.rises = score > self.score
         if self.rises:
-            self.best, self.score = new[top]._replace(name=self.name), scores[top]
+            self.best, self.score = entry._replace(name=self.name), score
 
     def _thin(self) -> list[Entry]:
         thin = self.best.thin()
@@ -129,28 +127,25 @@ class _Line:
         return [refined, refined.thin()]
 
 
-def _advance(lines: Sequence[_Line], run: Run) -> None:
+def _advance(comparison: Comparison, lines: Sequence[_Line], run: Run) -> None:
     """Replace the kernels of lines by the best refinements of them, where the score rises."""
     rising = [line for line in lines if line.rises]
     jobs = [(line, way) for line in rising for way in line.ways()]
     pairs: list[tuple[_Line, Entry]] = []
-    for done, ((line, _), new) in enumerate(in_order(lambda job: job[1](), jobs, run), 1):
+    for (line, _), new in reported(lambda job: job[1](), jobs, run, "refinement"):
         pairs += [(line, entry) for entry in new]
-        run.report(done / len(jobs), "refinement")
-    scores = _scores(pairs)
+    scored = list(zip(_scores(comparison, pairs).tolist(), pairs, strict=True))
     for line in rising:
-        own = [n for n, (other, _) in enumerate(pairs) if other is line]
-        line.take([pairs[n][1] for n in own], [float(scores[n]) for n in own])
+        line.take([(score, entry) for score, (other, entry) in scored if other is line])
 
 
-def _scores(pairs: Sequence[tuple[_Line, Entry]]) -> NDArray[np.float64]:
+def _scores(comparison: Comparison, pairs: Sequence[tuple[_Line, Entry]]) -> NDArray[np.float64]:
     """Return the scores of kernels, each by the judge of its line, if that has room for it."""
     scores = np.full(len(pairs), -SETTINGS.kernel_comparison.penalty)
     fits = [
-        not line.comparison.hopeless(entry) and line.judge.has_room(entry.kernel)
+        not comparison.hopeless(entry) and line.judge.has_room(entry.kernel)
         for line, entry in pairs
     ]
-    if any(fits):
-        held = [(entry, line.judge) for (line, entry), fit in zip(pairs, fits, strict=True) if fit]
-        scores[fits] = pairs[0][0].comparison.scores_by(held)
+    held = [(entry, line.judge) for (line, entry), fit in zip(pairs, fits, strict=True) if fit]
+    scores[fits] = comparison.scores_by(held)
     return scores

@@ -35,7 +35,7 @@ from deshake.blind.spectral_start import spectral_starts
 from deshake.blind.spot import is_spot
 from deshake.blind.wide_start import wide_starts
 from deshake.geometry.kernel import ALL_AXES
-from deshake.operators.strips import in_order
+from deshake.operators.strips import in_order, reported
 from deshake.run import Run
 from deshake.signal.pyramid import RATIO
 
@@ -156,7 +156,6 @@ class _Course:
         any_focal: bool,
         run: Run,
     ) -> None:
-        self.run = run
         self.pyramid = pyramid
         self.axes = (axes[0], axes[1], axes[2] and not pyramid.camera.is_uniform)
         self.bound = bound
@@ -167,9 +166,8 @@ class _Course:
 
     def start(self, starts: Sequence[int], run: Run) -> None:
         """Run candidates to their finest scales; keep the kernels of their last scales."""
-        for done, (_, new) in enumerate(in_order(self._started, starts, run), 1):
+        for _, new in reported(self._started, starts, run, "starts"):
             self.entries += new
-            run.report(done / len(starts), "starts")
 
     def start_wide(self, run: Run) -> None:
         """Estimate kernels of very wide shakes; keep those that match the spectra best."""
@@ -260,8 +258,9 @@ class _Course:
 
     def _matched(self, entries: Sequence[Entry]) -> list[Entry]:
         """Fit a smooth path through each kernel to the spectra of the photo."""
+        comparison = self.comparison
         blurred = [entry for entry in entries if not is_spot(entry.kernel)]
-        return [path for _, path in in_order(self.comparison.matched, blurred, self.run)]
+        return [path for _, path in in_order(comparison.matched, blurred, comparison.run)]
 
     def _refined(self, entries: Sequence[Entry], run: Run) -> list[Entry]:
         """Refine kernels, with roll and without."""

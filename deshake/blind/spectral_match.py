@@ -8,8 +8,8 @@ and it changes smoothly with the path of the camera. So a descent that begins at
 nearly right ends much nearer to the true path. A method that estimates the sharp picture and the
 kernel in turn ends farther from it, because an error of one hides an error of the other.
 
-A scene has fluctuations of its own. Those along a line through the origin of the spectrum do not
-count (`fluctuations`), and large ones count only up to a bound.
+A scene has fluctuations of its own. Their mean along each line through the origin of the spectrum
+does not count (`fluctuations`), and large ones count only up to a bound.
 
 The power is the same for a kernel and for its reflection about its centroid. The judge tells them
 apart.
@@ -33,6 +33,7 @@ from deshake.blind.tile_plan import informative_corners
 from deshake.blind.trimming import heaviest, strongest
 from deshake.geometry.rotations import displacements, grid_steps, homographies
 from deshake.operators.bilinear import bilinear_taps, gathering_matrix, splat
+from deshake.operators.transforms import power_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -82,7 +83,7 @@ class SpectralMatch:
         tiles = tiles - (tiles * window).sum((1, 2), keepdims=True) / window.sum()
         band = _S.slowest / size, _S.fastest
         self.fluctuations = Fluctuations(size, band, _S.fluctuation)
-        power = box_filtered(_power(scipy.fft.rfft2(tiles * window, workers=1)), _S.smoothing)
+        power = box_filtered(power_of(scipy.fft.rfft2(tiles * window, workers=1)), _S.smoothing)
         offset = np.float32(_S.least_power) * power.max() + np.finfo(np.float32).tiny
         observed = self.fluctuations.of(np.log(power + offset))
         counts = self.fluctuations.counts
@@ -229,7 +230,7 @@ class SpectralMatch:
         """Return the correlation for filters (P, N, N), and its gradient for each pixel."""
         fluctuations = self.fluctuations
         spectra = scipy.fft.rfft2(filters, workers=1)
-        power = box_filtered(_power(spectra), _S.smoothing) + np.float32(_S.floor)
+        power = box_filtered(power_of(spectra), _S.smoothing) + np.float32(_S.floor)
         expected = fluctuations.of(np.log(power))
         length = max(fluctuations.product(expected, expected) ** 0.5, 1e-6)
         match = fluctuations.product(self.observed, expected) / length
@@ -257,13 +258,6 @@ def _minimum(
 
     end = minimize(objective, start, jac=True, method="L-BFGS-B", options={"maxiter": iterations})
     return float(end.fun), end.x
-
-
-def _power(spectra: Spectrum) -> Image:
-    """Return the power of spectra."""
-    power: Image = spectra.real**2
-    power += spectra.imag**2
-    return power
 
 
 def _gradient_at(blocks: Image, places: Points) -> tuple[Points, Points]:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from deshake.blind.settings import SETTINGS
 from deshake.geometry.rotations import displacements, homographies
 from deshake.operators.bilinear import splat
+from deshake.operators.transforms import power_of
 from deshake.signal.gradients import adjoint_differences, differences, squared_response
 
 if TYPE_CHECKING:
@@ -111,7 +112,7 @@ class Tiles:
     def bound(self, kernel: RotationKernel) -> Tiles:
         """Return the same tiles for a kernel, as if they never had another one.
 
-        Threads can so compare kernels on the same tiles.
+        So threads can compare kernels on the same tiles.
         """
         tiles = copy(self)
         tiles.filled = tiles.g
@@ -125,7 +126,7 @@ class Tiles:
         moved = displacements(h, self.centres)
         filters = splat(moved, kernel.weights[used], (self.block, self.block))
         self.H = self.rfft(filters)
-        self.power = self.H.real**2 + self.H.imag**2
+        self.power = power_of(self.H)
         if self.filled is self.g:
             self.fill(self.g)
 

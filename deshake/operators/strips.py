@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from deshake.run import Run
 
-__all__ = ["Strip", "bands", "in_order", "with_halo"]
+__all__ = ["Strip", "bands", "in_order", "reported", "with_halo"]
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -64,6 +64,15 @@ def in_order(work: Callable[[S], T], strips: Sequence[S], run: Run) -> Iterator[
     finally:
         for _, future in waiting:
             future.cancel()
+
+
+def reported(
+    work: Callable[[S], T], strips: Sequence[S], run: Run, text: str
+) -> Iterator[tuple[S, T]]:
+    """Yield as `in_order` does, and report the share of the pieces that are done."""
+    for done, result in enumerate(in_order(work, strips, run), 1):
+        run.report(done / len(strips), text)
+        yield result
 
 
 def bands(length: int, step: int) -> list[slice]:

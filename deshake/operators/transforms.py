@@ -16,7 +16,14 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-__all__ = ["ComplexTransforms", "PackedTransforms", "Spectra", "Transforms", "transforms"]
+__all__ = [
+    "ComplexTransforms",
+    "PackedTransforms",
+    "Spectra",
+    "Transforms",
+    "power_of",
+    "transforms",
+]
 
 Image = NDArray[np.float32]
 Spectrum = NDArray[np.complex64]
@@ -64,6 +71,13 @@ def transforms(least: int) -> Transforms:
     return PackedTransforms(least) if one_by_one else ComplexTransforms(least)
 
 
+def power_of(spectra: Spectrum) -> Image:
+    """Return the power of complex spectra."""
+    power: Image = spectra.real**2
+    power += spectra.imag**2
+    return power
+
+
 class ComplexTransforms:
     """Transforms by SciPy: complex spectra of half the frequencies across."""
 
@@ -91,9 +105,7 @@ class ComplexTransforms:
 
     def power(self, filters: Spectrum) -> Image:
         """See `Transforms.power`."""
-        power: Image = filters.real**2
-        power += filters.imag**2
-        return power
+        return power_of(filters)
 
     def weights(self, down: Image, across: Image) -> Image:
         """See `Transforms.weights`."""

@@ -77,6 +77,21 @@ def test_means_along_lines_are_subtracted_once(spectra) -> None:
     np.testing.assert_allclose(fluctuations.off_lines(lifted), values, atol=1e-5)
 
 
+def test_what_is_the_same_along_each_line_is_left_out() -> None:
+    fluctuations = Fluctuations(SIZE, BAND, SIDE)
+    frequency = np.fft.fftfreq(SIZE)
+    turn = np.mod(np.arctan2(frequency[:, None], frequency), np.pi) / np.pi
+    lines = half(np.floor(turn * SIZE).astype(np.float32)).ravel()  # a number for each line
+    values = lines[fluctuations._places][None].repeat(3, 0)
+    assert np.ptp(values) > 10
+    assert fluctuations.off_lines(values) == pytest.approx(0, abs=1e-3)
+    rng = np.random.default_rng(3)
+    one, other = (rng.normal(size=values.shape).astype(np.float32) for _ in range(2))
+    left = fluctuations.product(fluctuations.off_lines(one.copy()), other)
+    right = fluctuations.product(one, fluctuations.off_lines(other.copy()))
+    assert left == pytest.approx(right, rel=1e-3)  # a projection
+
+
 def test_fluctuations_are_linear_and_have_their_adjoint(spectra) -> None:
     fluctuations = Fluctuations(SIZE, BAND, SIDE)
     one, other = half(spectra), half(np.log(spectra))

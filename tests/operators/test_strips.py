@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from deshake.operators.strips import Strip, bands, in_order, with_halo
+from deshake.operators.strips import Strip, bands, in_order, reported, with_halo
 from deshake.run import Run
 
 STRIPS = [Strip(row, 0, 4) for row in range(30)]
@@ -65,3 +65,11 @@ def test_a_band_lies_within_its_halo(halo: int) -> None:
         around, own = with_halo(band, halo, 11)
         assert rows[around][own] == rows[band]
         assert around == slice(max(band.start - halo, 0), min(band.stop + halo, 11))
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_reports_the_share_that_is_done(threads: int) -> None:
+    heard: list[tuple[float, str]] = []
+    run = Run(threads, lambda share, text: heard.append((share, text)))
+    assert list(reported(abs, [-1, 2, -3, 4], run, "step")) == [(-1, 1), (2, 2), (-3, 3), (4, 4)]
+    assert heard == [(0.25, "step"), (0.5, "step"), (0.75, "step"), (1.0, "step")]
