@@ -60,6 +60,10 @@ class Convolution:
         """Height and width of latent images in pixels."""
         return self.shape[0] + 2 * self.margin, self.shape[1] + 2 * self.margin
 
+    def near(self, marked: NDArray[np.bool_]) -> Convolution:  # noqa: ARG002 - as `LocalFilters`
+        """Return this operator: it has no patches, and is right for all marked pixels."""
+        return self
+
     def forward(self, latent: Image) -> Image:
         """Filter a latent image (C, H, W) to an observed one (C, h, w).
 

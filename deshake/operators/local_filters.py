@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -49,6 +50,28 @@ class LocalFilters:
         self._filters: dict[Strip, Image] = {}
         self._spectra: dict[Strip, Spectra] = {}
         self._keep_filters, self._keep_spectra = self._plan(budget)
+        self._strips = grid.strips
+
+    def near(self, marked: NDArray[np.bool_]) -> LocalFilters:
+        """Return the same operator on those patches alone that depend on marked latent pixels.
+
+        Its adjoint is right at the marked pixels. Its forward map is right at the observed pixels
+        that the marked pixels reach. Elsewhere both are incomplete.
+
+        Parameters
+        ----------
+        marked : (H, W) array of bool
+            Pixels of the latent image.
+
+        Raises
+        ------
+        ValueError
+            If the array has another size than the grid's latent images.
+
+        """
+        part = copy(self)
+        part._strips = self.grid.touching(marked)  # noqa: SLF001 - a copy of this object
+        return part
 
     def _plan(self, budget: int) -> tuple[frozenset[Strip], frozenset[Strip]]:
         """Choose the strips whose filters are kept, and those whose spectra are kept."""
@@ -107,7 +130,7 @@ class LocalFilters:
             return out
 
         out = np.zeros((channels, *grid.shape), np.float32)
-        for strip, piece in grid.map_strips(work):
+        for strip, piece in grid.map_strips(work, self._strips):
             grid.add_observed(out, strip, piece)
         return out
 
@@ -136,6 +159,6 @@ class LocalFilters:
             return out
 
         out = np.zeros((channels, *grid.latent_shape), np.float32)
-        for strip, piece in grid.map_strips(work):
+        for strip, piece in grid.map_strips(work, self._strips):
             grid.add_latent(out, strip, piece)
         return out

@@ -9,10 +9,11 @@ Richardson-Lucy restores it from the trusted pixels alone, by their weights,
 
     f <- f . (A^T(m g / A f) / A^T m)^a,
 
-where a > 1 saves iterations. The lamps, and latent pixels that no trusted pixel shows, keep the
-first estimate. Whyte, Sivic and Zisserman, "Deblurring shaken and partially saturated images", IJCV
-110, 2014, https://doi.org/10.1007/s11263-014-0727-3, have the idea that lamps must not disturb
-their surroundings.
+where a > 1 saves iterations. Only latent pixels that an untrusted pixel shows, too, are restored
+so. The lamps, and latent pixels that no trusted pixel shows, keep the first estimate. Whyte, Sivic
+and Zisserman, "Deblurring shaken and partially saturated images", IJCV 110, 2014,
+https://doi.org/10.1007/s11263-014-0727-3, have the idea that lamps must not disturb their
+surroundings.
 """
 
 from __future__ import annotations
@@ -38,6 +39,8 @@ _DARK = np.float32(1e-6)  # least divisor
 _HIDDEN = 0.05  # share of trusted pixels: with less, a latent pixel keeps the first estimate
 _DOUBT = 2.0  # weight of the new estimate per share of untrusted pixels; the weight is at most 1
 _FRAME_COVERED = np.float32(1e-2)  # A^T 1: least divisor
+_TRUSTED = 0.98  # weight: a pixel with more counts as trusted
+_SHOWN = 1e-3  # share of untrusted pixels: with less, a latent pixel keeps the first estimate
 
 
 def trust(f: Image, blur: Filters, clipped: NDArray[np.bool_], variance: Image | float) -> Image:
@@ -61,7 +64,8 @@ def trust(f: Image, blur: Filters, clipped: NDArray[np.bool_], variance: Image |
 
     """
     light = f.max(0)
-    spilt = blur.forward(np.where(light > _LAMP, light, 0)[None])[0]
+    lamps = light > _LAMP
+    spilt = blur.near(lamps).forward(np.where(lamps, light, 0)[None])[0]
     m: Image = 1 / (1 + np.square(_KAPPA * spilt) / variance)
     m[binary_dilation(clipped, np.ones((3, 3), bool))] = 0
     return m
@@ -94,20 +98,24 @@ def behind_lights(
         Receives the progress.
 
     """
-    coverage = blur.adjoint(m[None])[0]
-    share = coverage / np.maximum(blur.adjoint(np.ones_like(m)[None])[0], _FRAME_COVERED)
-    kept = (share < _HIDDEN) | (f.max(0) > _LAMP)
-    doubt = np.where(kept, 0, np.clip(_DOUBT * (1 - share), 0, 1)).astype(np.float32)
-    np.maximum(coverage, _DARK, out=coverage)
+    margin = (f.shape[1] - len(m)) // 2
+    untrusted = m < _TRUSTED
+    shown = blur.near(np.pad(untrusted, margin)).adjoint(untrusted[None].astype(np.float32))[0]
+    local = blur.near(shown > _SHOWN)
+    coverage = local.adjoint(m[None])[0]
+    share = coverage / np.maximum(local.adjoint(np.ones_like(m)[None])[0], _FRAME_COVERED)
+    behind = (shown > _SHOWN) & (share >= _HIDDEN) & (f.max(0) <= _LAMP)
+    covered = np.maximum(coverage[behind], _DARK)
+    doubt = np.clip(_DOUBT * (1 - share[behind]), 0, 1)
     for c in range(len(f)):
-        back = blur.adjoint((m * np.maximum(g[c], 0))[None])[0]
-        back /= coverage
-        f[c] += doubt * (np.maximum(back, _DARK) - f[c])
+        back = local.adjoint((m * np.maximum(g[c], 0))[None])[0][behind]
+        back /= covered
+        f[c][behind] += doubt * (np.maximum(back, _DARK) - f[c][behind])
     for done in range(1, iterations + 1):
         for c in range(len(f)):
-            ratio = blur.forward(f[c : c + 1])
+            ratio = local.forward(f[c : c + 1])
             np.divide(m * np.maximum(g[c], 0), np.maximum(ratio[0], _DARK), out=ratio[0])
-            factor = blur.adjoint(ratio)[0]
-            factor /= coverage
-            f[c] *= np.where(kept, 1, np.maximum(factor, 0) ** _POWER)
+            factor = local.adjoint(ratio)[0][behind]
+            factor /= covered
+            f[c][behind] *= np.maximum(factor, 0) ** _POWER
         run.report(done / iterations, f"deblurring behind lights, iteration {done}")

@@ -57,6 +57,35 @@ def test_patches_fade_from_filter_to_filter() -> None:
     np.testing.assert_allclose(ramp, np.tile((np.arange(60) + 0.5) / 10, (20, 1)), atol=1e-5)
 
 
+@pytest.mark.parametrize("margin", [4, 11])
+def test_near_marked_pixels_the_patches_that_see_them_are_enough(
+    dot_test: Callable[..., float], margin: int
+) -> None:
+    grid = PatchGrid((90, 67), 4, 9, margin, run=Run(2))
+    blur = random_filters(grid)
+    marked = np.zeros(grid.latent_shape, bool)
+    marked[margin + 30, margin + 40 : margin + 44] = marked[0, 0] = True
+    near = blur.near(marked)
+    assert 0 < len(near._strips) < len(grid.strips) / 2
+    assert dot_test(near.forward, near.adjoint, (2, *grid.latent_shape), (2, 90, 67)) <= 1e-5
+
+    rng = np.random.default_rng(5)
+    f = rng.random((2, *grid.latent_shape)).astype(np.float32)
+    g = rng.random((2, 90, 67)).astype(np.float32)
+    np.testing.assert_array_equal(near.adjoint(g)[:, marked], blur.adjoint(g)[:, marked])
+    reached = np.s_[:, 26:35, 36:48]  # the radius of a filter is 4
+    np.testing.assert_array_equal(near.forward(f)[reached], blur.forward(f)[reached])
+    far = np.s_[:, 70:]
+    assert not near.forward(f)[far].any()
+    assert near.forward(f).shape == g.shape
+
+
+def test_the_marked_pixels_are_those_of_a_latent_image() -> None:
+    blur = random_filters(PatchGrid((50, 67), 4, 9, 4, run=Run(1)))
+    with pytest.raises(ValueError, match="50"):
+        blur.near(np.zeros((50, 67), bool))
+
+
 def counted_filters(grid: PatchGrid, budget: int) -> tuple[LocalFilters, list[Strip]]:
     """The same filters, with a list of the strips that they were computed for."""
     calls: list[Strip] = []

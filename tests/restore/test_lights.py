@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.ndimage import binary_dilation
 
 from deshake.operators.filter_flow import FilterFlow
 from deshake.restore.lights import behind_lights, trust
@@ -76,3 +77,38 @@ def test_the_misfit_of_trusted_pixels_falls(night):
 
     values = [misfit(n) for n in (1, 2, 4, 8)]
     assert values == sorted(values, reverse=True)
+
+
+def test_only_pixels_that_an_untrusted_pixel_shows_change(night):
+    _, g, clipped, _, blur, first, margin = night
+    m = trust(first, blur, clipped, 0.002**2)
+    f = first.copy()
+    behind_lights(f, g[None], blur, m, iterations=3, run=Run())
+    untrusted = np.pad(m < 0.98, margin)
+    wide = 2 * margin + 1
+    shown = binary_dilation(untrusted, np.ones((wide, wide), bool))
+    changed = f[0] != first[0]
+    assert changed.mean() > 0.02
+    assert not changed[~shown].any()
+
+
+def test_patches_far_from_lights_are_not_needed(night):
+    _, g, clipped, _, blur, first, _ = night
+
+    class Whole:
+        """The same blur on all patches."""
+
+        forward, adjoint = blur.forward, blur.adjoint
+
+        def near(self, marked):
+            assert marked.shape == first.shape[1:]
+            return self
+
+    results = []
+    for operator in (blur, Whole()):
+        m = trust(first, operator, clipped, 0.002**2)
+        f = first.copy()
+        behind_lights(f, g[None], operator, m, iterations=3, run=Run())
+        results.append((m, f))
+    for near, whole in zip(*results, strict=True):
+        np.testing.assert_allclose(near, whole, atol=1e-5)
