@@ -25,7 +25,7 @@ from deshake.blind.spectrum_fit import DirectedBlur, directed_blur
 from deshake.errors import EstimationError
 from deshake.signal.pyramid import RATIO, Pyramid
 
-__all__ = ["BlurKind", "Kind", "Measures", "blur_kind", "judged", "measured"]
+__all__ = ["BlurKind", "Kind", "Measures", "blur_kind", "is_sharp", "judged", "measured"]
 
 Kind = Literal["sharp", "shaken", "soft", "out of focus", "unclear"]
 """Unclear is a photo with too few edges to judge."""
@@ -87,7 +87,7 @@ def blur_kind(pyramid: Pyramid) -> BlurKind:
     """Detect what blurs a photo, without an estimate of its kernel."""
     measures = measured(pyramid)
     whole = judged(measures)
-    if measures.sharp or whole.kind == "shaken":
+    if whole.kind == "shaken" or (whole.kind == "sharp" and whole.certain):
         return whole
     return _shaken_quarters(pyramid) or whole
 
@@ -149,12 +149,20 @@ def measured(pyramid: Pyramid) -> Measures:
     return _with_sharpness(pyramid, directed_blur(pyramid), edge_spread(pyramid))
 
 
+def is_sharp(pyramid: Pyramid) -> bool:
+    """Return whether a photo is certainly sharp, and so was not shaken.
+
+    A camera that rests and then moves on leaves steep edges, too. But then the blur of the photo
+    depends on the direction.
+    """
+    return looks_sharp(pyramid) and measured(pyramid).evidence < _S.shaken
+
+
 def judged(measures: Measures) -> BlurKind:
     """Return the verdict on the measures of a photo."""
-    directed = measures.directed
-    if measures.sharp:
+    directed, evidence = measures.directed, measures.evidence
+    if measures.sharp and evidence < _S.shaken:
         return BlurKind("sharp", certain=True)
-    evidence = measures.evidence
     if evidence >= _S.perhaps and directed.sigma_px > 0:
         direction = (180 - directed.direction) % 180  # y points down
         return BlurKind("shaken", evidence >= _S.shaken, _S.path * directed.sigma_px, direction)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from deshake.blind.blur_kind import is_sharp
 from deshake.blind.bounds import check_size
 from deshake.blind.camera_path import filled_path
 from deshake.blind.drawn_path import drawing
@@ -21,7 +22,7 @@ from deshake.blind.latent_picture import latent_gradients
 from deshake.blind.race import race
 from deshake.blind.result import BlindEstimate
 from deshake.blind.settings import SETTINGS
-from deshake.blind.sharpness import looks_sharp, sharpness
+from deshake.blind.sharpness import sharpness
 from deshake.blind.spot import is_spot
 from deshake.blind.trust import confidence, two_digits
 from deshake.blind.variational.estimate import estimate_variational
@@ -126,7 +127,7 @@ def estimate_kernel(
     pyramid = Pyramid(
         grey[part], whole.cropped(x, y, w, h), None if clipped is None else ~clipped[part]
     )
-    if looks_sharp(pyramid):
+    if is_sharp(pyramid):
         run.report(1.0, "the photo looks sharp")
         return _unchanged(pyramid, whole, _S.unchanged, SHARP)
     estimated = partial(

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from skimage import data
 
-from deshake.blind.blur_kind import BlurKind, Measures, blur_kind, judged, measured
+from deshake.blind.blur_kind import BlurKind, Measures, blur_kind, is_sharp, judged, measured
 from deshake.blind.edge_spread import EdgeSpread
+from deshake.blind.sharpness import looks_sharp
 from deshake.blind.spectrum_fit import DirectedBlur
 from deshake.geometry.camera import Camera
 from deshake.signal.pyramid import Pyramid
@@ -34,6 +35,24 @@ def test_says_what_blurs_a_photo(photo) -> None:
     assert blur_kind(of(photo)) == BlurKind("sharp", certain=True)
     assert blur_kind(of(cv2.GaussianBlur(photo, (0, 0), 0.9))).kind == "soft"
     assert blur_kind(of(cv2.filter2D(photo, -1, disk(4)))).kind == "out of focus"
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_camera_that_rests_and_moves_on_leaves_steep_edges_but_no_sharp_photo(
+    photo, turned
+) -> None:
+    def of_camera(picture: np.ndarray) -> Pyramid:
+        """Sharpen a picture as cameras do."""
+        finer = picture + 1.2 * (picture - cv2.GaussianBlur(picture, (0, 0), 1))
+        return of(np.clip(finer, 0, 1))
+
+    path = np.full((1, 9), 0.5 / 8, np.float32)
+    path[0, 4] = 0.5
+    rested = of_camera(cv2.filter2D(photo, -1, path.T if turned else path))
+    assert is_sharp(of_camera(photo))
+    assert looks_sharp(rested)
+    assert not is_sharp(rested)
+    assert blur_kind(rested).kind == "shaken"
 
 
 @pytest.mark.parametrize(("slant", "direction"), [(1, 135), (-1, 45)])
