@@ -22,7 +22,7 @@ from deshake.blind.latent_picture import latent_gradients
 from deshake.blind.race import race
 from deshake.blind.result import BlindEstimate
 from deshake.blind.settings import SETTINGS
-from deshake.blind.sharpness import sharpness
+from deshake.blind.sharpness import looks_sharp, sharpness
 from deshake.blind.spot import is_spot
 from deshake.blind.trust import confidence, two_digits
 from deshake.blind.variational.estimate import estimate_variational
@@ -158,7 +158,7 @@ def _concluded(
         point = len(kernel.weights) == 1 or not kernel.extent_px() > 1
         return _unchanged(pyramid, whole, min(trust, _S.unchanged), SHARP if point else SOFT)
     notes = faults(_on_its_grid(kernel), blur_px=blur_px)
-    if trust < _S.even:
+    if trust < (_S.doubtful if looks_sharp(pyramid) else _S.even):
         note = (
             f"no estimate of the shake improves it (best confidence {two_digits(trust)}): the "
             "photo is left as it is"

@@ -8,10 +8,15 @@ import pytest
 
 from deshake.blind.agreement import agreement
 from deshake.blind.camera_path import filled_path
-from deshake.blind.estimate import STILL, estimate_kernel
+from deshake.blind.entry import Entry
+from deshake.blind.estimate import STILL, _concluded, estimate_kernel
+from deshake.blind.race import Finish
+from deshake.blind.sharpness import looks_sharp
+from deshake.blind.trust import confidence
 from deshake.errors import EstimationError
 from deshake.geometry.camera import Camera
 from deshake.run import Run
+from deshake.signal.pyramid import Pyramid
 
 if TYPE_CHECKING:
     from deshake.blind.result import BlindEstimate
@@ -117,6 +122,19 @@ def test_a_sharp_photo_is_left_as_it_is(shaken) -> None:
     assert len(result.notes) == 1
     assert "left as it is" in result.notes[0]
     assert result.latent.shape == (2, *shaken.grey.shape)
+
+
+def test_a_doubtful_kernel_never_deblurs_a_photo_with_the_edges_of_a_sharp_one(shaken) -> None:
+    found = Finish(Entry("start 1", 1, 0, shaken.kernel), 0.0, 0.22, 0.95, at_rest=False)
+    assert 0.5 < confidence(found) < 0.8
+    for grey, name in ((shaken.grey, "start 1"), (shaken.still, STILL)):
+        pyramid = Pyramid(np.ascontiguousarray(grey), shaken.camera)
+        assert looks_sharp(pyramid) == (name == STILL)
+        result = _concluded(pyramid, shaken.camera, found, None)
+        assert result.name == name
+        assert len(result.notes) == 1
+    sure = found._replace(margin=0.12, match=0.4)
+    assert _concluded(pyramid, shaken.camera, sure, None).name == "start 1"
 
 
 @pytest.mark.parametrize("estimator", ["edges", "variational"])
