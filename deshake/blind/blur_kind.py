@@ -51,6 +51,14 @@ class Measures(NamedTuple):
         evidence = _of_direction(self.directed, self.edges)
         return evidence - _S.less_evidence if less else evidence
 
+    @property
+    def surely_sharp(self) -> bool:
+        """Whether edges are steep and the blur does not depend on the direction.
+
+        A camera that rests and then moves on leaves steep edges, too.
+        """
+        return self.sharp and self.evidence < _S.shaken
+
 
 @dataclass(frozen=True)
 class BlurKind:
@@ -87,7 +95,7 @@ def blur_kind(pyramid: Pyramid) -> BlurKind:
     """Detect what blurs a photo, without an estimate of its kernel."""
     measures = measured(pyramid)
     whole = judged(measures)
-    if whole.kind == "shaken" or (whole.kind == "sharp" and whole.certain):
+    if measures.surely_sharp or whole.kind == "shaken":
         return whole
     return _shaken_quarters(pyramid) or whole
 
@@ -150,19 +158,16 @@ def measured(pyramid: Pyramid) -> Measures:
 
 
 def is_sharp(pyramid: Pyramid) -> bool:
-    """Return whether a photo is certainly sharp, and so was not shaken.
-
-    A camera that rests and then moves on leaves steep edges, too. But then the blur of the photo
-    depends on the direction.
-    """
-    return looks_sharp(pyramid) and measured(pyramid).evidence < _S.shaken
+    """Return whether a photo is surely sharp; only one with steep edges is measured further."""
+    return looks_sharp(pyramid) and measured(pyramid).surely_sharp
 
 
 def judged(measures: Measures) -> BlurKind:
     """Return the verdict on the measures of a photo."""
-    directed, evidence = measures.directed, measures.evidence
-    if measures.sharp and evidence < _S.shaken:
+    directed = measures.directed
+    if measures.surely_sharp:
         return BlurKind("sharp", certain=True)
+    evidence = measures.evidence
     if evidence >= _S.perhaps and directed.sigma_px > 0:
         direction = (180 - directed.direction) % 180  # y points down
         return BlurKind("shaken", evidence >= _S.shaken, _S.path * directed.sigma_px, direction)

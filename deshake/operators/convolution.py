@@ -60,8 +60,16 @@ class Convolution:
         """Height and width of latent images in pixels."""
         return self.shape[0] + 2 * self.margin, self.shape[1] + 2 * self.margin
 
-    def near(self, marked: NDArray[np.bool_]) -> Convolution:  # noqa: ARG002 - as `LocalFilters`
-        """Return this operator: it has no patches, and is right for all marked pixels."""
+    def near(self, marked: NDArray[np.bool_]) -> Convolution:
+        """Return this operator: it has no patches, and is right near all marked pixels (H, W).
+
+        Raises
+        ------
+        ValueError
+            If the array has another size than latent images have.
+
+        """
+        check_size(marked[None], self.latent_shape)
         return self
 
     def forward(self, latent: Image) -> Image:

@@ -50,7 +50,6 @@ class LocalFilters:
         self._filters: dict[Strip, Image] = {}
         self._spectra: dict[Strip, Spectra] = {}
         self._keep_filters, self._keep_spectra = self._plan(budget)
-        self._strips = grid.strips
 
     def near(self, marked: NDArray[np.bool_]) -> LocalFilters:
         """Return the same operator on those patches alone that depend on marked latent pixels.
@@ -70,7 +69,7 @@ class LocalFilters:
 
         """
         part = copy(self)
-        part._strips = self.grid.touching(marked)  # noqa: SLF001 - a copy of this object
+        part.grid = self.grid.near(marked)
         return part
 
     def _plan(self, budget: int) -> tuple[frozenset[Strip], frozenset[Strip]]:
@@ -130,7 +129,7 @@ class LocalFilters:
             return out
 
         out = np.zeros((channels, *grid.shape), np.float32)
-        for strip, piece in grid.map_strips(work, self._strips):
+        for strip, piece in grid.map_strips(work):
             grid.add_observed(out, strip, piece)
         return out
 
@@ -159,6 +158,6 @@ class LocalFilters:
             return out
 
         out = np.zeros((channels, *grid.latent_shape), np.float32)
-        for strip, piece in grid.map_strips(work, self._strips):
+        for strip, piece in grid.map_strips(work):
             grid.add_latent(out, strip, piece)
         return out

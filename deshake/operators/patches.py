@@ -18,6 +18,7 @@ Neither depends on the number of threads, so the results do not depend on it.
 
 from __future__ import annotations
 
+from copy import copy
 from itertools import pairwise
 from typing import TYPE_CHECKING, TypeVar
 
@@ -31,7 +32,7 @@ from deshake.operators.transforms import transforms
 from deshake.run import Run
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator
 
 __all__ = [
     "PatchGrid",
@@ -124,28 +125,33 @@ class PatchGrid:
         y = np.clip(strip.row * self.hop - 0.5, 0, height - 1)
         return np.stack([x, np.full_like(x, y)], 1)
 
-    def map_strips(
-        self, work: Callable[[Strip], T], strips: Sequence[Strip] | None = None
-    ) -> Iterator[tuple[Strip, T]]:
-        """Yield `work` of every strip, or of some, in order, with a few under way at once.
+    def map_strips(self, work: Callable[[Strip], T]) -> Iterator[tuple[Strip, T]]:
+        """Yield `work` of every strip, in order, with a few strips under way at once.
 
         The order makes sums over strips independent of the number of threads.
         """
-        return in_order(work, self.strips if strips is None else strips, self.run)
+        return in_order(work, self.strips, self.run)
 
-    def touching(self, marked: NDArray[np.bool_]) -> list[Strip]:
-        """Return the strips that depend on a marked pixel of the latent image, (H, W)."""
-        if marked.shape != self.latent_shape:
-            msg = f"marks of {marked.shape} pixels do not fit {self.latent_shape}"
-            raise ValueError(msg)
-        return [strip for strip in self.strips if marked[self._covered(strip)].any()]
+    def near(self, marked: NDArray[np.bool_]) -> PatchGrid:
+        """Return the grid with only those strips that depend on marked latent pixels (H, W).
+
+        Raises
+        ------
+        ValueError
+            If the array has another size than the grid's latent images.
+
+        """
+        check_size(marked[None], self.latent_shape)
+        part = copy(self)
+        part.strips = [strip for strip in self.strips if marked[self._covered(strip)].any()]
+        return part
 
     def _covered(self, strip: Strip) -> tuple[slice, slice]:
         """Return the latent pixels that the patches of a strip depend on."""
         y, x = self._origin(strip, self.margin - self.radius)
         side = self.patch + 2 * self.radius
         wide = side + (strip.count - 1) * self.hop
-        return slice(max(y, 0), max(y + side, 0)), slice(max(x, 0), max(x + wide, 0))
+        return slice(max(y, 0), y + side), slice(max(x, 0), x + wide)
 
     def batches(self, strip: Strip) -> list[slice]:
         """Cut a strip into batches of patches that stay in the cache."""

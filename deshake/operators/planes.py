@@ -38,7 +38,7 @@ def fitted(planes: Image, shape: tuple[int, int], *, beyond: float | None = None
     return np.pad(planes, around, constant_values=beyond)
 
 
-def check_size(planes: Image, shape: tuple[int, int]) -> None:
+def check_size(planes: NDArray[np.generic], shape: tuple[int, int]) -> None:
     """Raise ValueError unless planes (C, h, w) have the height and width given."""
     if planes.ndim != 3 or planes.shape[1:] != shape:
         msg = f"an image of {planes.shape[1:]} pixels does not fit {shape}"

@@ -100,11 +100,12 @@ def behind_lights(
     """
     margin = (f.shape[1] - len(m)) // 2
     untrusted = m < _TRUSTED
-    shown = blur.near(np.pad(untrusted, margin)).adjoint(untrusted[None].astype(np.float32))[0]
-    local = blur.near(shown > _SHOWN)
+    seeing = blur.near(np.pad(untrusted, margin))
+    shown = seeing.adjoint(untrusted[None].astype(np.float32))[0] > _SHOWN
+    local = blur.near(shown)
     coverage = local.adjoint(m[None])[0]
     share = coverage / np.maximum(local.adjoint(np.ones_like(m)[None])[0], _FRAME_COVERED)
-    behind = (shown > _SHOWN) & (share >= _HIDDEN) & (f.max(0) <= _LAMP)
+    behind = shown & (share >= _HIDDEN) & (f.max(0) <= _LAMP)
     covered = np.maximum(coverage[behind], _DARK)
     doubt = np.clip(_DOUBT * (1 - share[behind]), 0, 1)
     for c in range(len(f)):

@@ -4,6 +4,7 @@ import base64
 import io
 import json
 import re
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -143,14 +144,16 @@ def test_the_mask_of_a_lens_that_bends_belongs_to_the_photo(deshake, followed, t
 
 def test_from_python(followed):
     photo, kernel = library.read_photo(followed[0]), library.read_kernel(followed[1]).kernel
+    # an array clips where a channel is 1; a file of 16 bits clips a little below, too
+    white = np.where(photo.clipped[..., None], np.float32(1), photo.pixels)
+    photo = replace(photo, pixels=white)
     plain = library.deblur(photo, kernel)
     kept = library.deblur(photo, kernel, protect_moving=True)
     assert np.abs(kept.pixels - photo.pixels)[OBJECT].mean() < (
         0.5 * np.abs(plain.pixels - photo.pixels)[OBJECT].mean()
     )
-    # two pixels more of the array count as clipped, which moves the edges of the mask a little
     array = library.deblur(photo.pixels, kernel, protect_moving=True)
-    assert np.abs(array - kept.pixels).mean() < 0.02 * np.abs(plain.pixels - kept.pixels).mean()
+    assert np.abs(array - kept.pixels).mean() < 1e-4
 
 
 def test_every_method_and_a_noisy_photo(deshake, followed, tmp_path):

@@ -131,3 +131,10 @@ def test_refuses_other_sizes(splat: np.ndarray) -> None:
         blur.forward(np.zeros((1, *CAMERA.shape), np.float32))
     with pytest.raises(ValueError, match="does not fit"):
         blur.adjoint(np.zeros((1, *blur.latent_shape), np.float32))
+    with pytest.raises(ValueError, match="does not fit"):
+        blur.near(np.zeros(CAMERA.shape, bool))
+
+
+def test_near_any_pixels_it_is_the_same_operator(splat: np.ndarray) -> None:
+    blur = Convolution(splat, CAMERA.shape, 10)
+    assert blur.near(np.zeros(blur.latent_shape, bool)) is blur

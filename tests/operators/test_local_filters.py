@@ -66,7 +66,7 @@ def test_near_marked_pixels_the_patches_that_see_them_are_enough(
     marked = np.zeros(grid.latent_shape, bool)
     marked[margin + 30, margin + 40 : margin + 44] = marked[0, 0] = True
     near = blur.near(marked)
-    assert 0 < len(near._strips) < len(grid.strips) / 2
+    assert 0 < len(near.grid.strips) < len(grid.strips) / 2
     assert dot_test(near.forward, near.adjoint, (2, *grid.latent_shape), (2, 90, 67)) <= 1e-5
 
     rng = np.random.default_rng(5)
