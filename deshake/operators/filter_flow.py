@@ -39,8 +39,6 @@ Image = NDArray[np.float32]
 _TAPS_KEPT = 4_000_000  # (patch, rotation) pairs whose bilinear taps are kept, at most
 _LEAST_HOP = 12  # px: least distance from patch to patch
 _LEAST_SHARE = 0.25  # share of the blur's reach: least distance from patch to patch
-_CACHED = 320  # px: largest side of blocks whose transforms stay in the cache
-_BEYOND = 1.2  # factor of the time a pixel for larger blocks
 _LARGEST = 640  # px: largest side of blocks, except for blurs that need larger ones
 _BLOCK_EFFORT = 4096  # pixels whose time equals the fixed cost of a block
 _FADE = 0.072  # px: change of displacements from patch to patch, per root of the blur's px
@@ -81,7 +79,7 @@ def _cheapest_hop(camera: Camera, largest: int, around: int) -> int:
     while not hops or length <= max(_LARGEST, 2 * around):
         hop = min(largest, (length - around) // 2)
         rows, columns = (-(-side // hop) + 1 for side in camera.shape)
-        effort = length**2 * (1 if length <= _CACHED else _BEYOND) + _BLOCK_EFFORT
+        effort = transforms(around + 2 * hop).effort + _BLOCK_EFFORT
         hops.append((rows * columns * effort, hop))
         length = transforms(length + 1).length
     return min(hops)[1]

@@ -64,7 +64,10 @@ class PatchInverse:
             for last in (False, True)
         }
         self._windows = {
-            (vertical, horizontal): np.outer(ramps[vertical], ramps[horizontal])
+            # both windows of a block together contain the factor that `transforms.irfft` needs
+            (vertical, horizontal): (np.outer(ramps[vertical], ramps[horizontal]) / n).astype(
+                np.float32
+            )
             for vertical in {self._ends(i, grid.rows) for i in range(grid.rows)}
             for horizontal in {self._ends(i, grid.columns) for i in range(grid.columns)}
         }

@@ -31,6 +31,9 @@ Spectra = NDArray[Any]
 """Spectra of blocks, (..., N, M): complex64 or float32."""
 
 _ONE_BY_ONE = 100  # px: least side of blocks that get a call each
+_CACHED = 320  # px: largest side of blocks whose transforms stay in the cache
+_BEYOND = {"SciPy": 1.2, "OpenCV": 1.1}  # factor of the time a pixel for larger blocks
+_POWER_OF_TWO = 0.84  # factor of the time a pixel, with OpenCV
 _EVEN_STEP = 8  # packed lengths are multiples of it: others take up to 1.5 times as long
 
 
@@ -44,12 +47,18 @@ class Transforms(Protocol):
     length: int
     nbytes: int
     """Bytes of a spectrum."""
+    effort: float
+    """Time of a block; a unit is the time of a pixel of a small block."""
 
     def rfft(self, blocks: Image) -> Spectra:
         """Transform blocks (..., n, n), n <= N, with zeros below and to the right of them."""
 
     def irfft(self, spectra: Spectra, size: int | None = None) -> Image:
-        """Transform spectra back to blocks; keep (..., size, size). The spectra are lost."""
+        """Transform spectra back to blocks; keep (..., size, size). The spectra are lost.
+
+        The blocks are N^2 times too bright. A window that they are multiplied by anyway can contain
+        the factor 1 / N^2, which then takes no time.
+        """
 
     def multiply(self, spectra: Spectra, filters: Spectra, *, conjugate: bool = False) -> None:
         """Multiply the spectra of images by those of (conjugate) filters, in place."""
@@ -84,6 +93,7 @@ class ComplexTransforms:
     def __init__(self, least: int) -> None:
         self.length: int = scipy.fft.next_fast_len(least, real=True)
         self.nbytes = 8 * self.length * (self.length // 2 + 1)
+        self.effort = self.length**2 * (_BEYOND["SciPy"] if self.length > _CACHED else 1)
 
     def rfft(self, blocks: Image) -> Spectrum:
         """See `Transforms.rfft`."""
@@ -95,13 +105,14 @@ class ComplexTransforms:
     def irfft(self, spectra: Spectrum, size: int | None = None) -> Image:
         """See `Transforms.irfft`."""
         n = size or self.length
-        rows = scipy.fft.ifft(spectra, axis=-2, overwrite_x=True, workers=1)
-        blocks: Image = scipy.fft.irfft(rows[..., :n, :], self.length, workers=1)[..., :n]
+        rows = scipy.fft.ifft(spectra, axis=-2, norm="forward", overwrite_x=True, workers=1)
+        rows = rows[..., :n, :]
+        blocks: Image = scipy.fft.irfft(rows, self.length, norm="forward", workers=1)[..., :n]
         return blocks
 
     def multiply(self, spectra: Spectrum, filters: Spectrum, *, conjugate: bool = False) -> None:
         """See `Transforms.multiply`."""
-        spectra *= np.conj(filters) if conjugate else filters
+        _multiply(spectra, filters, conjugate=conjugate)
 
     def power(self, filters: Spectrum) -> Image:
         """See `Transforms.power`."""
@@ -129,6 +140,9 @@ class PackedTransforms:
         n = -(-least // _EVEN_STEP)
         self.length: int = _EVEN_STEP * scipy.fft.next_fast_len(n, real=True)
         self.nbytes = 4 * self.length**2
+        self.effort = self.length**2 * (_BEYOND["OpenCV"] if self.length > _CACHED else 1)
+        if self.length & (self.length - 1) == 0:
+            self.effort *= _POWER_OF_TWO
 
     def rfft(self, blocks: Image) -> Image:
         """See `Transforms.rfft`."""
@@ -148,24 +162,27 @@ class PackedTransforms:
     def irfft(self, spectra: Image, size: int | None = None) -> Image:
         """See `Transforms.irfft`."""
         for at in np.ndindex(*spectra.shape[:-2]):
-            cv2.dft(spectra[at], spectra[at], cv2.DFT_INVERSE | cv2.DFT_SCALE)
+            cv2.dft(spectra[at], spectra[at], cv2.DFT_INVERSE)
         blocks: Image = spectra[..., :size, :size]
         return blocks
 
     def multiply(self, spectra: Image, filters: Image, *, conjugate: bool = False) -> None:
         """See `Transforms.multiply`."""
-        filters = np.broadcast_to(filters, spectra.shape)
-        for at in np.ndindex(*spectra.shape[:-2]):
-            cv2.mulSpectrums(spectra[at], filters[at], 0, spectra[at], conjB=conjugate)
+        ends, ends_h = _ends(spectra).copy(), _ends(filters).copy()
+        _multiply(_pairs(spectra), _pairs(filters), conjugate=conjugate)
+        _multiply(_column_pairs(ends), _column_pairs(ends_h), conjugate=conjugate)
+        _ends(ends)[...] *= _ends(ends_h)
+        _ends(spectra)[...] = ends
 
     def power(self, filters: Image) -> Image:
         """See `Transforms.power`."""
-        power = np.empty_like(filters)
-        for at in np.ndindex(*filters.shape[:-2]):
-            cv2.mulSpectrums(filters[at], filters[at], 0, power[at], conjB=True)
-        power[..., 2:-1:2] = power[..., 1:-2:2]
-        for column in (0, -1):
-            power[..., 2:-1:2, column] = power[..., 1:-2:2, column]
+        power = filters.copy()
+        self.multiply(power, filters, conjugate=True)
+        ends = _ends(power).copy()
+        # put the power in the imaginary part, too
+        _pairs(power)[...] *= np.complex64(1 + 1j)
+        _column_pairs(ends)[...] *= np.complex64(1 + 1j)
+        _ends(power)[...] = ends
         return power
 
     def weights(self, down: Image, across: Image) -> Image:
@@ -179,3 +196,29 @@ class PackedTransforms:
     def weigh(self, spectra: Image, weights: Image) -> None:
         """See `Transforms.weigh`."""
         spectra *= weights
+
+
+def _multiply(spectra: Spectrum, filters: Spectrum, *, conjugate: bool) -> None:
+    """Multiply complex numbers by (conjugate) others, in place."""
+    spectra *= np.conj(filters) if conjugate else filters
+
+
+def _ends(spectra: Image) -> Image:
+    """View the first and the last column of packed spectra (..., N, M) as rows, (..., 2, N)."""
+    return spectra[..., :: spectra.shape[-1] - 1].swapaxes(-1, -2)
+
+
+def _pairs(spectra: Image) -> Spectrum:
+    """View packed spectra (..., count, N, N), C-contiguous, as complex numbers in one row.
+
+    NumPy multiplies one row much faster than many short ones. The pairs of neighbours that lie in
+    two rows are no frequencies.
+    """
+    pairs: Spectrum = spectra.reshape(*spectra.shape[:-3], -1)[..., 1:-1].view(np.complex64)
+    return pairs
+
+
+def _column_pairs(ends: Image) -> Spectrum:
+    """View the pairs of real and imaginary parts of `_ends` as complex numbers."""
+    pairs: Spectrum = ends[..., 1:-1].view(np.complex64)
+    return pairs

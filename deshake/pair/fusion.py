@@ -84,7 +84,10 @@ class _Settings:
     beyond : float
         Light: a clipped pixel that should be brighter is not trusted.
     alone : int
-        Iterations of Richardson-Lucy where the noisy photo has no pixels.
+        Iterations of Richardson-Lucy on the mean of the colours, where the noisy photo has no
+        pixels.
+    coloured : int
+        Most iterations on the colours that follow.
 
     """
 
@@ -98,6 +101,7 @@ class _Settings:
     clipped_share: float = 0.5
     beyond: float = 1.05
     alone: int = 6
+    coloured: int = 3
 
 
 _SETTINGS: Final = _Settings()
@@ -174,6 +178,7 @@ def fuse(
         blur,
         clipped=clipped,
         iterations=_SETTINGS.alone,
+        coloured=_SETTINGS.coloured,
         run=starting,
     )
     start = _start(g, noisy, v, alone, blur)

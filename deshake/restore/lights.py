@@ -9,9 +9,10 @@ Richardson-Lucy restores it from the trusted pixels alone, by their weights,
 
     f <- f . (A^T(m g / A f) / A^T m)^a,
 
-where a > 1 saves iterations. Only latent pixels that an untrusted pixel shows, too, are restored
-so. The lamps, and latent pixels that no trusted pixel shows, keep the first estimate. Whyte, Sivic
-and Zisserman, "Deblurring shaken and partially saturated images", IJCV 110, 2014,
+where a > 1 saves iterations. The factors come from the mean of the colours, and hold for all of
+them. Only latent pixels that an untrusted pixel shows, too, are restored so. The lamps, and latent
+pixels that no trusted pixel shows, keep the first estimate. Whyte, Sivic and Zisserman, "Deblurring
+shaken and partially saturated images", IJCV 110, 2014,
 https://doi.org/10.1007/s11263-014-0727-3, have the idea that lamps must not disturb their
 surroundings.
 """
@@ -112,11 +113,13 @@ def behind_lights(
         back = local.adjoint((m * np.maximum(g[c], 0))[None])[0][behind]
         back /= covered
         f[c][behind] += doubt * (np.maximum(back, _DARK) - f[c][behind])
+    light, photo = f.mean(0), np.maximum(g, 0).mean(0)
+    first = light[behind]
     for done in range(1, iterations + 1):
-        for c in range(len(f)):
-            ratio = local.forward(f[c : c + 1])
-            np.divide(m * np.maximum(g[c], 0), np.maximum(ratio[0], _DARK), out=ratio[0])
-            factor = local.adjoint(ratio)[0][behind]
-            factor /= covered
-            f[c][behind] *= np.maximum(factor, 0) ** _POWER
+        ratio = local.forward(light[None])[0]
+        np.divide(m * photo, np.maximum(ratio, _DARK), out=ratio)
+        factor = local.adjoint(ratio[None])[0][behind]
+        factor /= covered
+        light[behind] *= np.maximum(factor, 0) ** _POWER
         run.report(done / iterations, f"deblurring behind lights, iteration {done}")
+    f[:, behind] *= light[behind] / np.maximum(first, _DARK)

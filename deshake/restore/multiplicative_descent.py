@@ -54,6 +54,8 @@ class MultiplicativeDescent:
         Clipped pixels. If there are any, the model includes the sensor's response.
     fastest : float
         The longest step of the extrapolation, 0 for none.
+    factor : (H, W) array of float32, optional
+        The first estimate over A^T g; by default 1.
     smooth : bool
         Whether each iteration lowers the total variation.
     run : Run
@@ -68,6 +70,7 @@ class MultiplicativeDescent:
         clipped: NDArray[np.bool_] | None,
         *,
         fastest: float,
+        factor: Image | None = None,
         smooth: bool = False,
         run: Run,
     ) -> None:
@@ -82,19 +85,21 @@ class MultiplicativeDescent:
         self.margin = (len(self.coverage) - len(g)) // 2
         self.weight = variation_weight(g, self.margin) if smooth else None
         self.f = np.empty((len(self.g), *self.coverage.shape), np.float32)
-        self._blur_backwards()
+        self._blur_backwards(factor)
         self.fastest = fastest
         self.point = self.f.copy() if fastest else self.f
         self.change = np.zeros_like(self.f) if fastest or smooth else None
         self.strength = 0.0  # of the last change: its squared norm
 
-    def _blur_backwards(self) -> None:
+    def _blur_backwards(self, factor: Image | None) -> None:
         """Start from A^T g, which has less noise than the photo; continue its edges."""
         m = self.margin
         back = self.blur.adjoint(np.maximum(self.g, 0, order="C", dtype=np.float32))
         for plane, f in zip(back, self.f, strict=True):
             inner = (plane / self.coverage)[m:-m, m:-m]
             np.maximum(np.pad(inner, m, mode="edge"), _DARK, out=f)
+        if factor is not None:
+            self.f *= factor
 
     def step(self) -> tuple[float, float]:
         """Iterate once; return the mean squared residuals that the iteration began with.

@@ -62,6 +62,7 @@ _NOISE_TV = 0.75  # the same with total variation, which keeps noise low without
 # relative fall of the squared residual, accelerated or not: a smaller one ends the iterations
 _STALLED = {True: 0.1, False: 0.025}
 _STALLED_TV = 0.015  # the same with total variation
+_COLOURLESS = 0.3  # fall of the squared residual: a smaller one ends those on the colours
 _STALLING = 1 / 1.6  # the falls shrink about as iterations^-1.6
 
 
@@ -187,9 +188,14 @@ def latent_start(
     *,
     clipped: NDArray[np.bool_] | None,
     iterations: int,
+    coloured: int,
     run: Run,
 ) -> Image:
     """Return a first estimate for another method, with lights above the clip level.
+
+    The first iterations see the mean of the colours, which is one plane in place of three. Their
+    factors hold for every colour. Edges between colours of the same light need the iterations that
+    follow. These end when one of them reduces the squared residual by less than 30 %.
 
     Parameters
     ----------
@@ -198,7 +204,9 @@ def latent_start(
     blur : Filters
         The blur A.
     iterations : int
-        Number of accelerated iterations.
+        Number of accelerated iterations on the mean of the colours.
+    coloured : int
+        Most accelerated iterations on the colours, if there is more than one.
     run : Run
         Receives the progress.
 
@@ -208,8 +216,24 @@ def latent_start(
         The latent image with the margin of the blur.
 
     """
-    descent = MultiplicativeDescent(g, blur, clipped, fastest=_FASTEST, run=run)
+    planes = channels_first(g)
+    total = iterations + (coloured if len(planes) > 1 else 0)
+    descent = MultiplicativeDescent(planes.mean(0), blur, clipped, fastest=_FASTEST, run=run)
+    first = descent.f.copy()
     for done in range(1, iterations + 1):
         descent.step()
-        run.report(done / iterations, f"deblurring lights, iteration {done}")
+        run.report(done / total, f"deblurring, iteration {done}")
+    if len(planes) == 1:
+        return descent.f
+    factor = np.divide(descent.f[0], first[0], out=first[0])
+    del descent
+    descent = MultiplicativeDescent(g, blur, clipped, fastest=_FASTEST, factor=factor, run=run)
+    squared = np.inf
+    for done in range(iterations + 1, total + 1):
+        before = squared
+        squared, _ = descent.step()
+        enough = squared > (1 - _COLOURLESS) * before
+        run.report(1 if enough else done / total, f"deblurring, iteration {done}")
+        if enough:
+            break
     return descent.f

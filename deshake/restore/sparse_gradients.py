@@ -48,18 +48,22 @@ __all__ = ["sparse_gradients"]
 
 
 class _Level(NamedTuple):
-    """Iterations of Richardson-Lucy, first and behind lights; stages without and with denoiser."""
+    """Iterations of Richardson-Lucy on the mean of the colours, on the colours, behind lights.
+
+    Then stages without and with denoiser. The iterations on the colours are the most.
+    """
 
     start: int
+    coloured: int
     behind: int
     stages: int
     fine: int
 
 
 _LEVELS = {
-    "fast": _Level(4, 2, 3, 0),
-    "default": _Level(8, 3, 5, 0),
-    "high": _Level(8, 3, 5, 3),
+    "fast": _Level(6, 1, 2, 3, 0),
+    "default": _Level(12, 3, 3, 5, 0),
+    "high": _Level(12, 3, 3, 5, 3),
 }
 _RHO = (0.02, 1.0)  # rho of `half_quadratic` in the first and in the last stage
 _EFFORT = 2  # duration of a stage with the denoiser over one without, for the progress
@@ -113,7 +117,9 @@ def sparse_gradients(
 
     planes = channels_first(g)
     blur = blur_filters(kernel.centred(), channels=len(planes), run=run)
-    f = latent_start(g, blur, clipped=clipped, iterations=level.start, run=starting)
+    f = latent_start(
+        g, blur, clipped=clipped, iterations=level.start, coloured=level.coloured, run=starting
+    )
     margin = (f.shape[1] - len(g)) // 2
     m = np.broadcast_to(np.float32(1), g.shape[:2])  # takes no memory
     if clipped is not None and lit:

@@ -17,7 +17,7 @@ def night(lab):
     kernel = lab.all_axes
     flow = FilterFlow(kernel.camera, kernel.theta, run=Run(1))
     blur = flow.filters(kernel.weights)
-    f = latent_start(g, blur, clipped=clipped, iterations=6, run=Run(1, lambda *_: None))
+    f = latent_start(g, blur, clipped=clipped, iterations=6, coloured=0, run=Run(1))
     return sharp, g, clipped, around, blur, f, flow.margin
 
 
@@ -112,3 +112,21 @@ def test_patches_far_from_lights_are_not_needed(night):
         results.append((m, f))
     for near, whole in zip(*results, strict=True):
         np.testing.assert_allclose(near, whole, atol=1e-5)
+
+
+def test_colours_behind_lamps_keep_their_shares(night, lab):
+    sharp, g, clipped, around, blur, first, margin = night
+    m = trust(first, blur, clipped, 0.002**2)
+    shares = np.array([1, 0.6, 0.3], np.float32)[:, None, None]
+    lamps = first[0] > 1.5
+    before = np.where(lamps, first, shares * first)
+    f = before.copy()
+    behind_lights(f, shares * g, blur, m, iterations=6, run=Run())
+    np.testing.assert_array_equal(f[:, lamps], before[:, lamps])
+    np.testing.assert_allclose(f[:, ~lamps], (shares * f[0])[:, ~lamps], rtol=1e-3, atol=1e-5)
+
+    def error(latent):
+        frame = np.minimum(latent[:, margin:-margin, margin:-margin], shares)
+        return np.mean(np.square(frame - shares * lab.frame(sharp))[:, around])
+
+    assert error(f) < 0.7 * error(before)

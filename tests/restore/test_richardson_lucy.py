@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from deshake.geometry.kernel import RotationKernel
+from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import ShakeBlur, blur_filters
 from deshake.restore.multiplicative_descent import MultiplicativeDescent
-from deshake.restore.richardson_lucy import richardson_lucy, richardson_lucy_tv
+from deshake.restore.richardson_lucy import latent_start, richardson_lucy, richardson_lucy_tv
 from deshake.run import Run
 
 NAMES = ("uniform", "pan", "roll", "all")
@@ -183,3 +184,63 @@ def test_total_variation_leaves_clipped_lamps_bright(lab):
     assert f[light].sum() > 0.9 * plain[light].sum()
     errors = [np.mean(np.square(x - lab.frame(sharp))[around]) for x in (f, plain)]
     assert errors[0] < errors[1]
+
+
+def started(g, kernel, iterations, coloured, run=Run(1)):
+    """Return the first estimate for another method, and the blur."""
+    blur = blur_filters(kernel, channels=len(channels_first(g)))
+    f = latent_start(g, blur, clipped=None, iterations=iterations, coloured=coloured, run=run)
+    return f, blur
+
+
+def test_a_first_estimate_takes_its_detail_from_the_mean_of_the_colours(lab):
+    grey = lab.noisy(lab.shaken(lab.all_axes, lab.scene()), 0.003)
+    shares = np.array([1, 0.5, 0.2], np.float32)
+    f, _ = started(grey[..., None] * shares, lab.all_axes, 6, 0)
+    one, _ = started(grey, lab.all_axes, 6, 0)
+    assert f.shape == (3, *one.shape[1:])
+    np.testing.assert_allclose(f, shares[:, None, None] * one, rtol=2e-3, atol=2e-4)
+
+
+@pytest.mark.parametrize("coloured", [0, 1, 2])
+def test_a_first_estimate_explains_colours_better_with_every_iteration(coloured, lab):
+    g = lab.noisy(lab.shaken(lab.all_axes, lab.colours()), 0.003)
+
+    def misfit(count):
+        f, blur = started(g, lab.all_axes, 6, count)
+        return float(np.square(blur.forward(f) - channels_first(g)).mean())
+
+    assert misfit(coloured + 1) < 0.95 * misfit(coloured)
+
+
+def test_a_first_estimate_recovers_what_the_mean_of_the_colours_does_not_show(lab):
+    sharp = lab.colours()
+    g = lab.noisy(lab.shaken(lab.all_axes, sharp), 0.003)
+    alone = np.concatenate([started(g[..., c], lab.all_axes, 10, 0)[0] for c in range(3)])
+    m = (alone.shape[1] - len(g)) // 2
+
+    def quality(latent):
+        return lab.psnr(latent[:, m:-m, m:-m].transpose(1, 2, 0), lab.frame(sharp))
+
+    lost, left = (quality(alone) - quality(started(g, lab.all_axes, 6, n)[0]) for n in (0, 4))
+    assert lost > 3
+    assert left < 0.5 * lost
+
+
+def test_a_first_estimate_reports_all_its_iterations(lab):
+    g = lab.noisy(lab.shaken(lab.all_axes, lab.colours()), 0.003)
+    shares = []
+    started(g, lab.all_axes, 3, 2, run=Run(1, lambda share, _: shares.append(share)))
+    assert shares == pytest.approx([0.2, 0.4, 0.6, 0.8, 1])
+    shares.clear()
+    started(
+        np.repeat(g[..., :1], 3, 2),
+        lab.all_axes,
+        3,
+        4,
+        run=Run(1, lambda share, _: shares.append(share)),
+    )
+    assert shares == pytest.approx([1 / 7, 2 / 7, 3 / 7, 4 / 7, 1])  # no colour, no more iterations
+    shares.clear()
+    started(g[..., 0], lab.all_axes, 4, 2, run=Run(1, lambda share, _: shares.append(share)))
+    assert shares == pytest.approx([0.25, 0.5, 0.75, 1])
