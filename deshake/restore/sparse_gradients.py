@@ -14,9 +14,9 @@ as the root of the number of colours.
 
 Half-quadratic splitting minimises it in a few stages (`half_quadratic`). A few iterations of
 Richardson-Lucy, most of them on the mean of the colours, give the first estimate (`latent_start`).
-In their model clipped lights may be brighter than they look. Where lights clipped, m gives their surroundings less weight, and the scene behind them is
-restored separately (`lights`); elsewhere m = 1. At high quality, stages with a denoiser follow
-(`plug_and_play`).
+In their model clipped lights may be brighter than they look. Where lights clipped, m gives their
+surroundings less weight, and the scene behind them is restored separately (`lights`); elsewhere
+m = 1. At high quality, stages with a denoiser follow (`plug_and_play`).
 """
 
 from __future__ import annotations
