@@ -57,17 +57,16 @@ class PatchInverse:
         self._slopes = grid.transforms.weights(*_slopes(n, n))
         away = (np.arange(n) + 0.5 - grid.radius - grid.hop) / grid.hop  # from the patch's centre
         ramp = np.sqrt(np.clip(1 - np.abs(away), 0, 1)).astype(np.float32)
+        most = np.float32(grid.transforms.gain**-0.25)  # the four ramps of a block undo the gain
+        ramp *= most
         # windows by row or column fade both ways; the first and the last do not fade outwards
         ramps = {
-            (first, last): np.where((first & (away < 0)) | (last & (away > 0)), np.float32(1), ramp)
+            (first, last): np.where((first & (away < 0)) | (last & (away > 0)), most, ramp)
             for first in (False, True)
             for last in (False, True)
         }
         self._windows = {
-            # both windows of a block together contain the factor that `transforms.irfft` needs
-            (vertical, horizontal): (np.outer(ramps[vertical], ramps[horizontal]) / n).astype(
-                np.float32
-            )
+            (vertical, horizontal): np.outer(ramps[vertical], ramps[horizontal])
             for vertical in {self._ends(i, grid.rows) for i in range(grid.rows)}
             for horizontal in {self._ends(i, grid.columns) for i in range(grid.columns)}
         }

@@ -104,8 +104,7 @@ class PatchGrid:
         self.columns = -(-shape[1] // hop) + 1
         self.run = run
         ramp = (1 - np.abs(np.arange(self.patch) + 0.5 - hop) / hop).astype(np.float32)
-        # the windows contain the factor that `transforms.irfft` needs
-        self.window = (np.outer(ramp, ramp) / self.block**2).astype(np.float32)
+        self.window = (np.outer(ramp, ramp) / self.transforms.gain).astype(np.float32)
         block_bytes = 4 * self.block * self.block
         self.batch = max(1, _BATCH_BYTES // (channels * block_bytes))
         parts = -(-self.columns // max(1, _STRIP_BYTES // block_bytes))

@@ -32,7 +32,7 @@ Spectra = NDArray[Any]
 
 _ONE_BY_ONE = 100  # px: least side of blocks that get a call each
 _CACHED = 320  # px: largest side of blocks whose transforms stay in the cache
-_BEYOND = {"SciPy": 1.2, "OpenCV": 1.1}  # factor of the time a pixel for larger blocks
+_BEYOND_SCIPY, _BEYOND_OPENCV = 1.2, 1.1  # factors of the time a pixel for larger blocks
 _POWER_OF_TWO = 0.84  # factor of the time a pixel, with OpenCV
 _EVEN_STEP = 8  # packed lengths are multiples of it: others take up to 1.5 times as long
 
@@ -49,6 +49,8 @@ class Transforms(Protocol):
     """Bytes of a spectrum."""
     effort: float
     """Time of a block; a unit is the time of a pixel of a small block."""
+    gain: int
+    """Factor of the blocks that `irfft` returns."""
 
     def rfft(self, blocks: Image) -> Spectra:
         """Transform blocks (..., n, n), n <= N, with zeros below and to the right of them."""
@@ -56,8 +58,8 @@ class Transforms(Protocol):
     def irfft(self, spectra: Spectra, size: int | None = None) -> Image:
         """Transform spectra back to blocks; keep (..., size, size). The spectra are lost.
 
-        The blocks are N^2 times too bright. A window that they are multiplied by anyway can contain
-        the factor 1 / N^2, which then takes no time.
+        The blocks are `gain` times too bright. A window that they are multiplied by anyway can
+        contain its inverse, which then takes no time.
         """
 
     def multiply(self, spectra: Spectra, filters: Spectra, *, conjugate: bool = False) -> None:
@@ -93,7 +95,8 @@ class ComplexTransforms:
     def __init__(self, least: int) -> None:
         self.length: int = scipy.fft.next_fast_len(least, real=True)
         self.nbytes = 8 * self.length * (self.length // 2 + 1)
-        self.effort = self.length**2 * (_BEYOND["SciPy"] if self.length > _CACHED else 1)
+        self.effort = _effort(self.length, _BEYOND_SCIPY)
+        self.gain = 1
 
     def rfft(self, blocks: Image) -> Spectrum:
         """See `Transforms.rfft`."""
@@ -105,9 +108,8 @@ class ComplexTransforms:
     def irfft(self, spectra: Spectrum, size: int | None = None) -> Image:
         """See `Transforms.irfft`."""
         n = size or self.length
-        rows = scipy.fft.ifft(spectra, axis=-2, norm="forward", overwrite_x=True, workers=1)
-        rows = rows[..., :n, :]
-        blocks: Image = scipy.fft.irfft(rows, self.length, norm="forward", workers=1)[..., :n]
+        rows = scipy.fft.ifft(spectra, axis=-2, overwrite_x=True, workers=1)
+        blocks: Image = scipy.fft.irfft(rows[..., :n, :], self.length, workers=1)[..., :n]
         return blocks
 
     def multiply(self, spectra: Spectrum, filters: Spectrum, *, conjugate: bool = False) -> None:
@@ -140,9 +142,10 @@ class PackedTransforms:
         n = -(-least // _EVEN_STEP)
         self.length: int = _EVEN_STEP * scipy.fft.next_fast_len(n, real=True)
         self.nbytes = 4 * self.length**2
-        self.effort = self.length**2 * (_BEYOND["OpenCV"] if self.length > _CACHED else 1)
+        self.effort = _effort(self.length, _BEYOND_OPENCV)
         if self.length & (self.length - 1) == 0:
             self.effort *= _POWER_OF_TWO
+        self.gain = self.length**2
 
     def rfft(self, blocks: Image) -> Image:
         """See `Transforms.rfft`."""
@@ -196,6 +199,11 @@ class PackedTransforms:
     def weigh(self, spectra: Image, weights: Image) -> None:
         """See `Transforms.weigh`."""
         spectra *= weights
+
+
+def _effort(length: int, beyond: float) -> float:
+    """Return the pixels of a block, times a factor if it leaves the cache."""
+    return length**2 * (beyond if length > _CACHED else 1)
 
 
 def _multiply(spectra: Spectrum, filters: Spectrum, *, conjugate: bool) -> None:

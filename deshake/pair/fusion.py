@@ -84,10 +84,7 @@ class _Settings:
     beyond : float
         Light: a clipped pixel that should be brighter is not trusted.
     alone : int
-        Iterations of Richardson-Lucy on the mean of the colours, where the noisy photo has no
-        pixels.
-    coloured : int
-        Most iterations on the colours that follow.
+        Iterations of Richardson-Lucy where the noisy photo has no pixels.
 
     """
 
@@ -101,7 +98,6 @@ class _Settings:
     clipped_share: float = 0.5
     beyond: float = 1.05
     alone: int = 6
-    coloured: int = 3
 
 
 _SETTINGS: Final = _Settings()
@@ -178,7 +174,6 @@ def fuse(
         blur,
         clipped=clipped,
         iterations=_SETTINGS.alone,
-        coloured=_SETTINGS.coloured,
         run=starting,
     )
     start = _start(g, noisy, v, alone, blur)

@@ -56,6 +56,8 @@ class MultiplicativeDescent:
         The longest step of the extrapolation, 0 for none.
     factor : (H, W) array of float32, optional
         The first estimate over A^T g; by default 1.
+    coverage : (H, W) array of float32, optional
+        A^T 1, as another descent with this blur has it.
     smooth : bool
         Whether each iteration lowers the total variation.
     run : Run
@@ -71,6 +73,7 @@ class MultiplicativeDescent:
         *,
         fastest: float,
         factor: Image | None = None,
+        coverage: Image | None = None,
         smooth: bool = False,
         run: Run,
     ) -> None:
@@ -80,8 +83,10 @@ class MultiplicativeDescent:
         self.clipped = clipped if clipped is not None and clipped.any() else None
         self.unclipped = g.size - (0 if self.clipped is None else self.clipped.sum() * len(self.g))
         self.blur = blur
-        self.coverage = blur.adjoint(np.ones((1, *g.shape[:2]), np.float32))[0]
-        np.maximum(self.coverage, _UNSEEN, out=self.coverage)
+        if coverage is None:
+            coverage = blur.adjoint(np.ones((1, *g.shape[:2]), np.float32))[0]
+            np.maximum(coverage, _UNSEEN, out=coverage)
+        self.coverage = coverage
         self.margin = (len(self.coverage) - len(g)) // 2
         self.weight = variation_weight(g, self.margin) if smooth else None
         self.f = np.empty((len(self.g), *self.coverage.shape), np.float32)
@@ -168,7 +173,7 @@ class MultiplicativeDescent:
             point[...] = new
             return 0.0, 0.0
         if self.weight is not None:
-            new = less_varied(new, point / coverage, self.weight[wide], _SMOOTHING)
+            new = less_varied(new, np.divide(point, coverage), self.weight[wide], _SMOOTHING)
         own = slice(rows.start - first, rows.stop - first)
         change, last = new[:, own] - point[:, own], self.change[:, rows]
         along = float(np.sum(np.multiply(change, last, out=last)))

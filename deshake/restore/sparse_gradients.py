@@ -13,10 +13,10 @@ alike. The residual of the first estimate is added to the noise, since no kernel
 as the root of the number of colours.
 
 Half-quadratic splitting minimises it in a few stages (`half_quadratic`). A few iterations of
-Richardson-Lucy, most of them on the mean of the colours, give the first estimate (`latent_start`).
-In their model clipped lights may be brighter than they look. Where lights clipped, m gives their
-surroundings less weight, and the scene behind them is restored separately (`lights`); elsewhere
-m = 1. At high quality, stages with a denoiser follow (`plug_and_play`).
+Richardson-Lucy, most of them on the mean of the colours, give the first estimate. In their model
+clipped lights may be brighter than they look. Where lights clipped, m gives their surroundings less
+weight, and the scene behind them is restored separately (`lights`); elsewhere m = 1. At high
+quality, stages with a denoiser follow (`plug_and_play`).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from deshake.operators.shake_blur import blur_filters
 from deshake.restore.lights import behind_lights, trust
 from deshake.restore.plug_and_play import plug_and_play
 from deshake.restore.restoration import Restoration, check_photo
-from deshake.restore.richardson_lucy import latent_start
+from deshake.restore.richardson_lucy import latent_start_by_mean
 from deshake.run import Run
 from deshake.signal.half_quadratic import HalfQuadratic
 from deshake.signal.noise import noise_variance
@@ -117,7 +117,7 @@ def sparse_gradients(
 
     planes = channels_first(g)
     blur = blur_filters(kernel.centred(), channels=len(planes), run=run)
-    f = latent_start(
+    f = latent_start_by_mean(
         g, blur, clipped=clipped, iterations=level.start, coloured=level.coloured, run=starting
     )
     margin = (f.shape[1] - len(g)) // 2

@@ -20,7 +20,7 @@ def test_windows_sum_to_one(shape: tuple[int, int]) -> None:
     for strip in grid.strips:
         ones = np.ones((1, strip.count, grid.patch, grid.patch), np.float32)
         canvas = grid.canvas(1, strip, grid.patch)
-        grid.overlap_add(ones, canvas, window=grid.window * grid.block**2)
+        grid.overlap_add(ones, canvas, window=grid.window * grid.transforms.gain)
         grid.add_observed(total, strip, canvas)
     np.testing.assert_allclose(total, 1, atol=1e-6)
 
@@ -99,7 +99,7 @@ def test_autocorrelations_are_sums_over_pixels(radius: int) -> None:
     strip = grid.strips[1]
     correlations = grid.autocorrelations(observed, strip)
     assert correlations.shape == (strip.count, 4 * radius + 1, 4 * radius + 1)
-    patches = (grid.patches(observed, strip) * np.sqrt(grid.window) * grid.block)[:, 1]
+    patches = (grid.patches(observed, strip) * np.sqrt(grid.window * grid.transforms.gain))[:, 1]
     lags = range(-2 * radius, 2 * radius + 1)
     for dy, dx in [(0, 0), (2, 5), (-6, 3), *zip(lags, reversed(lags), strict=True)]:
         a = patches[:, max(0, -dy) : 20 - max(0, dy), max(0, -dx) : 20 - max(0, dx)]

@@ -17,7 +17,7 @@ def night(lab):
     kernel = lab.all_axes
     flow = FilterFlow(kernel.camera, kernel.theta, run=Run(1))
     blur = flow.filters(kernel.weights)
-    f = latent_start(g, blur, clipped=clipped, iterations=6, coloured=0, run=Run(1))
+    f = latent_start(g, blur, clipped=clipped, iterations=6, run=Run(1, lambda *_: None))
     return sharp, g, clipped, around, blur, f, flow.margin
 
 

@@ -8,7 +8,11 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import ShakeBlur, blur_filters
 from deshake.restore.multiplicative_descent import MultiplicativeDescent
-from deshake.restore.richardson_lucy import latent_start, richardson_lucy, richardson_lucy_tv
+from deshake.restore.richardson_lucy import (
+    latent_start_by_mean,
+    richardson_lucy,
+    richardson_lucy_tv,
+)
 from deshake.run import Run
 
 NAMES = ("uniform", "pan", "roll", "all")
@@ -189,7 +193,9 @@ def test_total_variation_leaves_clipped_lamps_bright(lab):
 def started(g, kernel, iterations, coloured, run=Run(1)):
     """Return the first estimate for another method, and the blur."""
     blur = blur_filters(kernel, channels=len(channels_first(g)))
-    f = latent_start(g, blur, clipped=None, iterations=iterations, coloured=coloured, run=run)
+    f = latent_start_by_mean(
+        g, blur, clipped=None, iterations=iterations, coloured=coloured, run=run
+    )
     return f, blur
 
 

@@ -99,9 +99,7 @@ def test_a_factor_that_is_a_little_off_is_corrected(pair):
         ).photo.pixels
         for factor in (0.95, 1.05)
     ]
-    differences = np.abs(restored[0] - restored[1])
-    assert np.quantile(differences, 0.999) < 2e-4
-    assert differences.max() < 0.01  # a few slopes lie just above or below the least edge
+    np.testing.assert_allclose(restored[0], restored[1], atol=2e-3)
 
 
 def test_grey_noisy_photos_pass(pair, tmp_path):
