@@ -6,7 +6,7 @@ import logging
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from deshake.batch.footprint import estimate_memory, photo_memory
+from deshake.batch.footprint import estimate_memory, pair_memory, photo_memory
 from deshake.errors import KernelFileError, PhotoError
 from deshake.files.disk import STREAM, check_input, sha256
 from deshake.formats.conversion import check_ending
@@ -61,7 +61,9 @@ class EstimateKernel:
 
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:
         """Predict the memory of the work, in bytes."""
-        return estimate_memory(size, threads, photos=2 if "noisy" in job.needs else 1)
+        if "noisy" in job.needs:
+            return pair_memory(size, threads)
+        return estimate_memory(size, threads, colours="tiles" in job.others)
 
     def check(self, job: Job) -> None:
         """Check the photos, the registration, and the names of the pictures."""
@@ -114,7 +116,7 @@ class Register:
 
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:  # noqa: ARG002
         """Predict the memory of the work, in bytes."""
-        return estimate_memory(size, threads, photos=2)
+        return pair_memory(size, threads)
 
     def check(self, job: Job) -> None:
         """Check the photos, and the name of the preview."""

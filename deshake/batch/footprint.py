@@ -21,6 +21,7 @@ __all__ = [
     "default_blur",
     "estimate_memory",
     "memory_needed",
+    "pair_memory",
     "photo_memory",
     "restoration_memory",
     "worked_size",
@@ -30,10 +31,18 @@ _PROCESS: Final = 200e6
 """Bytes of the libraries, and of small arrays."""
 _PHOTO: Final = {1: 16, 3: 28}
 """Bytes a pixel for reading a photo, by its colours; a mosaic of a sensor takes no more."""
+_ESTIMATE: Final = 300e6
+"""Bytes of an estimate from one photo at its own working sizes; a few wide shakes take more."""
+_ESTIMATE_THREAD: Final = 150e6
+"""Bytes of each thread of such an estimate beside the first."""
+_SCALES: Final = 14
+"""Bytes a pixel for the luminance of such a photo, at all scales."""
+_COLOURS: Final = {1: 0, 3: 12}
+"""Bytes a pixel for the colours of such a photo, where they stay in memory."""
+_PAIR_ESTIMATE: Final = 200e6
+"""Bytes of an estimate from a pair at its own working size."""
 _LUMINANCE: Final = {1: 9, 3: 17}
-"""The same for an estimate, beside the photo."""
-_ESTIMATE: Final = 200e6
-"""Bytes of an estimate at its own working size."""
+"""Bytes a pixel for such an estimate, by the colours, beside each photo."""
 _RESTORATION: Final = {1: 70, 3: 115}
 """Bytes a pixel for deblurring, by its colours."""
 _PAIR: Final = {1: 180, 3: 290}
@@ -68,11 +77,28 @@ def photo_memory(size: PictureSize) -> int:
     return int(_PROCESS + _PHOTO[size.channels] * size.pixels)
 
 
-def estimate_memory(size: PictureSize, threads: int, photos: int = 1) -> int:
-    """Predict the memory for estimating a kernel from one photo, or from a pair of one size."""
-    reading = _PROCESS + photos * _PHOTO[size.channels] * size.pixels
-    grey = photos * _LUMINANCE[size.channels] * size.pixels
-    return int(reading + grey + _ESTIMATE + _THREAD * (threads - 1))
+def estimate_memory(size: PictureSize, threads: int, *, colours: bool = False) -> int:
+    """Predict the memory for estimating a kernel from one photo, reading included.
+
+    Parameters
+    ----------
+    size : PictureSize
+        The photo.
+    threads : int
+        Number of threads.
+    colours : bool
+        Whether the colours of the photo stay in memory meanwhile.
+
+    """
+    each = _SCALES + (_COLOURS[size.channels] if colours else 0)
+    more = _ESTIMATE + _ESTIMATE_THREAD * (threads - 1)
+    return int(max(photo_memory(size), _PROCESS + each * size.pixels + more))
+
+
+def pair_memory(size: PictureSize, threads: int) -> int:
+    """Predict the memory for registering a pair of one size, or for estimating its kernel."""
+    each = 2 * (_PHOTO[size.channels] + _LUMINANCE[size.channels])
+    return int(_PROCESS + each * size.pixels + _PAIR_ESTIMATE + _THREAD * (threads - 1))
 
 
 def restoration_memory(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from deshake.batch.footprint import estimate_memory
+from deshake.batch.footprint import photo_memory
 from deshake.errors import PhotoError
 from deshake.files.disk import check_input
 from deshake.stages.inspecting import inspect_file
@@ -28,7 +28,7 @@ class Inspect:
 
     def memory(self, job: Job, size: PictureSize, threads: int) -> int:  # noqa: ARG002
         """Predict the memory of the work, in bytes."""
-        return estimate_memory(size, threads)
+        return photo_memory(size)
 
     def check(self, job: Job) -> None:
         """Check that the file is there."""

@@ -122,7 +122,7 @@ class Fix:
             masked=job.needs.get("mask") is not None,
             bends=self.options.camera.undoes_lens,
         )
-        return max(estimate_memory(worked, threads), needed)
+        return max(estimate_memory(worked, threads, colours=True), needed)
 
     def check(self, job: Job) -> None:
         """Check the inputs, and the name of the result."""

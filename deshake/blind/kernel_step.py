@@ -119,7 +119,8 @@ def _gatherer(tiles: Tiles, theta: Vector, sign: int) -> csr_array:
     for part in np.split(theta, range(_GATHERED, len(theta), _GATHERED)):
         moved = sign * displacements(homographies(tiles.camera, part), tiles.centres)
         parts.append(gathering_matrix(moved, (tiles.block, tiles.block)))
-    return vstack(parts, "csr")
+    matrix: csr_array = vstack(parts, "csr")
+    return matrix
 
 
 def fitted_weights(
