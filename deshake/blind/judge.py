@@ -119,6 +119,13 @@ class Judge:
 
     def _restored(self, tiles: Tiles) -> Image:
         """Restore the tiles with a sparse prior of gradients, ``sum |grad f|^0.8``."""
+        restored = np.empty_like(tiles.g)
+        for part, group in tiles.groups():
+            restored[part] = self._restored_group(group)
+        return restored
+
+    def _restored_group(self, tiles: Tiles) -> Image:
+        """Restore a few tiles."""
         price = self._price
         picture, data = tiles.g, tiles.data()
         for stage, beta in enumerate(np.geomspace(*_S.penalties, _S.stages).tolist()):

@@ -48,6 +48,15 @@ def l0_picture(
         S, and its gradients, the small ones set to zero.
 
     """
+    result = np.empty((3, *tiles.g.shape), np.float32)
+    for part, group in tiles.groups():
+        result[:, part] = _l0_picture(group, lam, beta_max)
+    picture, across, down = result
+    return picture, across, down
+
+
+def _l0_picture(tiles: Tiles, lam: float, beta_max: float) -> tuple[Image, Image, Image]:
+    """Run the steps of `l0_picture` on a few tiles."""
     data = tiles.data()
     picture, beta = tiles.filled, 2 * lam
     while True:

@@ -27,7 +27,7 @@ from deshake.operators.transforms import power_of
 from deshake.signal.gradients import adjoint_differences, differences, squared_response
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from deshake.geometry.kernel import RotationKernel
     from deshake.signal.pyramid import Scale
@@ -38,6 +38,9 @@ Image = NDArray[np.float32]
 Spectrum = NDArray[np.complex64]
 
 _S: Final = SETTINGS.tiles
+_GROUP: Final = 2**16  # pixels of the blocks of a group, about
+_OF_EACH = ("corners", "centres", "g", "belief", "around", "middle", "filled", "H", "power")
+"""Names of the arrays that have an item for each tile."""
 
 
 class Tiles:
@@ -118,6 +121,19 @@ class Tiles:
         tiles.filled = tiles.g
         tiles.bind(kernel)
         return tiles
+
+    def groups(self) -> Iterator[tuple[slice, Tiles]]:
+        """Yield these tiles, bound to a kernel, a few at a time, and their places among all.
+
+        A few tiles stay in the processor's cache from one step to the next. The arrays are views.
+        """
+        count = max(round(_GROUP / self.block**2), 1)
+        for first in range(0, self.count, count):
+            part = slice(first, min(first + count, self.count))
+            group = copy(self)
+            vars(group).update({name: vars(self)[name][part] for name in _OF_EACH})
+            group.gradients = self.gradients[0][part], self.gradients[1][part]
+            yield part, group
 
     def bind(self, kernel: RotationKernel) -> None:
         """Set the kernel of the blur; fill the room the first time."""
