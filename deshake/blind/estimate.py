@@ -17,7 +17,7 @@ from deshake.blind.blur_kind import is_sharp
 from deshake.blind.bounds import check_size
 from deshake.blind.camera_path import filled_path
 from deshake.blind.drawn_path import drawing
-from deshake.blind.kernel_faults import FILLED, SPREAD, faults
+from deshake.blind.kernel_faults import FILLED, faults
 from deshake.blind.latent_picture import latent_gradients
 from deshake.blind.race import race
 from deshake.blind.result import BlindEstimate
@@ -166,8 +166,6 @@ def _concluded(
         return _unchanged(pyramid, whole, min(trust, _S.unchanged), note)
     if FILLED in notes and trust < 1:
         trust = min(trust, _S.most_filled)
-    if SPREAD in notes:
-        trust = min(trust, _S.most_spread)
     if trust < _S.doubtful:
         notes.append(
             f"the estimate of the shake is doubtful (confidence {two_digits(trust)}): compare the "

@@ -21,19 +21,16 @@ __all__ = [
     "COLLAPSED",
     "FILLED",
     "SCATTERED",
-    "SPREAD",
     "TOUCHING",
     "faults",
     "is_filled",
     "is_point",
-    "is_spread",
 ]
 
 COLLAPSED = "hardly any shake was found: the kernel is little more than a point"
 TOUCHING = "the shake may be wider than what was looked for: try a larger --blur-size"
 SCATTERED = "the estimate of the shake is scattered like noise: compare the result with the photo"
 FILLED = "the blur is a round spot, not a path: the photo is out of focus rather than shaken"
-SPREAD = "the estimate of the shake is spread over an area, as no path of a camera is"
 
 _S: Final = SETTINGS.kernel_faults
 
@@ -52,8 +49,7 @@ def faults(kernel: RotationKernel, *, blur_px: float | None = None) -> list[str]
     Returns
     -------
     list of str
-        Some of `COLLAPSED`, `TOUCHING`, `SCATTERED`, and `FILLED` or `SPREAD`; empty without a
-        fault.
+        Some of `COLLAPSED`, `TOUCHING`, `SCATTERED` and `FILLED`; empty without a fault.
 
     """
     if is_point(kernel):
@@ -68,8 +64,6 @@ def faults(kernel: RotationKernel, *, blur_px: float | None = None) -> list[str]
         result.append(SCATTERED)
     if is_filled(kernel):
         result.append(FILLED)
-    elif is_spread(kernel):
-        result.append(SPREAD)
     return result
 
 
@@ -100,16 +94,6 @@ def is_filled(kernel: RotationKernel) -> bool:
         return False
     taken = 1 / float((cells**2).sum())
     return taken > _S.disk * 4 * np.pi * (longest + 1 / 12)  # 1/12: the variance within a cell
-
-
-def is_spread(kernel: RotationKernel) -> bool:
-    """Return whether a kernel has far more rotations than a path of its extent.
-
-    A path that winds has a few rotations for each grid step of its extent. A wrong kernel that many
-    edges fit a little has many.
-    """
-    extent = kernel.extent_px() / (kernel.camera.focal_px * kernel.steps[0])
-    return bool(np.count_nonzero(kernel.weights) > _S.broad * extent)
 
 
 def _connected_share(kernel: RotationKernel) -> float:

@@ -10,14 +10,11 @@ from deshake.blind.agreement import agreement
 from deshake.blind.camera_path import filled_path
 from deshake.blind.entry import Entry
 from deshake.blind.estimate import STILL, _concluded, estimate_kernel
-from deshake.blind.kernel_faults import SPREAD
 from deshake.blind.race import Finish
 from deshake.blind.sharpness import looks_sharp
 from deshake.blind.trust import confidence
 from deshake.errors import EstimationError
 from deshake.geometry.camera import Camera
-from deshake.geometry.kernel import RotationKernel
-from deshake.geometry.rotations import grid_steps
 from deshake.run import Run
 from deshake.signal.pyramid import Pyramid
 
@@ -138,20 +135,6 @@ def test_a_doubtful_kernel_never_deblurs_a_photo_with_the_edges_of_a_sharp_one(s
         assert len(result.notes) == 1
     sure = found._replace(margin=0.12, match=0.4)
     assert _concluded(pyramid, shaken.camera, sure, None).name == "start 1"
-
-
-def test_a_kernel_that_is_spread_over_an_area_is_doubtful_however_sure_it_looks(shaken) -> None:
-    along, across = (a.ravel() for a in np.mgrid[:60, :24])
-    band = np.stack([along - 30, across - 12, 0 * along], 1)
-    steps = grid_steps(shaken.camera)
-    wide = RotationKernel.from_indices(band, np.ones(len(band)), steps, shaken.camera)
-    found = Finish(Entry("start 1", 1, 0, wide), 0.3, 0.4, 0.99, at_rest=False)
-    assert confidence(found) > 0.95
-    pyramid = Pyramid(np.ascontiguousarray(shaken.grey), shaken.camera)
-    result = _concluded(pyramid, shaken.camera, found, 100.0)
-    assert 0.5 < result.confidence < 0.8
-    assert SPREAD in result.notes
-    assert "doubtful" in result.notes[-1]
 
 
 @pytest.mark.parametrize("estimator", ["edges", "variational"])

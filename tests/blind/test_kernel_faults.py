@@ -7,7 +7,6 @@ from deshake.blind.kernel_faults import (
     COLLAPSED,
     FILLED,
     SCATTERED,
-    SPREAD,
     TOUCHING,
     faults,
 )
@@ -89,17 +88,3 @@ def test_paths_are_no_disks_however_they_wind() -> None:
         steps *= 6 / np.abs(steps - steps.mean(0)).max()
         winding = np.rint(steps).astype(int)
         assert FILLED not in faults(kernel(winding))
-
-
-@pytest.mark.parametrize(("thickness", "expected"), [(3, []), (12, []), (24, [SPREAD])])
-def test_a_path_is_thin_for_its_extent(thickness: int, expected: list[str]) -> None:
-    along, across = (a.ravel() for a in np.mgrid[:60, :thickness])
-    band = np.stack([along, across - thickness // 2, 0 * along], 1)
-    assert faults(kernel(band)) == expected
-    assert faults(kernel(band).for_camera(Camera.from_focal(1200.0, 800, 1200))) == expected
-
-
-def test_a_path_that_winds_is_not_spread() -> None:
-    there, back = np.arange(25), np.zeros(25, int)
-    rows = [np.stack([there, back + 3 * n, back], 1) for n in range(8)]  # eight times up and down
-    assert SPREAD not in faults(kernel(np.concatenate(rows)))

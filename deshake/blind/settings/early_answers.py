@@ -50,8 +50,6 @@ class EstimateSettings:
         Largest confidence of a kernel that leaves the photo unchanged.
     most_filled : float
         Largest confidence of a kernel that fills a disk.
-    most_spread : float
-        Largest confidence of a kernel that is spread over an area: it is doubtful.
     race_share : float
         Share of the computing time that the race takes.
 
@@ -63,7 +61,6 @@ class EstimateSettings:
     doubtful: float = 0.8
     unchanged: float = 0.1
     most_filled: float = 0.9
-    most_spread: float = 0.79
     race_share: float = 0.95
 
 

@@ -158,10 +158,7 @@ class SpotSettings:
 class KernelFaultsSettings:
     """The faults that a kernel itself shows (`kernel_faults`).
 
-    `broad` is above all right kernels of 42 photos of the set `tune`, which have up to 12.5, and
-    below wrong ones of three real photos, 17 to 32. A right kernel of the set `test`, O52, has
-    16.2; so the limit is not lower. No record says what the others were tuned on. `most_cells`
-    bounds the memory.
+    No record says what they were tuned on. `most_cells` bounds the memory.
 
     Parameters
     ----------
@@ -179,8 +176,6 @@ class KernelFaultsSettings:
         Grid steps, standard deviation: a smaller kernel is a point.
     most_cells : int
         Cells of the grid that holds all rotations, at most.
-    broad : float
-        Rotations for each grid step of the extent: a path has fewer.
 
     """
 
@@ -191,7 +186,6 @@ class KernelFaultsSettings:
     disk: float = 0.7
     least_disk: float = 0.65
     most_cells: int = 1 << 24
-    broad: float = 16.5
 
 
 @dataclass(frozen=True)
