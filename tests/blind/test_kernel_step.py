@@ -90,6 +90,18 @@ def test_the_gram_matrix_is_that_of_the_exact_warps(fit) -> None:
     np.testing.assert_array_equal(equations.gram, equations.gram.T)
 
 
+def test_parts_of_the_rotations_have_the_same_bytes(shaken, monkeypatch) -> None:
+    room = shaken.kernel.resampled(shaken.kernel.steps).dilated()
+    tiles = Tiles(shaken.pyramid.at(0), CORNERS, SIZE, reach(shaken.camera, room.theta))
+    edges = differences(tiles.g)
+    whole = RotationGrid(tiles, room.indices, room.steps).equations(edges)
+    for count in (1, 7):
+        monkeypatch.setattr("deshake.blind.kernel_step._GATHERED", count)
+        parts = RotationGrid(tiles, room.indices, room.steps).equations(edges)
+        np.testing.assert_array_equal(parts.gram, whole.gram)
+        np.testing.assert_array_equal(parts.right, whole.right)
+
+
 def test_the_right_side_is_that_of_the_exact_warps(fit) -> None:
     equations, _, right, (*_, off), _ = fit
     assert np.linalg.norm(equations.right - right) < off * np.linalg.norm(right)

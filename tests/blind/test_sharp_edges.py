@@ -94,6 +94,15 @@ def test_tiles_do_not_change_one_another(tiles, shaken) -> None:
         np.testing.assert_allclose(l0_picture(alone, LAM)[0][0], together[p], atol=1e-5)
 
 
+def test_groups_of_tiles_have_the_same_bytes(tiles, monkeypatch) -> None:
+    pictures = []
+    for pixels in (1, 2 * tiles.block**2, 2**30):
+        monkeypatch.setattr("deshake.blind.tiles._GROUP", pixels)
+        pictures.append(np.stack(l0_picture(tiles, LAM)))
+    np.testing.assert_array_equal(pictures[0], pictures[2])
+    np.testing.assert_array_equal(pictures[1], pictures[2])
+
+
 @pytest.mark.parametrize(("kind", "least"), [("shock", 0.45), ("l0", 0.68), ("strong", 0.68)])
 def test_edges_of_every_kind_are_like_the_true_ones(tiles, shaken, kind, least) -> None:
     sharp = differences(truth(shaken, tiles))

@@ -183,6 +183,25 @@ def test_tiles_for_another_kernel_leave_the_first_ones_alone(shaken) -> None:
     assert other.g is tiles.g
 
 
+@pytest.mark.parametrize("pixels", [1, 9000, 2**16])
+def test_groups_are_all_tiles_in_order_with_a_room_of_their_own(tiles, monkeypatch, pixels) -> None:
+    monkeypatch.setattr("deshake.blind.tiles._GROUP", pixels)
+    filled = tiles.filled.copy()
+    latent = np.random.default_rng(2).random(tiles.g.shape, np.float32)
+    places = np.zeros(tiles.count, int)
+    whole = tiles.bound(RotationKernel.delta(tiles.camera))
+    for part, group in whole.groups():
+        places[part] += 1
+        assert group.count == len(places[part]) <= max(round(pixels / tiles.block**2), 1)
+        np.testing.assert_array_equal(group.data(), whole.data()[part])
+        np.testing.assert_array_equal(group.fill(latent[part]), whole.blurred(latent)[part])
+        for one, all_ in zip(group.gradients, whole.gradients, strict=True):
+            np.testing.assert_array_equal(one, all_[part])
+        np.testing.assert_array_equal(group.corners, whole.corners[part])
+    np.testing.assert_array_equal(places, 1)
+    np.testing.assert_array_equal(tiles.filled, filled)
+
+
 def test_rotations_without_weight_do_not_blur(shaken) -> None:
     kernel = shaken.kernel
     theta = np.concatenate([kernel.theta, 3 * kernel.theta])
