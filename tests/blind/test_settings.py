@@ -17,12 +17,14 @@ PACKAGE = Path(deshake.__file__).parent
 MODULES = {path.stem: path.read_text("utf-8") for path in (PACKAGE / "blind").glob("*.py")}
 PARTS = [field.name for field in fields(EdgesSettings)]
 
-# Numbers of a module that nobody tunes: names of things, guards against zero, neighbourhoods.
+# Numbers of a module that nobody tunes: names of things, guards against zero, neighbourhoods, and
+# how much work is done at once, which changes no result.
 STRUCTURE = {
     "agreement._PLACES",
     "blur_kind._HALF",
     "camera_path._ALONG",
     "camera_path._NEIGHBOURS",
+    "kernel_step._GATHERED",
     "latent_picture._NO_LIMIT",
     "race._OF_SPECTRA",
     "race._OF_STREAKS",
@@ -32,6 +34,7 @@ STRUCTURE = {
     "streaks._AROUND",
     "streaks._NEAR",
     "tile_choice._TINY",
+    "tiles._GROUP",
 }
 
 
