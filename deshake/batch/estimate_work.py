@@ -63,7 +63,8 @@ class EstimateKernel:
         """Predict the memory of the work, in bytes."""
         if "noisy" in job.needs:
             return pair_memory(size, threads)
-        return estimate_memory(size, threads, colours="tiles" in job.others)
+        bends = self.options.camera.undoes_lens
+        return estimate_memory(size, threads, colours="tiles" in job.others, bends=bends)
 
     def check(self, job: Job) -> None:
         """Check the photos, the registration, and the names of the pictures."""

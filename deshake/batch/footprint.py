@@ -77,7 +77,9 @@ def photo_memory(size: PictureSize) -> int:
     return int(_PROCESS + _PHOTO[size.channels] * size.pixels)
 
 
-def estimate_memory(size: PictureSize, threads: int, *, colours: bool = False) -> int:
+def estimate_memory(
+    size: PictureSize, threads: int, *, colours: bool = False, bends: bool = False
+) -> int:
     """Predict the memory for estimating a kernel from one photo, reading included.
 
     Parameters
@@ -88,9 +90,11 @@ def estimate_memory(size: PictureSize, threads: int, *, colours: bool = False) -
         Number of threads.
     colours : bool
         Whether the colours of the photo stay in memory meanwhile.
+    bends : bool
+        Whether lens distortion is removed.
 
     """
-    each = _SCALES + (_COLOURS[size.channels] if colours else 0)
+    each = _SCALES + (_COLOURS[size.channels] if colours else 0) + (_LENS if bends else 0)
     more = _ESTIMATE + _ESTIMATE_THREAD * (threads - 1)
     return int(max(photo_memory(size), _PROCESS + each * size.pixels + more))
 

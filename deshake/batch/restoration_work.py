@@ -113,6 +113,7 @@ class Fix:
         blur = self.options.blur_size
         if blur is not None and size.pixels:
             blur *= math.sqrt(worked.pixels / size.pixels)
+        bends = self.options.camera.undoes_lens
         needed = restoration_memory(
             size,
             self.restoration,
@@ -120,9 +121,9 @@ class Fix:
             blur,
             finish=self.finish,
             masked=job.needs.get("mask") is not None,
-            bends=self.options.camera.undoes_lens,
+            bends=bends,
         )
-        return max(estimate_memory(worked, threads, colours=True), needed)
+        return max(estimate_memory(worked, threads, colours=True, bends=bends), needed)
 
     def check(self, job: Job) -> None:
         """Check the inputs, and the name of the result."""

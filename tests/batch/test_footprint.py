@@ -129,10 +129,12 @@ def test_predictions_of_estimates_are_near_what_was_measured(measured, pixels, t
     assert measured < needed < 1.3 * measured + 0.16e9
 
 
-def test_a_picture_of_the_tiles_needs_the_colours(photo):
+def test_a_picture_of_the_tiles_a_lens_and_a_pair_count(photo):
     work, job = EstimateKernel(EstimateOptions()), photo("RGB")
     drawn = replace(job, others={"tiles": job.output.with_suffix(".tiles.png")})
     assert memory_needed(drawn, work, 1) == memory_needed(job, work, 1) + 12 * 1_500_000
+    lens = EstimateKernel(EstimateOptions(camera=CameraChoice(lens=True)))
+    assert memory_needed(job, lens, 1) == memory_needed(job, work, 1) + 14 * 1_500_000
     paired = replace(job, needs={"noisy": job.source})
     assert memory_needed(paired, work, 1) == pair_memory(PictureSize(1_500_000, 3), 1)
 
