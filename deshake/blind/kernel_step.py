@@ -35,7 +35,6 @@ Image = NDArray[np.float32]
 Vector = NDArray[np.float64]
 
 _S: Final = SETTINGS.kernel_step
-_GATHERED: Final = 2048  # rotations that are prepared at once: few stay in the cache
 
 
 class NormalEquations(NamedTuple):
@@ -113,14 +112,8 @@ class RotationGrid:
 
 def _gatherer(tiles: Tiles, theta: Vector, sign: int) -> csr_array:
     """Return the matrix that samples correlations (P, N, N) at displacements and sums them."""
-    from scipy.sparse import vstack  # noqa: PLC0415 - `inspect` starts faster without it
-
-    parts = []
-    for part in np.split(theta, range(_GATHERED, len(theta), _GATHERED)):
-        moved = sign * displacements(homographies(tiles.camera, part), tiles.centres)
-        parts.append(gathering_matrix(moved, (tiles.block, tiles.block)))
-    matrix: csr_array = vstack(parts, "csr")
-    return matrix
+    moved = sign * displacements(homographies(tiles.camera, theta), tiles.centres)
+    return gathering_matrix(moved, (tiles.block, tiles.block))
 
 
 def fitted_weights(

@@ -30,6 +30,8 @@ __all__ = [
 
 Image = NDArray[np.float32]
 
+_AT_ONCE = 2048  # lags whose taps are computed at once: few stay in the cache
+
 RIGHT, BELOW = np.array([0, 1, 0, 1]), np.array([0, 0, 1, 1])
 """Steps from the pixel at the upper left of a place to its four pixels."""
 
@@ -111,9 +113,14 @@ def gathering_matrix(moved: NDArray[np.float64], block: tuple[int, int]) -> csr_
     from scipy.sparse import csr_array  # noqa: PLC0415 - `inspect` starts faster without it
 
     count, size = len(moved), block[0] * block[1]
-    place, share = bilinear_taps(moved, block)
-    place += (np.arange(count) * size)[:, None, None]
-    columns = np.swapaxes(place, 0, 1).reshape(-1).astype(np.int32)
-    data = np.swapaxes(share, 0, 1).reshape(-1).astype(np.float32)
-    rows = np.arange(moved.shape[1] + 1, dtype=np.int32) * (4 * count)
-    return csr_array((data, columns, rows), (moved.shape[1], count * size))
+    lags = moved.shape[1]
+    first = (np.arange(count) * size)[:, None, None]
+    columns = np.empty((lags, count, 4), np.int32)
+    data = np.empty(columns.shape, np.float32)
+    for start in range(0, lags, _AT_ONCE):
+        part = slice(start, start + _AT_ONCE)
+        place, share = bilinear_taps(moved[:, part], block)
+        place += first
+        columns[part], data[part] = np.swapaxes(place, 0, 1), np.swapaxes(share, 0, 1)
+    rows = np.arange(lags + 1, dtype=np.int32) * (4 * count)
+    return csr_array((data.ravel(), columns.ravel(), rows), (lags, count * size))

@@ -96,7 +96,7 @@ def test_parts_of_the_rotations_have_the_same_bytes(shaken, monkeypatch) -> None
     edges = differences(tiles.g)
     whole = RotationGrid(tiles, room.indices, room.steps).equations(edges)
     for count in (1, 7):
-        monkeypatch.setattr("deshake.blind.kernel_step._GATHERED", count)
+        monkeypatch.setattr("deshake.operators.bilinear._AT_ONCE", count)
         parts = RotationGrid(tiles, room.indices, room.steps).equations(edges)
         np.testing.assert_array_equal(parts.gram, whole.gram)
         np.testing.assert_array_equal(parts.right, whole.right)

@@ -24,7 +24,6 @@ STRUCTURE = {
     "blur_kind._HALF",
     "camera_path._ALONG",
     "camera_path._NEIGHBOURS",
-    "kernel_step._GATHERED",
     "latent_picture._NO_LIMIT",
     "race._OF_SPECTRA",
     "race._OF_STREAKS",
