@@ -1,7 +1,8 @@
 """The blind estimate: a kernel for one photo, its confidence, and notes for the user.
 
 The cheapest test comes first. A photo that is sharp to the pixel needs no estimate. A photo needs
-no full race if the finest starts end in a small round spot.
+no full race if the finest starts end in a small round spot. If the race leaves it open whether its
+kernel improves the photo, a second race looks at the photo in display values.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from deshake.blind.blur_kind import is_sharp
 from deshake.blind.bounds import check_size
 from deshake.blind.camera_path import filled_path
 from deshake.blind.drawn_path import drawing
+from deshake.blind.focal_search import longest_zoom
 from deshake.blind.kernel_faults import FILLED, faults
 from deshake.blind.latent_picture import latent_gradients
 from deshake.blind.race import race
@@ -34,6 +36,8 @@ from deshake.run import Run
 from deshake.signal.pyramid import Pyramid
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from deshake.blind.race import Finish
 
 __all__ = ["STILL", "Estimator", "Region", "estimate_kernel"]
@@ -142,10 +146,29 @@ def estimate_kernel(
             result = None  # the streaks mislead, or their surroundings are needed
     if result is None:
         may_rest = sharpness(pyramid, 0) > _S.fairly_sharp
-        result = estimated(pyramid, may_rest=may_rest, run=run.part(start, _S.race_share))
+        once = may_rest or quick
+        end = _S.race_share if once else _S.first_share
+        result = estimated(pyramid, may_rest=may_rest, run=run.part(start, end))
+        if not once and SETTINGS.race.hopeful <= confidence(result) < _S.even:
+            again = partial(estimated, run=run.part(end, _S.race_share))
+            result = _second_race(pyramid, result, again, any_focal=any_focal and not uniform)
     estimate = _concluded(pyramid, whole, result, blur_px)
     run.report(1.0, "kernel estimated")
     return estimate
+
+
+def _second_race(
+    pyramid: Pyramid, first: Finish, again: Callable[..., Finish], *, any_focal: bool
+) -> Finish:
+    """Return the finish of a race in display values if it is trusted, else that of the first race.
+
+    Cameras bend the tones of a photo. Then neither linear light nor display values are right, but
+    now and then a race succeeds in display values alone. If the focal length is only assumed, the
+    second race begins with the longest one, where the blur is nearly the same everywhere.
+    """
+    zoom = longest_zoom(pyramid.camera) if any_focal else 1.0
+    second = again(pyramid.displayed().zoomed(zoom), may_rest=False)
+    return second._replace(zoom=zoom * second.zoom) if confidence(second) >= _S.even else first
 
 
 def _concluded(

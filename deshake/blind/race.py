@@ -14,8 +14,9 @@ in only one of the two ways. Very wide ones have starts of their own (`wide_star
 need no latent picture: they are the paths that match the spectra best (`spectral_start`). The
 spectra cannot tell a path from its reflection, so both take part.
 
-The two finest starts run first. If both end in a small round spot, the photo was not shaken, and
-the race stops.
+The race stops early in two cases. The two finest starts run first; if both end in a small round
+spot, the photo was not shaken. And if the confidence of the best kernels of the starts is very low,
+no refinement raises it enough.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from deshake.blind.polish import polished
 from deshake.blind.settings import SETTINGS
 from deshake.blind.spectral_start import spectral_starts
 from deshake.blind.spot import is_spot
+from deshake.blind.trust import confidence
 from deshake.blind.wide_start import wide_starts
 from deshake.geometry.kernel import ALL_AXES
 from deshake.operators.strips import in_order, reported
@@ -128,19 +130,17 @@ def race(
     if drawn is not None:
         course.entries.append(Entry("streaks", _OF_STREAKS, drawn.level, drawn.kernel))
     if quick:
-        winner = course.best()
+        found = course.finished(course.best())
     else:
         course.start_wide(run.part(0.5, 0.55))
         course.start_spectral(run.part(0.55, 0.6))
-        winner = course.finish(run.part(0.6, 1.0))
-    comparison = course.comparison
-    margin = winner.margin(comparison.judge(winner))
+        leaders = course.leaders()
+        firsts = [course.finished(leader) for leader in leaders]
+        found = firsts[0]
+        if max(map(confidence, firsts)) >= _S.hopeful:
+            found = course.finished(course.finish(leaders, run.part(0.6, 1.0)))
     run.report(1.0, "kernel estimated")
-    alike = nearest(winner, _of_edges(course.entries))
-    if comparison.witness is not None:
-        alike = max(alike, agreement(winner.kernel, comparison.witness))
-    match = comparison.match(winner)
-    return Finish(winner, margin, match, alike, at_rest=False, zoom=course.zoom)
+    return found
 
 
 class _Course:
@@ -163,6 +163,7 @@ class _Course:
         self.any_focal = any_focal and not pyramid.camera.is_uniform
         self.zoom = 1.0
         self.entries: list[Entry] = []
+        self.ends: list[Entry] = []  # the last kernel of each start
 
     def start(self, starts: Sequence[int], run: Run) -> None:
         """Run candidates to their finest scales; keep the kernels of their last scales."""
@@ -210,18 +211,30 @@ class _Course:
             if self.bound is None or kernel.extent_px() <= self.bound:
                 yield entry, path
 
+    def finished(self, winner: Entry) -> Finish:
+        """Return what the confidence of a kernel depends on, if it wins."""
+        comparison = self.comparison
+        alike = nearest(winner, _of_edges(self.entries))
+        if comparison.witness is not None:
+            alike = max(alike, agreement(winner.kernel, comparison.witness))
+        margin, match = winner.margin(comparison.judge(winner)), comparison.match(winner)
+        return Finish(winner, margin, match, alike, at_rest=False, zoom=self.zoom)
+
     def best(self) -> Entry:
         """Return the best kernel."""
         best = self._ranked(self.entries)[0]
         return best.zoomed(self._focus([best]))
 
-    def finish(self, run: Run) -> Entry:
+    def leaders(self) -> list[Entry]:
+        """Match the last kernels of the starts to the spectra; return the best starts' best."""
+        self.ends = _last(self.entries)
+        self.entries += self._matched(_of_edges(self.ends))
+        return best_of_starts(self._ranked(self.entries))[: _S.refined]
+
+    def finish(self, leaders: Sequence[Entry], run: Run) -> Entry:
         """Refine the kernels of the best starts, keep them, too, and return the best kernel."""
-        ends = _last(self.entries)
-        self.entries += self._matched(_of_edges(ends))
-        best = best_of_starts(self._ranked(self.entries))[: _S.refined]
-        starts = {entry.start for entry in best}
-        ends = _zoomed(ends, self._focus(best))
+        starts = {entry.start for entry in leaders}
+        ends = _zoomed(self.ends, self._focus(leaders))
         taken = [end for end in ends if end.start in starts]
         taken = [end for end in taken if not is_spot(end.kernel)] or taken
         self.entries += self._refined(taken, run.part(0.0, 0.5))

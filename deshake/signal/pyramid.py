@@ -128,6 +128,11 @@ class Pyramid:
         vars(other).update(camera=light[0][2], _light=light, _scales={}, _kept={})
         return other
 
+    def displayed(self) -> Pyramid:
+        """Return the photo in the root of its light, which approximates display values."""
+        grey, usable, camera = self._light[0]
+        return Pyramid(np.sqrt(np.clip(grey, 0, 1)), camera, usable)
+
     def without(self, hidden: Mask) -> Pyramid:
         """Return the photo with more unusable pixels; `hidden` (h, w) may be of any scale."""
         grey, usable, camera = self._light[0]

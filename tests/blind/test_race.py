@@ -10,6 +10,7 @@ from deshake.blind.entry import Entry
 from deshake.blind.race import _Course, _of_edges, race
 from deshake.blind.settings import SETTINGS
 from deshake.blind.spot import is_spot
+from deshake.blind.trust import confidence
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.run import Run
@@ -113,6 +114,22 @@ def test_it_stops_early_for_a_sharp_photo(still) -> None:
     ended = race(still)
     assert ended.at_rest
     assert is_spot(ended.winner.kernel)
+
+
+def test_it_stops_after_the_starts_if_none_of_them_is_hopeful(still, shaken) -> None:
+    steps: dict[bool, set[str]] = {False: set(), True: set()}
+    ends = {
+        blurred: race(
+            shaken.pyramid if blurred else still,
+            may_rest=False,
+            run=Run(1, lambda _, text, said=said: said.add(text.split(",")[0])),
+        )
+        for blurred, said in steps.items()
+    }
+    assert steps[True] - steps[False] == {"refinement"}
+    assert confidence(ends[False]) < SETTINGS.race.hopeful
+    assert not ends[False].at_rest
+    assert confidence(ends[True]) > 0.9
 
 
 def test_a_quick_race_without_roll_and_within_a_bound_on_any_threads(shaken) -> None:

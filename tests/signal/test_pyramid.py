@@ -147,3 +147,16 @@ def test_noise_is_in_the_contrast_of_the_pyramid(sharp) -> None:
     assert pyramid.noise(0) == pytest.approx(0.05 * pyramid.at(0).contrast, rel=0.2)
     assert pyramid.noise(2) < 0.7 * pyramid.noise(0)
     assert pyramid.noise(0) == pyramid.noise(0)
+
+
+def test_displayed_pictures_have_the_root_of_the_light(sharp) -> None:
+    usable = np.ones(sharp.shape, bool)
+    usable[:20] = False
+    pyramid = of(2 * sharp - 0.1, usable)  # light below 0 and above 1 counts as black and white
+    shown = pyramid.displayed()
+    wanted = np.sqrt(np.clip(2 * sharp - 0.1, 0, 1))
+    np.testing.assert_array_equal(shown.at(0).picture, wanted)
+    assert shown.at(0).picture.dtype == np.float32
+    np.testing.assert_array_equal(shown.at(0).usable, usable)
+    assert shown.camera is pyramid.camera
+    assert not np.array_equal(shown.at(2).picture, np.sqrt(np.clip(pyramid.at(2).picture, 0, 1)))

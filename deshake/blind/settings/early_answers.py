@@ -50,8 +50,8 @@ class EstimateSettings:
         Largest confidence of a kernel that leaves the photo unchanged.
     most_filled : float
         Largest confidence of a kernel that fills a disk.
-    race_share : float
-        Share of the computing time that the race takes.
+    race_share, first_share : float
+        Share of the computing time after which all races end, and the first of two.
 
     """
 
@@ -62,6 +62,7 @@ class EstimateSettings:
     unchanged: float = 0.1
     most_filled: float = 0.9
     race_share: float = 0.95
+    first_share: float = 0.7
 
 
 @dataclass(frozen=True)
