@@ -21,13 +21,14 @@ no refinement raises it enough.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from deshake.blind.agreement import agreement
 from deshake.blind.candidate import Axes, Candidate
 from deshake.blind.entry import Entry, all_refined, best_of_starts, nearest
+from deshake.blind.finish import Finish
 from deshake.blind.focal_search import best_zoom
 from deshake.blind.kernel_comparison import Comparison
 from deshake.blind.polish import polished
@@ -55,34 +56,6 @@ _WAYS: Final = (SETTINGS.candidate.fine, SETTINGS.candidate.thin)  # the starts 
 _OF_STREAKS = -1  # number of the start that is no scale
 _OF_WIDE = -2  # number of the first wide start; the others count downwards
 _OF_SPECTRA = -100  # number of the first spectral start; the others count downwards
-
-
-class Finish(NamedTuple):
-    """The result of a race.
-
-    Parameters
-    ----------
-    winner : Entry
-        The best kernel.
-    margin : float
-        Margin of the winner: its gain in the judge's ``-ln E`` over a still camera.
-    match : float
-        Correlation of the spectra of the photo with those of the winner, -1..1.
-    agreement : float
-        Mean agreement of the winner with the nearest kernels of other starts, 0..1.
-    at_rest : bool
-        Whether the race stopped early, because the winner is a small round spot.
-    zoom : float
-        Focal length of the winner's camera over that of the photo's; 1 if it is known.
-
-    """
-
-    winner: Entry
-    margin: float
-    match: float
-    agreement: float
-    at_rest: bool
-    zoom: float = 1.0
 
 
 def race(

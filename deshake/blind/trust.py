@@ -10,7 +10,7 @@ import numpy as np
 from deshake.blind.settings import SETTINGS
 
 if TYPE_CHECKING:
-    from deshake.blind.race import Finish
+    from deshake.blind.finish import Finish
 
 __all__ = ["confidence", "two_digits"]
 
