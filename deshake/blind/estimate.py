@@ -38,7 +38,7 @@ from deshake.signal.pyramid import Pyramid
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from deshake.blind.race import Finish
+    from deshake.blind.finish import Finish
 
 __all__ = ["STILL", "Estimator", "Region", "estimate_kernel"]
 
@@ -146,7 +146,7 @@ def estimate_kernel(
             result = None  # the streaks mislead, or their surroundings are needed
     if result is None:
         may_rest = sharpness(pyramid, 0) > _S.fairly_sharp
-        once = quick or may_rest or looks_sharp(pyramid)
+        once = quick or may_rest
         end = _S.race_share if once else _S.first_share
         result = estimated(pyramid, may_rest=may_rest, run=run.part(start, end))
         if not once and SETTINGS.race.hopeful <= confidence(result) < _S.even:

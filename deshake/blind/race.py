@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from deshake.blind.drawn_path import Drawing
     from deshake.signal.pyramid import Pyramid
 
-__all__ = ["Finish", "race"]
+__all__ = ["race"]
 
 _S: Final = SETTINGS.race
 _WAYS: Final = (SETTINGS.candidate.fine, SETTINGS.candidate.thin)  # the starts use them in turn
@@ -103,17 +103,18 @@ def race(
     if drawn is not None:
         course.entries.append(Entry("streaks", _OF_STREAKS, drawn.level, drawn.kernel))
     if quick:
-        found = course.finished(course.best())
+        winner = course.best()
     else:
         course.start_wide(run.part(0.5, 0.55))
         course.start_spectral(run.part(0.55, 0.6))
-        leaders = course.leaders()
-        firsts = [course.finished(leader) for leader in leaders]
-        found = firsts[0]
-        if max(map(confidence, firsts)) >= _S.hopeful:
-            found = course.finished(course.finish(leaders, run.part(0.6, 1.0)))
+        ends = _last(course.entries)
+        leaders = course.leaders(ends)
+        winner = leaders[0]
+        if any(confidence(course.finished(leader)) >= _S.hopeful for leader in leaders):
+            winner = course.finish(leaders, ends, run.part(0.6, 1.0))
+    finished = course.finished(winner)
     run.report(1.0, "kernel estimated")
-    return found
+    return finished
 
 
 class _Course:
@@ -136,7 +137,6 @@ class _Course:
         self.any_focal = any_focal and not pyramid.camera.is_uniform
         self.zoom = 1.0
         self.entries: list[Entry] = []
-        self.ends: list[Entry] = []  # the last kernel of each start
 
     def start(self, starts: Sequence[int], run: Run) -> None:
         """Run candidates to their finest scales; keep the kernels of their last scales."""
@@ -198,16 +198,15 @@ class _Course:
         best = self._ranked(self.entries)[0]
         return best.zoomed(self._focus([best]))
 
-    def leaders(self) -> list[Entry]:
+    def leaders(self, ends: Sequence[Entry]) -> list[Entry]:
         """Match the last kernels of the starts to the spectra; return the best starts' best."""
-        self.ends = _last(self.entries)
-        self.entries += self._matched(_of_edges(self.ends))
+        self.entries += self._matched(_of_edges(ends))
         return best_of_starts(self._ranked(self.entries))[: _S.refined]
 
-    def finish(self, leaders: Sequence[Entry], run: Run) -> Entry:
+    def finish(self, leaders: Sequence[Entry], ends: Sequence[Entry], run: Run) -> Entry:
         """Refine the kernels of the best starts, keep them, too, and return the best kernel."""
         starts = {entry.start for entry in leaders}
-        ends = _zoomed(self.ends, self._focus(leaders))
+        ends = _zoomed(ends, self._focus(leaders))
         taken = [end for end in ends if end.start in starts]
         taken = [end for end in taken if not is_spot(end.kernel)] or taken
         self.entries += self._refined(taken, run.part(0.0, 0.5))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from skimage import data
 
-from deshake.blind.race import Finish, race
+from deshake.blind.race import race
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
@@ -20,6 +20,8 @@ from deshake.signal.pyramid import Pyramid
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from deshake.blind.finish import Finish
 
 SHAPE = 150, 180
 MARGIN = 16

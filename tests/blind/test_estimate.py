@@ -11,8 +11,9 @@ from deshake.blind.agreement import agreement
 from deshake.blind.camera_path import filled_path
 from deshake.blind.entry import Entry
 from deshake.blind.estimate import STILL, _concluded, _second_race, estimate_kernel
+from deshake.blind.finish import Finish
 from deshake.blind.focal_search import longest_zoom
-from deshake.blind.race import Finish, race
+from deshake.blind.race import race
 from deshake.blind.sharpness import looks_sharp
 from deshake.blind.trust import confidence
 from deshake.errors import EstimationError

@@ -2,7 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from deshake.blind.race import Entry, Finish
+from deshake.blind.entry import Entry
+from deshake.blind.finish import Finish
 from deshake.blind.trust import confidence, two_digits
 
 
