@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 
 from deshake.blind.agreement import agreement
 from deshake.blind.judge import Judge
-from deshake.blind.settings import SETTINGS
+from deshake.blind.settings import SETTINGS, SpectrumTiles
 from deshake.blind.spectral_match import SpectralMatch
 from deshake.blind.spot import is_spot
 from deshake.operators.strips import in_order
 from deshake.run import Run
+from deshake.signal.pyramid import RATIO
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -64,7 +65,7 @@ class Comparison:
         self.witness = witness
         self.run = run
         self._judges: dict[int, Judge] = {}
-        self._spectra: dict[tuple[int, Part], SpectralMatch] = {}
+        self._spectra: dict[tuple[int, Part, int], SpectralMatch] = {}
         self._making = Lock()
         self._matches: dict[RotationKernel, float] = {}
         self._paths: dict[RotationKernel, RotationKernel] = {}
@@ -101,6 +102,10 @@ class Comparison:
         widest = _S.widest * min(self.pyramid.camera.shape)
         return is_spot(entry.kernel) or entry.kernel.extent_px() > widest
 
+    def is_wide(self, entry: Entry) -> bool:
+        """Return whether a kernel is so wide that its scale has too few tiles for a match."""
+        return self.level(entry) > self._last_matched
+
     def judge(self, entry: Entry) -> Judge:
         """Return the judge at the scale of a kernel."""
         level = self.level(entry)
@@ -121,8 +126,9 @@ class Comparison:
     def match(self, entry: Entry) -> float:
         """Return the match of a kernel, -1..1, on tiles that no kernel was fitted to.
 
-        It is the mean over the scale of the kernel and the scales next to it. Coarse scales with
-        too few tiles do not count: on a single tile, a wrong kernel can match by chance.
+        It is the mean over the scale of the kernel and the scales next to it. At finer scales the
+        kernel is wider, and so are the tiles. Coarser scales with too few tiles do not count: on a
+        single tile, a wrong kernel can match by chance.
         """
         if entry.kernel not in self._matches:
             self._matches[entry.kernel] = self._match(entry.kernel, self.level(entry))
@@ -130,15 +136,27 @@ class Comparison:
 
     def zoomed_matches(self, entry: Entry, ratios: Scores) -> Scores:
         """Return the matches of a kernel for focal lengths `ratios` times as long."""
-        level = self.level(entry)
-        return np.array([self._match(entry.kernel.zoomed(ratio), level) for ratio in ratios])
+        middle = min(self.level(entry), self._last_matched)
+        spectra = self._spectra_around(middle, middle)
+        zoomed = [entry.kernel.zoomed(ratio) for ratio in ratios]
+        return np.array([np.mean([one.value(kernel) for one in spectra]) for kernel in zoomed])
 
     def _match(self, kernel: RotationKernel, level: int) -> float:
         """Return the mean match of a kernel at a scale and the scales next to it."""
-        middle = min(level, self._last_matched)
+        spectra = self._spectra_around(min(level, self._last_matched), level)
+        return float(np.mean([one.value(kernel) for one in spectra]))
+
+    def _spectra_around(self, middle: int, level: int) -> list[SpectralMatch]:
+        """Return the spectra at a scale and the scales next to it that have enough tiles.
+
+        If the kernel belongs to the coarser scale `level`, it is wide in all of them, and the tiles
+        are wider, too.
+        """
         last = min(middle + _S.neighbours, self._last_matched)
-        levels = range(max(middle - _S.neighbours, 0), last + 1)
-        return float(np.mean([self._spectra_at(n, "apart").value(kernel) for n in levels]))
+        return [
+            self._spectra_at(n, "apart", level - n if level > middle else 0)
+            for n in range(max(middle - _S.neighbours, 0), last + 1)
+        ]
 
     def matched(self, entry: Entry) -> Entry:
         """Draw a smooth path through a kernel, and fit it to the spectra of the photo."""
@@ -165,12 +183,18 @@ class Comparison:
             level -= 1
         return level
 
-    def _spectra_at(self, level: int, part: Part) -> SpectralMatch:
-        """Return the spectra of the tiles of a part, at a scale."""
-        key = level, part
+    def _spectra_at(self, level: int, part: Part, finer: int = 0) -> SpectralMatch:
+        """Return the spectra of the tiles of a part, at a scale.
+
+        The tiles suit kernels that are judged so many scales coarser.
+        """
+        key = level, part, finer
         with self._making:
             if key not in self._spectra:
-                self._spectra[key] = SpectralMatch(self.pyramid, *key)
+                tiles = SETTINGS.spectral_match.tiles
+                size = 4 * round(tiles.size * RATIO**finer / 4)
+                wider = SpectrumTiles(size, max(tiles.count >> finer, 1))
+                self._spectra[key] = SpectralMatch(self.pyramid, level, part, wider)
             return self._spectra[key]
 
     def _make_room(self, level: int, entries: Sequence[Entry]) -> None:

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
 
     from deshake.blind.camera_path import SmoothPath
     from deshake.blind.drawn_path import Drawing
+    from deshake.blind.settings import PathScales
     from deshake.signal.pyramid import Pyramid
 
 __all__ = ["race"]
@@ -106,12 +107,16 @@ def race(
         winner = course.best()
     else:
         course.start_wide(run.part(0.5, 0.55))
-        course.start_spectral(run.part(0.55, 0.6))
+        course.start_spectral(SETTINGS.spectral_start.usual, run.part(0.55, 0.6))
         ends = _last(course.entries)
-        leaders = course.leaders(ends)
+        course.match(ends)
+        leaders = course.leaders()
+        if course.may_be_wide(leaders[0]):
+            ends += course.start_spectral(SETTINGS.spectral_start.wide, run.part(0.6, 0.65))
+            leaders = course.leaders()
         winner = leaders[0]
         if any(confidence(course.finished(leader)) >= _S.hopeful for leader in leaders):
-            winner = course.finish(leaders, ends, run.part(0.6, 1.0))
+            winner = course.finish(leaders, ends, run.part(0.65, 1.0))
     finished = course.finished(winner)
     run.report(1.0, "kernel estimated")
     return finished
@@ -154,9 +159,12 @@ class _Course:
         matches = self.comparison.matches(wide)
         self.entries += [wide[n] for n in np.argsort(-matches, kind="stable")[: _S.wide]]
 
-    def start_spectral(self, run: Run) -> None:
-        """Find paths by the spectra; keep distinct ones that match best, and reflections."""
-        found = list(self._of_paths(spectral_starts(self.pyramid, self.axes, run)))
+    def start_spectral(self, scales: PathScales, run: Run) -> list[Entry]:
+        """Find paths by the spectra; keep and return distinct ones that match best.
+
+        Each is followed by its reflection.
+        """
+        found = list(self._of_paths(spectral_starts(self.pyramid, self.axes, run, scales)))
         matches = self.comparison.matches([entry for entry, _ in found])
         taken: list[Entry] = []
         for n in np.argsort(-matches, kind="stable"):
@@ -171,18 +179,25 @@ class _Course:
             if len(taken) == 2 * _S.spectral:
                 break
         self.entries += taken
+        return taken
 
     def _of_paths(
         self, starts: Sequence[tuple[int, SmoothPath]]
     ) -> Iterator[tuple[Entry, SmoothPath]]:
         """Make entries of paths, with numbers that leave room for their reflections."""
+        known = min([_OF_SPECTRA + 1, *(entry.start for entry in self.entries)])
         for n, (level, path) in enumerate(starts):
             kernel = path.kernel(self.pyramid.camera)
             name = f"spectral start {n}, scale {level}"
-            entry = Entry(name, _OF_SPECTRA - 2 * n, level, kernel)
+            entry = Entry(name, known - 1 - 2 * n, level, kernel)
             entry = entry._replace(level=min(level, self.comparison.level(entry)))
             if self.bound is None or kernel.extent_px() <= self.bound:
                 yield entry, path
+
+    def may_be_wide(self, leader: Entry) -> bool:
+        """Return whether the shake may be wider than most starts can find."""
+        wide = self.comparison.is_wide(leader)
+        return wide or confidence(self.finished(leader)) < SETTINGS.estimate.even
 
     def finished(self, winner: Entry) -> Finish:
         """Return what the confidence of a kernel depends on, if it wins."""
@@ -198,9 +213,12 @@ class _Course:
         best = self._ranked(self.entries)[0]
         return best.zoomed(self._focus([best]))
 
-    def leaders(self, ends: Sequence[Entry]) -> list[Entry]:
-        """Match the last kernels of the starts to the spectra; return the best starts' best."""
+    def match(self, ends: Sequence[Entry]) -> None:
+        """Match the last kernels of the starts to the spectra, and keep the paths, too."""
         self.entries += self._matched(_of_edges(ends))
+
+    def leaders(self) -> list[Entry]:
+        """Return the best kernels of the best starts."""
         return best_of_starts(self._ranked(self.entries))[: _S.refined]
 
     def finish(self, leaders: Sequence[Entry], ends: Sequence[Entry], run: Run) -> Entry:

@@ -20,11 +20,13 @@ from deshake.blind.camera_path import SmoothPath
 from deshake.blind.settings import SETTINGS
 from deshake.blind.spectral_match import SpectralMatch
 from deshake.operators.strips import in_order
+from deshake.signal.pyramid import RATIO
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from deshake.blind.candidate import Axes
+    from deshake.blind.settings import PathScales
     from deshake.run import Run
     from deshake.signal.pyramid import Pyramid
 
@@ -36,7 +38,9 @@ _S: Final = SETTINGS.spectral_start
 _SEED: Final = 0
 
 
-def spectral_starts(pyramid: Pyramid, axes: Axes, run: Run) -> list[tuple[int, SmoothPath]]:
+def spectral_starts(
+    pyramid: Pyramid, axes: Axes, run: Run, scales: PathScales = _S.usual
+) -> list[tuple[int, SmoothPath]]:
     """Find the paths that match the spectra best, at several scales.
 
     Parameters
@@ -47,6 +51,8 @@ def spectral_starts(pyramid: Pyramid, axes: Axes, run: Run) -> list[tuple[int, S
         The axes that the camera may turn about.
     run : Run
         Threads to use.
+    scales : PathScales
+        The scales, the tiles, and the widths of the paths.
 
     Returns
     -------
@@ -58,11 +64,12 @@ def spectral_starts(pyramid: Pyramid, axes: Axes, run: Run) -> list[tuple[int, S
     rng = np.random.default_rng(_SEED)
     found: list[tuple[int, SmoothPath]] = []
     carried: list[SmoothPath] = []
-    for level in range(pyramid.coarsest, -1, -_S.scales):
-        spectra = SpectralMatch(pyramid, level, "fitted", _S.tiles)
-        if len(spectra.centres) < _S.fewest:
+    levels = [n for n in range(pyramid.coarsest + 1) if _is_wanted(pyramid, n, scales)]
+    for level in levels[:: -scales.every]:
+        spectra = SpectralMatch(pyramid, level, "fitted", scales.tiles)
+        if len(spectra.centres) < scales.fewest:
             continue
-        drawn = [_random_path(rng, spectra, axes) for _ in range(_S.paths)]
+        drawn = [_random_path(rng, spectra, axes, scales) for _ in range(_S.paths)]
         values = [value for _, value in in_order(spectra.of_path, drawn, run)]
         first = [drawn[n] for n in np.argsort(values, kind="stable")[: -_S.first - 1 : -1]]
         first += [path.on_scale(spectra.camera) for path in carried]
@@ -70,6 +77,12 @@ def spectral_starts(pyramid: Pyramid, axes: Axes, run: Run) -> list[tuple[int, S
         carried = _descended(spectra, second, _S.second_iterations, run)
         found += [(level, path) for path in carried]
     return found
+
+
+def _is_wanted(pyramid: Pyramid, level: int, scales: PathScales) -> bool:
+    """Return whether a frame of this scale has the wanted size."""
+    least, largest = scales.sides
+    return least <= min(pyramid.camera.shape) / RATIO**level <= largest
 
 
 def _descended(
@@ -86,7 +99,9 @@ def _descended(
     return kept
 
 
-def _random_path(rng: np.random.Generator, spectra: SpectralMatch, axes: Axes) -> SmoothPath:
+def _random_path(
+    rng: np.random.Generator, spectra: SpectralMatch, axes: Axes, scales: PathScales
+) -> SmoothPath:
     """Draw a path: its direction changes slowly, its speed fast, and it may rest."""
     kept = rng.uniform(*_S.turns)
     shape = SETTINGS.camera_path.fewest_controls, len(axes)
@@ -98,7 +113,7 @@ def _random_path(rng: np.random.Generator, spectra: SpectralMatch, axes: Axes) -
     controls[:, 2] *= rng.choice(_S.rolls)
     path = SmoothPath(controls - controls.mean(0), spectra.camera)
     width = np.linalg.norm(np.ptp(spectra.tracks(path, _S.times), axis=1), axis=1).mean()
-    return path._replace(controls=path.controls * (rng.uniform(*_S.widths) / width))
+    return path._replace(controls=path.controls * (rng.uniform(*scales.widths) / width))
 
 
 def _distance(spectra: SpectralMatch, one: SmoothPath, other: SmoothPath) -> float:

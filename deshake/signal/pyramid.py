@@ -131,7 +131,14 @@ class Pyramid:
     def displayed(self) -> Pyramid:
         """Return the photo in the root of its light, which approximates display values."""
         grey, usable, camera = self._light[0]
-        return Pyramid(np.sqrt(np.clip(grey, 0, 1)), camera, usable)
+        root = np.clip(grey, 0, 1)
+        return Pyramid(np.sqrt(root, out=root), camera, usable)
+
+    def forget(self) -> None:
+        """Discard all scales but the photo itself; each is made again at its next use."""
+        self._light = {0: self._light[0]}
+        self._scales.clear()
+        self._kept.clear()
 
     def without(self, hidden: Mask) -> Pyramid:
         """Return the photo with more unusable pixels; `hidden` (h, w) may be of any scale."""

@@ -42,11 +42,30 @@ def test_a_kernel_as_wide_as_the_photo_is_penalised(entries, pyramid) -> None:
 
 
 def test_a_match_is_the_mean_over_the_scales_that_have_tiles_enough(shake) -> None:
-    wide = shake(Camera.from_focal(420.0, 360, 420), path=[[0.0, -16, 0], [0, 16, 0]])
-    entry = Entry("wide", 0, 0, wide.kernel)
-    spectra = [SpectralMatch(wide.pyramid, level, "apart") for level in range(3)]
+    photo = shake(Camera.from_focal(420.0, 360, 420), path=[[0.0, -12, 0], [0, 12, 0]])
+    entry = Entry("one", 0, 0, photo.kernel)
+    spectra = [SpectralMatch(photo.pyramid, level, "apart") for level in range(3)]
     assert [len(one.centres) >= 3 for one in spectra] == [True, False, False]
-    assert Comparison(wide.pyramid).match(entry) == pytest.approx(spectra[0].value(wide.kernel))
+    comparison = Comparison(photo.pyramid)
+    assert not comparison.is_wide(entry)
+    assert comparison.match(entry) == pytest.approx(spectra[0].value(photo.kernel))
+
+
+def test_the_tiles_for_a_wide_kernel_are_wide(shake) -> None:
+    """At the scales with tiles enough, a tile of 128 px is hardly wider than such a kernel."""
+    path = [[0.0, -50, 0], [12, -10, 0], [3, 20, 0], [-6, 55, 0]]
+    wide = shake(Camera.from_focal(900.0, 640, 720), path=path)
+    entry = Entry("wide", 0, 5, wide.kernel)
+    comparison = Comparison(wide.pyramid)
+    level = comparison.level(entry)
+    assert comparison.is_wide(entry)
+    assert not comparison.is_wide(entry._replace(kernel=RotationKernel.delta(wide.camera)))
+    narrow = [SpectralMatch(wide.pyramid, n, "apart") for n in range(level)]
+    narrow = [one for one in narrow if len(one.centres) >= 3]
+    match = comparison.match(entry)
+    assert match > 1.1 * np.mean([one.value(wide.kernel) for one in narrow])
+    turned = entry._replace(kernel=replace(wide.kernel, theta=wide.kernel.theta[:, [1, 0, 2]]))
+    assert match > comparison.match(turned) + 0.1
 
 
 def test_matches_at_other_focal_lengths(entries, pyramid) -> None:

@@ -61,8 +61,9 @@ def course(larger) -> _Course:
 
 @pytest.fixture(scope="module")
 def spectral(course) -> list[Entry]:
-    course.start_spectral(Run(1))
-    return course.entries
+    taken = course.start_spectral(SETTINGS.spectral_start.usual, Run(1))
+    assert taken == course.entries
+    return taken
 
 
 def test_spectral_starts_are_distinct_and_take_part_with_their_reflections(
@@ -82,12 +83,34 @@ def test_spectral_starts_are_distinct_and_take_part_with_their_reflections(
     assert _of_edges([*spectral, ONE]) == [ONE]
 
 
+def test_wide_spectral_starts_follow_if_the_best_kernel_is_wide_or_doubtful(
+    larger, course, spectral
+) -> None:
+    known = list(spectral)
+    wide = course.start_spectral(SETTINGS.spectral_start.wide, Run(1))
+    assert wide
+    assert course.entries == [*known, *wide]
+    assert len({entry.start for entry in course.entries}) == len(course.entries)
+    assert _of_edges(wide) == []
+    doubtful = ONE._replace(kernel=RotationKernel.delta(larger.camera))
+    assert course.may_be_wide(doubtful)
+    broad = max(wide, key=lambda entry: entry.width)
+    assert course.comparison.is_wide(broad)
+    assert course.may_be_wide(broad)
+
+
+def test_a_narrow_kernel_beyond_doubt_needs_no_wide_starts(ended, shaken) -> None:
+    course = _Course(shaken.pyramid, (True, True, True), None, None, any_focal=False, run=Run())
+    course.entries = [ended.winner._replace(start=n) for n in range(4)]
+    assert not course.comparison.is_wide(ended.winner)
+    assert not course.may_be_wide(ended.winner)
+
+
 def test_spectral_starts_keep_a_bound(larger, spectral) -> None:
     widths = [entry.kernel.extent_px() for entry in spectral[::2]]
     bound = float(np.mean(widths))
     bounded = _Course(larger, (True, True, True), bound, None, any_focal=False, run=Run())
-    bounded.start_spectral(Run(1))
-    within = bounded.entries
+    within = bounded.start_spectral(SETTINGS.spectral_start.usual, Run(1))
     assert max(widths) > bound
     assert within
     assert all(entry.kernel.extent_px() <= bound for entry in within[::2])
@@ -117,10 +140,12 @@ def test_it_stops_early_for_a_sharp_photo(still) -> None:
 
 
 def test_it_stops_after_the_starts_if_none_of_them_is_hopeful(still, shaken) -> None:
+    grain = np.random.default_rng(0).normal(0, 0.1, still.camera.shape)
+    grainy = np.clip(still.at(0).picture + grain, 0, 1).astype(np.float32)
     steps: dict[bool, set[str]] = {False: set(), True: set()}
     ends = {
         blurred: race(
-            shaken.pyramid if blurred else still,
+            shaken.pyramid if blurred else Pyramid(grainy, still.camera),
             may_rest=False,
             run=Run(1, lambda _, text, said=said: said.add(text.split(",")[0])),
         )

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from deshake.blind.agreement import agreement
+from deshake.blind.settings import SETTINGS
 from deshake.blind.spectral_match import SpectralMatch
 from deshake.blind.spectral_start import _distance, _random_path, spectral_starts
 from deshake.geometry.camera import Camera
@@ -38,6 +39,20 @@ def test_a_known_shake_is_recovered_up_to_its_reflection(photo, starts) -> None:
         for one in (path, path.reflected)
     ]
     assert max(alike) > 0.9
+
+
+def test_a_shake_as_wide_as_an_eighth_of_the_frame_is_recovered(shake) -> None:
+    path = np.array([[0.0, -50, 0], [12, -10, 0], [3, 20, 0], [-6, 55, 0]])
+    photo = shake(Camera.from_focal(900.0, 640, 720), path=path)
+    wide = spectral_starts(photo.pyramid, ALL_AXES, Run(1), SETTINGS.spectral_start.wide)
+    sides = {min(photo.pyramid.at(level).camera.shape) for level, _ in wide}
+    assert sides == {113, 160, 226}
+    alike = [
+        agreement(one.kernel(photo.camera), photo.kernel)
+        for _, path in wide
+        for one in (path, path.reflected)
+    ]
+    assert max(alike) > 0.85
 
 
 def test_a_path_lies_on_the_grid_of_its_scale(photo, starts) -> None:
@@ -75,7 +90,7 @@ def test_a_tiny_photo_has_none(photo) -> None:
 
 def test_random_paths_differ_and_are_some_pixels_wide(spectra) -> None:
     rng = np.random.default_rng(1)
-    paths = [_random_path(rng, spectra, ALL_AXES) for _ in range(20)]
+    paths = [_random_path(rng, spectra, ALL_AXES, SETTINGS.spectral_start.usual) for _ in range(20)]
     for path in paths:
         boxes = np.linalg.norm(np.ptp(spectra.tracks(path, 24), axis=1), axis=1)
         assert 7.9 < boxes.mean() < 21.1
@@ -85,7 +100,9 @@ def test_random_paths_differ_and_are_some_pixels_wide(spectra) -> None:
 
 def test_a_path_is_as_far_from_another_as_from_its_reflection(spectra) -> None:
     rng = np.random.default_rng(2)
-    one, other = (_random_path(rng, spectra, ALL_AXES) for _ in range(2))
+    one, other = (
+        _random_path(rng, spectra, ALL_AXES, SETTINGS.spectral_start.usual) for _ in range(2)
+    )
     backwards = one._replace(controls=one.controls[::-1])
     for same in (one, one.reflected, backwards, backwards.reflected):
         assert _distance(spectra, one, same) == pytest.approx(0, abs=1e-6)

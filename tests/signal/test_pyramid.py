@@ -128,6 +128,17 @@ def test_what_was_made_of_a_photo_is_kept_under_its_key(sharp) -> None:
     assert len(made) == 2
 
 
+def test_what_is_forgotten_is_made_again(sharp) -> None:
+    pyramid = of(sharp)
+    photo, reduced = pyramid.at(0).picture, pyramid.at(2).picture
+    pyramid.kept("one", lambda: 1)
+    pyramid.forget()
+    assert pyramid.at(0).picture is photo
+    assert pyramid.at(2).picture is not reduced
+    np.testing.assert_array_equal(pyramid.at(2).picture, reduced)
+    assert pyramid.kept("one", lambda: 2) == 2
+
+
 def test_another_focal_length_changes_the_cameras_alone(sharp) -> None:
     pyramid = of(sharp)
     pyramid.kept("camera", lambda: pyramid.camera)

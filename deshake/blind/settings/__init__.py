@@ -45,13 +45,22 @@ from deshake.blind.settings.judging import (
 from deshake.blind.settings.lamps import DrawnPathSettings, StreaksSettings
 from deshake.blind.settings.paths import (
     CameraPathSettings,
+    PathScales,
     SpectralMatchSettings,
     SpectralStartSettings,
     SpectrumTiles,
     TrimmingSettings,
 )
 
-__all__ = ["SETTINGS", "Budget", "EdgesSettings", "Refinement", "SpectrumTiles", "Way"]
+__all__ = [
+    "SETTINGS",
+    "Budget",
+    "EdgesSettings",
+    "PathScales",
+    "Refinement",
+    "SpectrumTiles",
+    "Way",
+]
 
 
 @dataclass(frozen=True)
