@@ -32,6 +32,7 @@ TABLES = {
         "blind estimates: gain, confidence, cost",
         "--data recordings, --scenes; or rendered --cases",
     ),
+    "replayed": Table("blind estimates for the photos of Köhler et al.", "--data those photos"),
     "restoration": Table("the methods of deblurring, with the true kernel", "--data recordings"),
     "sharp": Table(
         "photos without shake: none may become worse", "no data; two photos more: --data"

@@ -38,7 +38,7 @@ def polished(
     sources: Sequence[Entry],
     axes: Axes,
     run: Run,
-) -> Entry:
+) -> list[Entry]:
     """Polish the best kernels of two starts for one round, and the better one for all rounds.
 
     Parameters
@@ -56,8 +56,9 @@ def polished(
 
     Returns
     -------
-    Entry
-        The best kernel. It is one of the given ones if none is better.
+    list of Entry
+        The best kernel of each of these starts, the best first. It is one of the given ones if none
+        is better.
 
     """
     others = {source.start: source for source in sources}
@@ -68,7 +69,7 @@ def polished(
     leader = lines[int(np.argmax(comparison.scores([line.best for line in lines])))]
     for part in rest:
         _advance(comparison, [leader], part)
-    return leader.best
+    return [leader.best, *(line.best for line in lines if line is not leader)]
 
 
 class _Line:

@@ -115,7 +115,7 @@ def race(
             ends += course.start_spectral(SETTINGS.spectral_start.wide, run.part(0.6, 0.65))
             leaders = course.leaders()
         winner = leaders[0]
-        if any(confidence(course.finished(leader)) >= _S.hopeful for leader in leaders):
+        if any(course.confidence(leader) >= _S.hopeful for leader in leaders):
             winner = course.finish(leaders, ends, run.part(0.65, 1.0))
     finished = course.finished(winner)
     run.report(1.0, "kernel estimated")
@@ -197,7 +197,11 @@ class _Course:
     def may_be_wide(self, leader: Entry) -> bool:
         """Return whether the shake may be wider than most starts can find."""
         wide = self.comparison.is_wide(leader)
-        return wide or confidence(self.finished(leader)) < SETTINGS.estimate.even
+        return wide or self.confidence(leader) < SETTINGS.estimate.even
+
+    def confidence(self, winner: Entry) -> float:
+        """Return the confidence of a kernel, if it wins."""
+        return confidence(self.finished(winner))
 
     def finished(self, winner: Entry) -> Finish:
         """Return what the confidence of a kernel depends on, if it wins."""
@@ -233,7 +237,13 @@ class _Course:
         ranked = self._ranked(self._contenders(starts))
         ratio = self._focus(best_of_starts(ranked)[: SETTINGS.polish.lines])
         ranked, ends = _zoomed(ranked, ratio), _zoomed(ends, ratio)
-        return polished(self.comparison, ranked, ends, self.axes, run.part(0.5, 1.0))
+        polish = run.part(0.5, 1.0)
+        return self.selected(polished(self.comparison, ranked, ends, self.axes, polish))
+
+    def selected(self, best: Sequence[Entry]) -> Entry:
+        """Return the first kernel, or, if it is hopeless, the one with the highest confidence."""
+        hopeful = self.confidence(best[0]) >= _S.hopeful
+        return best[0] if hopeful else max(best, key=self.confidence)
 
     def _focus(self, best: Sequence[Entry]) -> float:
         """Take the focal length that suits the kernels, unless it is known; return the zoom."""

@@ -106,6 +106,18 @@ def test_a_narrow_kernel_beyond_doubt_needs_no_wide_starts(ended, shaken) -> Non
     assert not course.may_be_wide(ended.winner)
 
 
+def test_a_hopeless_kernel_loses_to_a_hopeful_one(ended, shaken) -> None:
+    course = _Course(shaken.pyramid, (True, True, True), None, None, any_focal=False, run=Run())
+    true = ended.winner
+    turned = true._replace(kernel=replace(true.kernel, theta=3 * true.kernel.theta[:, [1, 0, 2]]))
+    course.entries = [true._replace(start=n) for n in range(4)]
+    assert course.confidence(turned) < SETTINGS.race.hopeful
+    assert course.selected([turned, true]) is true
+    thick = true._replace(kernel=true.kernel.resampled(2 * true.kernel.steps))
+    assert SETTINGS.race.hopeful <= course.confidence(thick) < course.confidence(true)
+    assert course.selected([thick, true]) is thick
+
+
 def test_spectral_starts_keep_a_bound(larger, spectral) -> None:
     widths = [entry.kernel.extent_px() for entry in spectral[::2]]
     bound = float(np.mean(widths))
