@@ -190,6 +190,8 @@ def _concluded(
         return _unchanged(pyramid, whole, min(trust, _S.unchanged), note)
     if FILLED in notes and trust < 1:
         trust = min(trust, _S.most_filled)
+    if result.margin < _S.least_margin:
+        trust = min(trust, _S.most_unlikely)
     if trust < _S.doubtful:
         notes.append(
             f"the estimate of the shake is doubtful (confidence {two_digits(trust)}): compare the "

@@ -140,6 +140,18 @@ def test_a_doubtful_kernel_never_deblurs_a_photo_with_the_edges_of_a_sharp_one(s
     assert _concluded(pyramid, shaken.camera, sure, None).name == "start 1"
 
 
+def test_a_kernel_that_a_still_camera_beats_is_doubtful(shaken) -> None:
+    entry = Entry("start 1", 1, 0, shaken.kernel)
+    sure, unlikely = (Finish(entry, n, 0.4, 0.999, at_rest=False) for n in (-0.04, -0.06))
+    assert confidence(sure) == confidence(unlikely) > 0.9
+    result = _concluded(shaken.pyramid, shaken.camera, sure, None)
+    assert result.confidence > 0.9
+    assert result.notes == []
+    result = _concluded(shaken.pyramid, shaken.camera, unlikely, None)
+    assert result.confidence == 0.79
+    assert "doubtful" in result.notes[0]
+
+
 @pytest.fixture(scope="module")
 def untrusted(shaken) -> Finish:
     found = Finish(Entry("start 1", 1, 0, shaken.kernel), -0.1, 0.0, 0.9, at_rest=False)

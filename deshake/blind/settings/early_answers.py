@@ -48,6 +48,11 @@ class EstimateSettings:
         with the edges of a sharp one stays unchanged. The photo S60 of the set `test` led to that.
     unchanged : float
         Largest confidence of a kernel that leaves the photo unchanged.
+    least_margin : float
+        Margin: a kernel with less is at best as good as `most_unlikely` says. No deblurred photo of
+        the set `tune` has less. Real photos of very wide shakes have, right and half right ones.
+    most_unlikely : float
+        Confidence of a kernel whose margin says that a still camera explains the photo better.
     most_filled : float
         Largest confidence of a kernel that fills a disk.
     race_share, first_share : float
@@ -60,6 +65,8 @@ class EstimateSettings:
     even: float = 0.5
     doubtful: float = 0.8
     unchanged: float = 0.1
+    least_margin: float = -0.05
+    most_unlikely: float = 0.79
     most_filled: float = 0.9
     race_share: float = 0.95
     first_share: float = 0.7
