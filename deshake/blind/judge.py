@@ -60,6 +60,7 @@ class Judge:
         self.tiles = tiles
         self.counted = tiles.inside
         self.still = self.energy(RotationKernel.delta(tiles.camera))
+        self._margins: dict[RotationKernel, float] = {}
 
     @classmethod
     def of(cls, pyramid: Pyramid, level: int, kernels: Sequence[RotationKernel]) -> Judge:
@@ -78,7 +79,9 @@ class Judge:
 
         The kernel may be for the photo at any size.
         """
-        return self.still - self.energy(kernel)
+        if kernel not in self._margins:
+            self._margins[kernel] = self.still - self.energy(kernel)
+        return self._margins[kernel]
 
     def energy(self, kernel: RotationKernel) -> float:
         """Return ``ln E`` of the L0 picture of a kernel."""

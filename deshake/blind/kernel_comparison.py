@@ -136,27 +136,22 @@ class Comparison:
 
     def zoomed_matches(self, entry: Entry, ratios: Scores) -> Scores:
         """Return the matches of a kernel for focal lengths `ratios` times as long."""
-        middle = min(self.level(entry), self._last_matched)
-        spectra = self._spectra_around(middle, middle)
-        zoomed = [entry.kernel.zoomed(ratio) for ratio in ratios]
-        return np.array([np.mean([one.value(kernel) for one in spectra]) for kernel in zoomed])
+        level = min(self.level(entry), self._last_matched)  # wide tiles do not show the zoom
+        return np.array([self._match(entry.kernel.zoomed(ratio), level) for ratio in ratios])
 
     def _match(self, kernel: RotationKernel, level: int) -> float:
-        """Return the mean match of a kernel at a scale and the scales next to it."""
-        spectra = self._spectra_around(min(level, self._last_matched), level)
-        return float(np.mean([one.value(kernel) for one in spectra]))
+        """Return the mean match of a kernel at a scale and the scales next to it.
 
-    def _spectra_around(self, middle: int, level: int) -> list[SpectralMatch]:
-        """Return the spectra at a scale and the scales next to it that have enough tiles.
-
-        If the kernel belongs to the coarser scale `level`, it is wide in all of them, and the tiles
-        are wider, too.
+        If the scale has too few tiles, finer ones take its place. The kernel is wide there, and so
+        are the tiles.
         """
+        middle = min(level, self._last_matched)
         last = min(middle + _S.neighbours, self._last_matched)
-        return [
+        spectra = [
             self._spectra_at(n, "apart", level - n if level > middle else 0)
             for n in range(max(middle - _S.neighbours, 0), last + 1)
         ]
+        return float(np.mean([one.value(kernel) for one in spectra]))
 
     def matched(self, entry: Entry) -> Entry:
         """Draw a smooth path through a kernel, and fit it to the spectra of the photo."""

@@ -185,11 +185,11 @@ class _Course:
         self, starts: Sequence[tuple[int, SmoothPath]]
     ) -> Iterator[tuple[Entry, SmoothPath]]:
         """Make entries of paths, with numbers that leave room for their reflections."""
-        known = min([_OF_SPECTRA + 1, *(entry.start for entry in self.entries)])
+        lowest = min([_OF_SPECTRA + 1, *(entry.start for entry in self.entries)])
         for n, (level, path) in enumerate(starts):
             kernel = path.kernel(self.pyramid.camera)
             name = f"spectral start {n}, scale {level}"
-            entry = Entry(name, known - 1 - 2 * n, level, kernel)
+            entry = Entry(name, lowest - 1 - 2 * n, level, kernel)
             entry = entry._replace(level=min(level, self.comparison.level(entry)))
             if self.bound is None or kernel.extent_px() <= self.bound:
                 yield entry, path

@@ -15,6 +15,7 @@ length.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -70,8 +71,7 @@ def kernel_of_pair(photo: Photo, sharp: Photo) -> RotationKernel:
     estimate = estimate_pair(photo, sharp, options, run=Run(1))
     if any(WIDER in note for note in estimate.notes):
         bound = WIDEST * max(photo.shape)
-        wider = EstimateOptions(camera=options.camera, blur_size=bound)
-        estimate = estimate_pair(photo, sharp, wider, run=Run(1))
+        estimate = estimate_pair(photo, sharp, replace(options, blur_size=bound), run=Run(1))
     return estimate.content.kernel
 
 
