@@ -45,7 +45,7 @@ def verdict_figures(kernel: RotationKernel, confidence: float, notes: object) ->
         Notes of the estimate. Anything else, as a kernel file may have, is ignored.
 
     """
-    if kernel.theta[kernel.weights > 0].any():
+    if not kernel.is_still:
         return {"verdict": "improved" if confidence >= SETTINGS.estimate.doubtful else "doubtful"}
     texts = [str(note) for note in notes] if isinstance(notes, list) else []
     reasons = [note.partition(_LEFT)[0] for note in texts if _LEFT in note]

@@ -172,6 +172,11 @@ class RotationKernel:
         mean: NDArray[np.float64] = self.weights @ self.theta
         return mean
 
+    @property
+    def is_still(self) -> bool:
+        """Whether the camera stands still: the kernel does not change the photo."""
+        return not self.theta[self.weights > 0].any()
+
     def for_camera(self, camera: Camera) -> RotationKernel:
         """Return the same rotations for another camera, e.g. of a crop."""
         return replace(self, camera=camera)

@@ -129,7 +129,7 @@ def report_pictures(
         Share of the photo that the result keeps where something moved.
 
     """
-    still = not kernel.theta[kernel.weights > 0].any()
+    still = kernel.is_still
     drawn = None if still else _drawn(kernel)
     photos = [photo] if still else [photo, result]
     left = room - (0 if drawn is None else len(drawn.data))

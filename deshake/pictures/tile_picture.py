@@ -163,7 +163,7 @@ def tile_picture(
     canvas.picture((0, 0), _display(grey, size))
     thickness = max(1.0, 0.0015 * max(size))
     _outline(canvas, frame.corners(apart), _APART, thickness)
-    if scaled.theta[scaled.weights > 0].any():
+    if not scaled.is_still:
         _draw_filters(canvas, scaled, fitted, frame)
     _outline(canvas, frame.corners(fitted), _FITTED, thickness)
     for row, line in enumerate(lines):

@@ -137,7 +137,7 @@ def deblur(
         takes = "needs a noisy photo" if options.needs_noisy else "takes no noisy photo"
         raise ValueError(f"{options.method} {takes}")
     lens = kernel.camera if registration is None else registration.camera
-    if not kernel.theta[kernel.weights > 0].any():
+    if kernel.is_still:
         run.report(1.0, "nothing to undo")
         return Deblurred(photo if keep_geometry else straightened(photo, lens)[0])
     try:

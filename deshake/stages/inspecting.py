@@ -137,7 +137,7 @@ def _kernel(content: KernelFile) -> dict[str, Any]:
 
 def _model(kernel: RotationKernel) -> str:
     """Name the model of a kernel: of no motion, of shifts, or of rotations."""
-    if not kernel.theta[kernel.weights > 0].any():
+    if kernel.is_still:
         return "still"
     return "uniform" if kernel.camera.is_uniform else "rotations"
 

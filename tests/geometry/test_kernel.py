@@ -101,6 +101,13 @@ def test_delta_stands_still() -> None:
     assert as_bins(delta) == {(0, 0, 0): 1.0}
     assert delta.extent_px() == 0
     np.testing.assert_array_equal(delta.steps, STEPS)
+    assert delta.is_still
+
+
+def test_a_camera_that_turns_for_no_time_stands_still() -> None:
+    theta = np.array([[0, 0, 0], [0, 0, 2]]) * STEPS
+    assert RotationKernel(theta, np.array([1.0, 0.0]), STEPS, CAMERA).is_still
+    assert not RotationKernel(theta, np.array([0.9, 0.1]), STEPS, CAMERA).is_still
 
 
 def test_equal_indices_are_added_up() -> None:

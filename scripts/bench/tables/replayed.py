@@ -89,7 +89,7 @@ def line(name: str, result: Result, others: Sequence[Result]) -> str:
     truth = result.pair
     extent = truth.extent_px()
     scenes = [similarity(other.pair, truth, extent) for other in others]
-    left = not result.blind.theta.any()
+    left = result.blind.is_still
     return row(
         [
             name,

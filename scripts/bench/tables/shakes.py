@@ -147,11 +147,6 @@ def base_of(case: Case, folder: Path, photo: Photo, sharp: Codes) -> Base:
     return base
 
 
-def is_still(kernel: RotationKernel) -> bool:
-    """Whether a kernel does not change the photo."""
-    return not kernel.theta[kernel.weights > 0].any()
-
-
 def camera_of(case: Case, focal: str) -> CameraChoice:
     """Return the choice of a camera: the true one, one of `focal` mm, or one to be estimated."""
     if focal == "auto":
@@ -182,7 +177,7 @@ def measure(case: Case, folder: Path, focal: str = "true") -> Row:
     sharp = np.asarray(cv2.imread(str(case_file(folder, case, "_sharp.png"))))
     base = base_of(case, folder, photo, sharp)
     result, alike, extent = base.photo, None, None
-    if kernel is not None and not is_still(kernel):
+    if kernel is not None and not kernel.is_still:
         verdict, extent = "deblurred", kernel.extent_px()
         result = score(photo, kernel, sharp, base.boxes, case.blur)
         truth = true_kernel(case, folder, photo)
