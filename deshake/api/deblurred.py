@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, overload
 
 from deshake.api.arguments import check_above_zero, check_kind
+from deshake.api.linear_algebra import one_linear_thread
 from deshake.api.pictures_in import NOISY_ARRAY, as_photo, pixels_of
 from deshake.files.kernel_file import KernelFile
 from deshake.formats.photo import Photo, balanced
@@ -58,6 +59,7 @@ def deblur(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> NDArray[np.float32]: ...
+@one_linear_thread()
 def deblur(
     photo: Picture,
     kernel: RotationKernel,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, get_args
 
 from deshake.api.arguments import check_above_zero, check_kind
 from deshake.api.cameras import chosen_camera
+from deshake.api.linear_algebra import one_linear_thread
 from deshake.api.pictures_in import NOISY_ARRAY, as_photo
 from deshake.blind.estimate import Estimator
 from deshake.formats.photo import balanced
@@ -34,6 +35,7 @@ _log = logging.getLogger(__name__)
 _WIDEST_DEGREES = 45.0  # degrees: a larger angle is an error
 
 
+@one_linear_thread()
 def estimate_blind(
     photo: Picture,
     camera: Camera | None = None,
@@ -124,6 +126,7 @@ def estimate_blind(
     return estimate_from_photo(as_photo(photo), options, run=Run(threads, progress))
 
 
+@one_linear_thread()
 def register(
     blurred: Picture,
     noisy: Picture,
@@ -201,6 +204,7 @@ def register(
     return match.registration
 
 
+@one_linear_thread()
 def estimate_pair(
     blurred: Picture,
     noisy: Picture,
