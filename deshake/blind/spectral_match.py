@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 import scipy.fft
@@ -101,7 +101,7 @@ class SpectralMatch:
         camera = kernel.camera.scaled(*self.camera.shape)
         moved = displacements(homographies(camera, kernel.theta), self.centres)
         moved -= np.einsum("k,pki->pi", kernel.weights, moved)[:, None]
-        return self._correlation(splat(moved, kernel.weights, (self.size, self.size)))[0]
+        return self._expected(splat(moved, kernel.weights, (self.size, self.size))).match
 
     def fitted(self, kernel: RotationKernel) -> RotationKernel:
         """Draw a smooth path through a kernel, and move it to where it matches best.
@@ -161,7 +161,7 @@ class SpectralMatch:
 
     def of_path(self, path: SmoothPath) -> float:
         """Return the correlation for a path on the grid of the scale."""
-        return self._along(_basis(path) @ path.controls)[0]
+        return self._expected(self._filters(_basis(path) @ path.controls)[0]).match
 
     def descended(self, path: SmoothPath, iterations: int) -> tuple[float, SmoothPath]:
         """Move a path on the grid of the scale to where it matches better.
@@ -216,33 +216,51 @@ class SpectralMatch:
 
     def _along(self, rotations: Points) -> tuple[float, Points]:
         """Return the correlation of a path (T, 3) in grid steps, and its gradient (T, 3)."""
-        count, slopes = len(rotations), self._slopes
-        moved = np.einsum("pij,tj->pti", slopes, rotations - rotations.mean(0))
-        filters = splat(moved, np.full(count, 1 / count), (self.size, self.size))
+        filters, moved = self._filters(rotations)
         match, change = self._correlation(filters)
         across, down = _gradient_at(change, moved)
-        gradient = np.einsum("pt,pj->tj", across, slopes[:, 0])
-        gradient += np.einsum("pt,pj->tj", down, slopes[:, 1])
+        gradient = np.einsum("pt,pj->tj", across, self._slopes[:, 0])
+        gradient += np.einsum("pt,pj->tj", down, self._slopes[:, 1])
         gradient -= gradient.mean(0)
-        return match, gradient / count
+        return match, gradient / len(rotations)
+
+    def _filters(self, rotations: Points) -> tuple[Image, Points]:
+        """Return the filters (P, N, N) of a path (T, 3) in grid steps, and its tracks (P, T, 2)."""
+        count = len(rotations)
+        moved = np.einsum("pij,tj->pti", self._slopes, rotations - rotations.mean(0))
+        return splat(moved, np.full(count, 1 / count), (self.size, self.size)), moved
 
     def _correlation(self, filters: Image) -> tuple[float, Image]:
         """Return the correlation for filters (P, N, N), and its gradient for each pixel."""
-        fluctuations = self.fluctuations
-        spectra = scipy.fft.rfft2(filters, workers=1)
-        power = box_filtered(power_of(spectra), _S.smoothing) + np.float32(_S.floor)
-        expected = fluctuations.of(np.log(power))
-        length = max(fluctuations.product(expected, expected) ** 0.5, 1e-6)
-        match = fluctuations.product(self.observed, expected) / length
-        expected *= np.float32(-match / length)
-        expected += self.observed
-        expected /= np.float32(length)
-        change = fluctuations.adjoint(expected)
+        spectra, power, fluctuations, length, match = self._expected(filters)
+        fluctuations *= np.float32(-match / length)
+        fluctuations += self.observed
+        fluctuations /= np.float32(length)
+        change = self.fluctuations.adjoint(fluctuations)
         change /= power
         spectra *= box_filtered(change, _S.smoothing)
         shape = self.size, self.size
         gradient = scipy.fft.irfft2(spectra, shape, overwrite_x=True, workers=1)
         return match, 2 * self.size**2 * gradient
+
+    def _expected(self, filters: Image) -> _Expected:
+        """Return what filters (P, N, N) lead to expect of the spectra."""
+        spectra = scipy.fft.rfft2(filters, workers=1)
+        power = box_filtered(power_of(spectra), _S.smoothing) + np.float32(_S.floor)
+        fluctuations = self.fluctuations.of(np.log(power))
+        length = max(self.fluctuations.product(fluctuations, fluctuations) ** 0.5, 1e-6)
+        match = self.fluctuations.product(self.observed, fluctuations) / length
+        return _Expected(spectra, power, fluctuations, length, match)
+
+
+class _Expected(NamedTuple):
+    """What filters lead to expect: spectra, power, fluctuations, their length, the correlation."""
+
+    spectra: Spectrum
+    power: Image
+    fluctuations: Image
+    length: float
+    match: float
 
 
 def _basis(path: SmoothPath) -> Points:
