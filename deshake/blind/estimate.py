@@ -1,8 +1,7 @@
 """The blind estimate: a kernel for one photo, its confidence, and notes for the user.
 
 The cheapest test comes first. A photo that is sharp to the pixel needs no estimate. A photo needs
-no full race if the finest starts end in a small round spot. If the race leaves it open whether its
-kernel improves the photo, a second race looks at the photo in display values.
+no full race if the finest starts end in a small round spot.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ from deshake.blind.blur_kind import is_sharp
 from deshake.blind.bounds import check_size
 from deshake.blind.camera_path import filled_path
 from deshake.blind.drawn_path import drawing
-from deshake.blind.focal_search import longest_zoom
 from deshake.blind.kernel_faults import FILLED, faults
 from deshake.blind.latent_picture import latent_gradients
 from deshake.blind.race import race
@@ -36,8 +34,6 @@ from deshake.run import Run
 from deshake.signal.pyramid import Pyramid
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from deshake.blind.finish import Finish
 
 __all__ = ["STILL", "Estimator", "Region", "estimate_kernel"]
@@ -67,6 +63,7 @@ def estimate_kernel(
     uniform: bool = False,
     quick: bool = False,
     any_focal: bool = False,
+    toned: bool = False,
     run: Run = Run(),
 ) -> BlindEstimate:
     """Estimate the blur kernel of one photo and its confidence.
@@ -93,6 +90,9 @@ def estimate_kernel(
     any_focal : bool
         Whether the focal length of the camera is only assumed. Then "edges" estimates it, too,
         unless the model is uniform.
+    toned : bool
+        Whether a camera may have given the photo a tone curve. Then "edges" tries its display
+        values, too: the root of its light.
     run : Run, optional
         Threads to use, and who receives the progress.
 
@@ -141,35 +141,18 @@ def estimate_kernel(
     drawn = drawing(pyramid, roll=not uniform, bound=blur_px)
     if drawn is not None:
         start = _S.race_share / 2
-        result = estimated(drawn.pyramid, may_rest=False, drawn=drawn, run=run.part(0, start))
+        first = run.part(0, start)
+        result = estimated(drawn.pyramid, may_rest=False, toned=toned, drawn=drawn, run=first)
         if confidence(result) < _S.even:
             result = None  # the streaks mislead, or their surroundings are needed
     if result is None:
         may_rest = sharpness(pyramid, 0) > _S.fairly_sharp
-        once = quick or may_rest
-        end = _S.race_share if once else _S.first_share
-        result = estimated(pyramid, may_rest=may_rest, run=run.part(start, end))
-        if not once and SETTINGS.race.hopeful <= confidence(result) < _S.even:
-            again = partial(estimated, run=run.part(end, _S.race_share))
-            result = _second_race(pyramid, result, again, any_focal=any_focal and not uniform)
+        tones = toned and not may_rest  # sharp drawings would take twice as long
+        rest = run.part(start, _S.race_share)
+        result = estimated(pyramid, may_rest=may_rest, toned=tones, run=rest)
     estimate = _concluded(pyramid, whole, result, blur_px)
     run.report(1.0, "kernel estimated")
     return estimate
-
-
-def _second_race(
-    pyramid: Pyramid, first: Finish, again: Callable[..., Finish], *, any_focal: bool
-) -> Finish:
-    """Return the finish of a race in display values if it is trusted, else that of the first race.
-
-    Cameras bend the tones of a photo. Then neither linear light nor display values are right, but
-    now and then a race succeeds in display values alone. If the focal length is only assumed, the
-    second race begins with the longest one, where the blur is nearly the same everywhere.
-    """
-    zoom = longest_zoom(pyramid.camera) if any_focal else 1.0
-    pyramid.forget()  # else a photo of 24 megapixels takes .1 GB more
-    second = again(pyramid.displayed().zoomed(zoom), may_rest=False)
-    return second._replace(zoom=zoom * second.zoom) if confidence(second) >= _S.even else first
 
 
 def _concluded(
@@ -199,7 +182,8 @@ def _concluded(
         )
     latent = latent_gradients(pyramid.zoomed(result.zoom), kernel)
     final = filled_path(kernel).for_camera(whole.zoomed(result.zoom))
-    return BlindEstimate(final, trust, notes, [], latent, result.winner.name, result.zoom)
+    name, zoom, displayed = result.winner.name, result.zoom, result.displayed
+    return BlindEstimate(final, trust, notes, [], latent, name, zoom, displayed)
 
 
 def _on_its_grid(kernel: RotationKernel) -> RotationKernel:

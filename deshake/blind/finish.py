@@ -27,6 +27,8 @@ class Finish(NamedTuple):
         Whether the race stopped early, because the winner is a small round spot.
     zoom : float
         Focal length of the winner's camera over that of the photo's; 1 if it is known.
+    displayed : bool
+        Whether the race looked at the display values of the photo in place of its light.
 
     """
 
@@ -36,3 +38,4 @@ class Finish(NamedTuple):
     agreement: float
     at_rest: bool
     zoom: float = 1.0
+    displayed: bool = False

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from deshake.blind.kernel_comparison import Comparison
     from deshake.geometry.camera import Camera
 
-__all__ = ["best_zoom", "longest_zoom"]
+__all__ = ["best_zoom"]
 
 _S: Final = SETTINGS.focal_search
 
@@ -41,7 +41,7 @@ def best_zoom(comparison: Comparison, entries: Sequence[Entry]) -> float:
 
     """
     camera = comparison.pyramid.camera
-    shortest, longest = _S.shortest / _relative(camera), longest_zoom(camera)
+    shortest, longest = np.array([_S.shortest, _S.longest]) / _relative(camera)
     steps = np.arange(
         min(np.ceil(_S.steps * np.log2(shortest)), 0),
         max(np.floor(_S.steps * np.log2(longest)), 0) + 1,
@@ -50,11 +50,6 @@ def best_zoom(comparison: Comparison, entries: Sequence[Entry]) -> float:
     work = in_order(partial(comparison.zoomed_matches, ratios=ratios), entries, comparison.run)
     matches = np.array([curve for _, curve in work])
     return float(ratios[np.unravel_index(matches.argmax(), matches.shape)[1]])
-
-
-def longest_zoom(camera: Camera) -> float:
-    """Return the ratio of the longest focal length of the search to that of a camera."""
-    return float(_S.longest / _relative(camera))
 
 
 def _relative(camera: Camera) -> float:

@@ -68,6 +68,7 @@ def race(
     may_rest: bool = True,
     drawn: Drawing | None = None,
     any_focal: bool = False,
+    toned: bool = False,
     run: Run = Run(),
 ) -> Finish:
     """Estimate a kernel from several first scales, and keep the best.
@@ -89,37 +90,37 @@ def race(
         What the streaks of lights say of the shake; it takes part in the race.
     any_focal : bool
         Whether the focal length of the camera is only assumed. Then it is estimated, too.
+    toned : bool
+        Whether the photo may have a tone curve. Then its blur may suit its display values better
+        than its light, and the starts may run there, too.
     run : Run, optional
         Threads to use, and who receives the progress.
 
     """
     course = _Course(pyramid, axes, bound, drawn, any_focal=any_focal, run=run.silent())
     starts = _first_scales(pyramid.coarsest)
-    course.start(starts[:2], run.part(0.0, 0.15))
+    course.start(starts[:2], run.part(0.0, 0.1))
     ends = _last(course.entries)
     if may_rest and all(is_spot(entry.kernel) and entry.level == 0 for entry in ends):
         run.report(1.0, "the photo is not shaken")
         return Finish(ends[0], 0.0, 0.0, 1.0, at_rest=True)
-    course.start(starts[2:], run.part(0.15, 0.5))
-    if drawn is not None:
-        course.entries.append(Entry("streaks", _OF_STREAKS, drawn.level, drawn.kernel))
-    if quick:
-        winner = course.best()
-    else:
-        course.start_wide(run.part(0.5, 0.55))
-        course.start_spectral(SETTINGS.spectral_start.usual, run.part(0.55, 0.6))
-        ends = _last(course.entries)
-        course.match(ends)
-        leaders = course.leaders()
-        if course.may_be_wide(leaders[0]):
-            ends += course.start_spectral(SETTINGS.spectral_start.wide, run.part(0.6, 0.65))
-            leaders = course.leaders()
-        winner = leaders[0]
-        if any(course.confidence(leader) >= _S.hopeful for leader in leaders):
-            winner = course.finish(leaders, ends, run.part(0.65, 1.0))
-    finished = course.finished(winner)
+    course.begin(starts[2:], quick=quick, run=run.part(0.1, 0.45))
+    courses = [course]
+    if toned:
+        courses = course.and_in_display_values(starts, quick=quick, run=run.part(0.45, 0.6))
+    finish = _ended(courses, quick=quick, run=run.part(0.6, 1.0))
     run.report(1.0, "kernel estimated")
-    return finished
+    return finish
+
+
+def _ended(courses: Sequence[_Course], run: Run, *, quick: bool) -> Finish:
+    """Return the end of the first course; if it is undecided, that of another that is trusted."""
+    even = SETTINGS.estimate.even
+    finish = courses[0].end(quick=quick, run=run.part(0.0, 0.75))
+    if not quick and _S.hopeful <= confidence(finish) < even:
+        others = [course.end(quick=quick, run=run.part(0.75, 1.0)) for course in courses[1:]]
+        finish = next((other for other in others if confidence(other) >= even), finish)
+    return finish
 
 
 class _Course:
@@ -138,10 +139,81 @@ class _Course:
         self.pyramid = pyramid
         self.axes = (axes[0], axes[1], axes[2] and not pyramid.camera.is_uniform)
         self.bound = bound
+        self.drawn = drawn
         self.comparison = Comparison(pyramid, None if drawn is None else drawn.kernel, run)
         self.any_focal = any_focal and not pyramid.camera.is_uniform
         self.zoom = 1.0
+        self.displayed = False
         self.entries: list[Entry] = []
+        self.ends: list[Entry] = []
+        self.leaders: list[Entry] = []
+
+    def and_in_display_values(
+        self, starts: Sequence[int], run: Run, *, quick: bool
+    ) -> list[_Course]:
+        """Return this course and one in display values, the one with the better starts first.
+
+        There is only this one if its best kernel is trusted, and display values explain it worse.
+        """
+        shown = _Course(
+            self.pyramid.displayed(),
+            self.axes,
+            self.bound,
+            self.drawn,
+            any_focal=self.any_focal,
+            run=self.comparison.run,
+        )
+        score = self.score(self.leaders)
+        worse = shown.score(self.leaders) < score - _S.display_doubt
+        if worse and self.confidence(self.leaders[0]) >= SETTINGS.estimate.even:
+            return [self]
+        self.pyramid.forget()  # else a photo of 24 megapixels takes .1 GB more
+        shown.displayed = True
+        shown.begin(starts, run, quick=quick)
+        shown.adopt(self)
+        better = shown.score(shown.leaders) > score + _S.display_worth
+        return [shown, self] if better else [self, shown]
+
+    def end(self, run: Run, *, quick: bool) -> Finish:
+        """Refine the best kernels, unless none is hopeful; return what the best one is worth."""
+        if quick:
+            return self.finished(self.best())
+        hopeful = any(self.confidence(leader) >= _S.hopeful for leader in self.leaders)
+        return self.finished(self.finish(run) if hopeful else self.leaders[0])
+
+    def adopt(self, other: _Course) -> None:
+        """Add the best kernels of another course, and the ends of their starts."""
+        best = {entry.start for entry in other.leaders}
+        ends = [entry for entry in other.ends if entry.start in best]
+        self.entries += [*ends, *other.leaders]
+        self.ends = best_of_starts(self._ranked([*self.ends, *ends]))
+        self.leaders = self._leaders()
+
+    def begin(self, starts: Sequence[int], run: Run, *, quick: bool) -> None:
+        """Run all starts, those of edges at the given scales; find the best kernels of the best.
+
+        With `quick`, only those of edges run.
+        """
+        self.start(starts, run.part(0.0, 0.6))
+        if self.drawn is not None:
+            streaks = Entry("streaks", _OF_STREAKS, self.drawn.level, self.drawn.kernel)
+            self.entries.append(streaks)
+        if quick:
+            self.leaders = self._leaders()
+            return
+        self.start_wide(run.part(0.6, 0.7))
+        self.start_spectral(SETTINGS.spectral_start.usual, run.part(0.7, 0.85))
+        self.ends = _last(self.entries)
+        self.entries += self._matched(_of_edges(self.ends))
+        self.leaders = self._leaders()
+        if self.may_be_wide(self.leaders[0]):
+            wide = SETTINGS.spectral_start.wide
+            self.ends += self.start_spectral(wide, run.part(0.85, 1.0))
+            self.leaders = self._leaders()
+
+    def score(self, entries: Sequence[Entry]) -> float:
+        """Return the highest score of kernels."""
+        return float(self.comparison.scores(entries).max())
 
     def start(self, starts: Sequence[int], run: Run) -> None:
         """Run candidates to their finest scales; keep the kernels of their last scales."""
@@ -210,25 +282,22 @@ class _Course:
         if comparison.witness is not None:
             alike = max(alike, agreement(winner.kernel, comparison.witness))
         margin, match = winner.margin(comparison.judge(winner)), comparison.match(winner)
-        return Finish(winner, margin, match, alike, at_rest=False, zoom=self.zoom)
+        found = Finish(winner, margin, match, alike, at_rest=False)
+        return found._replace(zoom=self.zoom, displayed=self.displayed)
 
     def best(self) -> Entry:
         """Return the best kernel."""
         best = self._ranked(self.entries)[0]
         return best.zoomed(self._focus([best]))
 
-    def match(self, ends: Sequence[Entry]) -> None:
-        """Match the last kernels of the starts to the spectra, and keep the paths, too."""
-        self.entries += self._matched(_of_edges(ends))
-
-    def leaders(self) -> list[Entry]:
+    def _leaders(self) -> list[Entry]:
         """Return the best kernels of the best starts."""
         return best_of_starts(self._ranked(self.entries))[: _S.refined]
 
-    def finish(self, leaders: Sequence[Entry], ends: Sequence[Entry], run: Run) -> Entry:
+    def finish(self, run: Run) -> Entry:
         """Refine the kernels of the best starts, keep them, too, and return the best kernel."""
-        starts = {entry.start for entry in leaders}
-        ends = _zoomed(ends, self._focus(leaders))
+        starts = {entry.start for entry in self.leaders}
+        ends = _zoomed(self.ends, self._focus(self.leaders))
         taken = [end for end in ends if end.start in starts]
         taken = [end for end in taken if not is_spot(end.kernel)] or taken
         self.entries += self._refined(taken, run.part(0.0, 0.5))

@@ -42,6 +42,8 @@ class BlindEstimate:
     zoom : float
         Focal length of the kernel's camera over that of the camera that was given; not 1 only if
         the focal length was estimated.
+    displayed : bool
+        Whether the kernel was estimated from the display values of the photo, not from its light.
 
     """
 
@@ -52,3 +54,4 @@ class BlindEstimate:
     latent: Image
     name: str = "variational"
     zoom: float = 1.0
+    displayed: bool = False

@@ -110,6 +110,8 @@ class Encoding:
         Whether there is one channel; else there are three.
     transfer : Transfer
         The curve from codes to linear light.
+    stated : bool
+        Whether the caller stated this curve.
     quantisation : tuple of tuples of int
         JPEG quantisation tables; empty: those of the quality.
     quality : int
@@ -140,6 +142,7 @@ class Encoding:
     bits: int = 0
     grey: bool = False
     transfer: Transfer = SRGB
+    stated: bool = False
     quantisation: tuple[tuple[int, ...], ...] = ()
     quality: int = 95
     subsampling: int = 0

@@ -23,7 +23,15 @@ from deshake.formats.png import decode_png
 from deshake.formats.raw import decode_raw
 from deshake.formats.signatures import photo_format
 from deshake.formats.tiff import decode_tiff
-from deshake.formats.transfer import LINEAR, NAMED, clipped_pixels, decode, reduced_light
+from deshake.formats.transfer import (
+    LINEAR,
+    NAMED,
+    clipped_pixels,
+    decode,
+    display_values,
+    linear_light,
+    reduced_light,
+)
 from deshake.formats.webp import decode_webp
 from deshake.metadata.profiles import linear_profile
 
@@ -110,6 +118,14 @@ class Photo:
         return self.encoding.format == "RAW"
 
     @property
+    def may_be_toned(self) -> bool:
+        """Whether a camera may have given the photo a tone curve that its file does not state.
+
+        Then the pixels are linear light only approximately.
+        """
+        return not (self.is_sensors or self.encoding.stated or self.encoding.transfer == LINEAR)
+
+    @property
     def shape(self) -> tuple[int, int]:
         """Height and width in pixels."""
         return self.pixels.shape[0], self.pixels.shape[1]
@@ -133,6 +149,23 @@ class Photo:
             msg = f"pixels of shape {pixels.shape} for a photo of shape {self.pixels.shape}"
             raise ValueError(msg)
         return replace(self, pixels=np.asarray(pixels, np.float32), frame=None)
+
+    def in_display_values(self) -> Photo:
+        """Return the photo with display values, those of its file, in the place of linear light.
+
+        It is the photo that a file gives whose values stand for light.
+        """
+        encoding = replace(self.encoding, transfer=LINEAR)
+        values = display_values(self.pixels, self.encoding.transfer)
+        return replace(self.with_pixels(values), encoding=encoding)
+
+    def with_tones_of(self, photo: Photo) -> Photo:
+        """Return the photo in linear light, if `in_display_values` of another photo led to it."""
+        curve = photo.encoding.transfer
+        if self.encoding.transfer == curve:
+            return self
+        light = replace(self, encoding=replace(self.encoding, transfer=curve))
+        return light.with_pixels(linear_light(self.pixels, curve))
 
     def with_jpeg_quality(self, quality: int) -> Photo:
         """Return the photo with another quality, 1..100, for a JPEG; other formats ignore it.
@@ -274,5 +307,7 @@ def _encoding(decoded: Decoded, transfer: TransferName | None) -> Encoding:
                 hint="leave --transfer out; --linear writes the result in linear light",
             )
         return encoding
-    curve = NAMED[transfer] if transfer is not None else profile_transfer(decoded.metadata.icc)
+    if transfer is not None:
+        return replace(encoding, transfer=NAMED[transfer], stated=True)
+    curve = profile_transfer(decoded.metadata.icc)
     return encoding if curve is None else replace(encoding, transfer=curve)

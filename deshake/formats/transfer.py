@@ -33,8 +33,10 @@ __all__ = [
     "TransferName",
     "clipped_pixels",
     "decode",
+    "display_values",
     "encode",
     "is_clipped",
+    "linear_light",
     "reduced_light",
 ]
 
@@ -43,7 +45,7 @@ Depth = Literal[8, 16, 32]
 TransferName = Literal["srgb", "linear", "gamma22"]
 
 _BAND = 128  # rows of a photo that are reduced to grey at once
-_BLOCK = 1 << 20  # values encoded at once, so that the intermediate floats stay small
+_BLOCK = 1 << 20  # values that are converted at once, so that the intermediate floats stay small
 
 
 class Transfer(Protocol):
@@ -175,7 +177,7 @@ def decode(codes: Codes, transfer: Transfer) -> NDArray[np.float32]:
 
     """
     if codes.dtype.kind == "f":
-        return _beyond(cast("NDArray[np.float32]", codes), transfer.to_linear)
+        return linear_light(cast("NDArray[np.float32]", codes), transfer)
     top = np.iinfo(codes.dtype).max
     table = transfer.to_linear(np.arange(top + 1) / top).astype(np.float32)
     if codes.dtype == np.uint8 and codes.size:  # in a third of NumPy's time
@@ -208,7 +210,7 @@ def encode(light: NDArray[np.floating], transfer: Transfer, depth: Depth) -> Cod
 
     """
     if depth == 32:
-        return cast("Codes", _beyond(light, transfer.from_linear))
+        return cast("Codes", display_values(light, transfer))
     kind = np.uint8 if depth == 8 else np.uint16
     top = np.float32((1 << depth) - 1)
     flat = np.ascontiguousarray(light, np.float32).reshape(-1)
@@ -220,6 +222,16 @@ def encode(light: NDArray[np.floating], transfer: Transfer, depth: Depth) -> Cod
             raise ValueError(msg)
         codes[start : start + _BLOCK] = np.rint(transfer.from_linear(block) * top)
     return codes.reshape(light.shape)
+
+
+def linear_light(values: NDArray[np.floating], transfer: Transfer) -> NDArray[np.float32]:
+    """Turn display values, 1 = white, into linear light; they may exceed white."""
+    return _beyond(values, transfer.to_linear)
+
+
+def display_values(light: NDArray[np.floating], transfer: Transfer) -> NDArray[np.float32]:
+    """Turn linear light into display values, 1 = white, without rounding; it may exceed white."""
+    return _beyond(light, transfer.from_linear)
 
 
 def is_clipped(codes: Codes) -> NDArray[np.bool_]:
@@ -265,7 +277,12 @@ def _beyond(
 
     The curve is odd. Above 1, a power continues, and a table continues as a straight line.
     """
-    size = np.abs(values).astype(np.float32)
     straight = isinstance(getattr(curve, "__self__", None), Table)
-    bent = curve(np.minimum(size, 1)) + np.maximum(size - 1, 0) if straight else curve(size)
-    return np.asarray(np.copysign(bent, values), np.float32)
+    flat = np.ascontiguousarray(values, np.float32).reshape(-1)
+    result = np.empty(flat.shape, np.float32)
+    for start in range(0, len(flat), _BLOCK):
+        block = flat[start : start + _BLOCK]
+        size = np.abs(block)
+        bent = curve(np.minimum(size, 1)) + np.maximum(size - 1, 0) if straight else curve(size)
+        np.copysign(bent, block, out=result[start : start + _BLOCK], casting="same_kind")
+    return result.reshape(values.shape)

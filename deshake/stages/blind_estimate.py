@@ -89,6 +89,7 @@ def silent_estimate(photo: Photo, options: EstimateOptions, *, run: Run = Run())
             uniform=options.uniform,
             quick=options.preview,
             any_focal=any_focal,
+            toned=photo.may_be_toned,
             run=run,
         )
     except DeshakeError as error:
@@ -145,6 +146,7 @@ def _provenance(
         "options": options.provenance(),
         "input_sha256": photo.sha256,
         "camera": camera.source,
+        "tones": "display values" if blind.displayed else "linear light",
         "estimated_by": blind.name,
         "scales": scales,
     }

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from deshake.blind.tones import suits_display_values
 from deshake.errors import DeshakeError, OutputError
 from deshake.files.disk import STREAM, check_output
 from deshake.files.kernel_file import KernelFile, read_kernel
@@ -144,6 +145,7 @@ def deblur(
         if noisy is None:
             straight, pinhole = straightened(photo, lens, whole=keep_geometry)
             kernel = straight_kernel(kernel, lens, pinhole)
+            straight = _in_linear_tones(straight, kernel, run)
             restored = restore(
                 straight.pixels,
                 kernel,
@@ -190,6 +192,7 @@ def deblur(
             straight.pixels, pixels, kernel, clipped=straight.clipped, run=run.silent()
         )
         result = blended(straight, result, mask=kept)
+    result = result.with_tones_of(photo)
     if keep_geometry and not lens.is_pinhole:
         result = bent(result, photo, lens)
         kept = None if kept is None else LensWarp(lens, pinhole).bend(kept)
@@ -292,6 +295,17 @@ def deblur_file(
         noisy=noisy,
     )
     return content
+
+
+def _in_linear_tones(photo: Photo, kernel: RotationKernel, run: Run) -> Photo:
+    """Return a photo in the tones in which the kernel explains it: light, or display values."""
+    if not photo.may_be_toned:
+        return photo
+    grey = luminance(photo.pixels)
+    if not suits_display_values(grey, kernel, photo.clipped, run=run):
+        return photo
+    _log.info("%s: the blur suits display values better than linear light", photo.source)
+    return photo.in_display_values()
 
 
 def _assumed_camera(photo: Photo, pinhole: Camera, zoom: float) -> Camera:

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,10 +9,8 @@ import pytest
 from deshake.blind.agreement import agreement
 from deshake.blind.camera_path import filled_path
 from deshake.blind.entry import Entry
-from deshake.blind.estimate import STILL, _concluded, _second_race, estimate_kernel
+from deshake.blind.estimate import STILL, _concluded, estimate_kernel
 from deshake.blind.finish import Finish
-from deshake.blind.focal_search import longest_zoom
-from deshake.blind.race import race
 from deshake.blind.sharpness import looks_sharp
 from deshake.blind.trust import confidence
 from deshake.errors import EstimationError
@@ -152,45 +149,12 @@ def test_a_kernel_that_a_still_camera_beats_is_doubtful(shaken) -> None:
     assert "doubtful" in result.notes[0]
 
 
-@pytest.fixture(scope="module")
-def untrusted(shaken) -> Finish:
-    found = Finish(Entry("start 1", 1, 0, shaken.kernel), -0.1, 0.0, 0.9, at_rest=False)
-    assert confidence(found) < 0.5
-    return found
-
-
-def test_a_second_race_finds_a_shake_in_display_values(shaken, untrusted) -> None:
-    bent = Pyramid(np.square(shaken.grey), shaken.camera)
-    found = _second_race(bent, untrusted, partial(race, quick=True), any_focal=False)
-    assert found is not untrusted
-    assert confidence(found) >= 0.5
-    assert agreement(found.winner.kernel, shaken.kernel) > 0.88
-    assert found.zoom == 1
-
-
-def test_a_second_race_begins_with_the_longest_focal_length_if_none_is_known(
-    shaken, untrusted
-) -> None:
-    seen: list[Pyramid] = []
-    trusted = untrusted._replace(margin=0.3, match=0.4, agreement=0.98, zoom=0.5)
-
-    def again(pyramid: Pyramid, *, may_rest: bool) -> Finish:
-        assert not may_rest
-        seen.append(pyramid)
-        return trusted
-
-    pyramid = Pyramid(shaken.grey, shaken.camera)
-    found = _second_race(pyramid, untrusted, again, any_focal=True)
-    longest = longest_zoom(shaken.camera)
-    assert longest > 1
-    assert seen[0].camera.focal_px == pytest.approx(longest * shaken.camera.focal_px)
-    assert found == trusted._replace(zoom=0.5 * longest)
-
-
-def test_a_second_race_that_is_not_trusted_changes_nothing(shaken, untrusted) -> None:
-    other = untrusted._replace(margin=-0.2)
-    pyramid = Pyramid(shaken.grey, shaken.camera)
-    assert _second_race(pyramid, untrusted, lambda *_, **__: other, any_focal=True) is untrusted
+@pytest.mark.parametrize("toned", [False, True])
+def test_an_estimate_in_display_values_says_so(shaken, toned) -> None:
+    light = np.square(np.clip(shaken.grey, 0, 1))
+    result = estimate_kernel(light, shaken.camera, toned=toned, quick=True, run=Run(1))
+    assert result.displayed == toned
+    assert not toned or agreement(result.kernel, shaken.kernel) > 0.9
 
 
 @pytest.mark.parametrize("estimator", ["edges", "variational"])

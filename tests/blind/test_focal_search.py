@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from deshake.blind.entry import Entry
-from deshake.blind.focal_search import best_zoom, longest_zoom
+from deshake.blind.focal_search import best_zoom
 from deshake.blind.kernel_comparison import Comparison
 from deshake.blind.settings import SETTINGS
 from deshake.geometry.camera import Camera
@@ -54,10 +54,3 @@ def test_the_search_stays_in_its_range(wide, ratio) -> None:
     found = focal * best_zoom(comparison, [entry])
     settings = SETTINGS.focal_search
     assert min(settings.shortest, focal) <= found <= max(settings.longest, focal)
-
-
-def test_the_longest_focal_length_is_that_of_the_search() -> None:
-    camera = Camera.from_focal(WIDE, *SHAPE)
-    longest = camera.zoomed(longest_zoom(camera))
-    assert longest.focal_px == pytest.approx(SETTINGS.focal_search.longest * np.hypot(*SHAPE))
-    assert longest_zoom(longest) == pytest.approx(1)

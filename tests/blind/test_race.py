@@ -1,13 +1,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from deshake.blind.agreement import agreement
 from deshake.blind.entry import Entry
-from deshake.blind.race import _Course, _of_edges, race
+from deshake.blind.race import _Course, _ended, _of_edges, race
 from deshake.blind.settings import SETTINGS
 from deshake.blind.spot import is_spot
 from deshake.blind.trust import confidence
@@ -15,6 +16,9 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.run import Run
 from deshake.signal.pyramid import Pyramid
+
+if TYPE_CHECKING:
+    from deshake.blind.finish import Finish
 
 pytestmark = pytest.mark.long
 
@@ -48,10 +52,15 @@ def test_progress_rises_to_one(ended, shares) -> None:
 
 
 @pytest.fixture(scope="module")
-def larger(shake) -> Pyramid:
+def photo(shake):
     """A photo of 300 x 400 pixels: the spectra need three tiles of 64."""
     path = np.array([[0.0, -8, -3], [3, -2, 0], [-1, 3, 1], [2, 9, 3]])
-    return shake(Camera.from_focal(400.0, 300, 400), path=path).pyramid
+    return shake(Camera.from_focal(400.0, 300, 400), path=path)
+
+
+@pytest.fixture(scope="module")
+def larger(photo) -> Pyramid:
+    return photo.pyramid
 
 
 @pytest.fixture(scope="module")
@@ -143,6 +152,65 @@ def test_a_focal_length_that_is_only_assumed_is_estimated(shake, quick) -> None:
 def test_the_uniform_model_has_no_focal_length(shake) -> None:
     pan = shake(Camera.uniform(56, 64), np.array([[0.0, -2, 0], [0, 2, 0]]))
     assert race(pan.pyramid, any_focal=True).zoom == 1
+
+
+@pytest.mark.parametrize("quick", [False, True])
+def test_a_blur_of_display_values_is_found_in_them(photo, quick) -> None:
+    light = Pyramid(np.square(np.clip(photo.grey, 0, 1)), photo.camera)
+    found = race(light, toned=True, quick=quick)
+    assert found.displayed
+    assert agreement(found.winner.kernel, photo.kernel) > 0.9
+    assert not race(light, quick=True).displayed
+
+
+def test_a_blur_of_light_is_found_in_light(shaken, ended) -> None:
+    found = race(shaken.pyramid, toned=True)
+    assert not found.displayed
+    assert found.winner.kernel.weights.tobytes() == ended.winner.kernel.weights.tobytes()
+    assert found[1:] == ended[1:]
+
+
+def test_another_course_ends_only_where_the_first_is_undecided(ended) -> None:
+    undecided = ended._replace(margin=0.0, match=0.1, agreement=0.96)
+    trusted = ended._replace(margin=0.1, match=0.3, agreement=0.98, displayed=True)
+    hopeless = ended._replace(margin=-0.2, match=0.0, agreement=0.5)
+    assert SETTINGS.race.hopeful < confidence(undecided) < SETTINGS.estimate.even
+    assert confidence(hopeless) < SETTINGS.race.hopeful
+    ran: list[Finish] = []
+
+    class Course:
+        def __init__(self, finish: Finish) -> None:
+            self.finish = finish
+
+        def end(self, run: Run, *, quick: bool) -> Finish:  # noqa: ARG002
+            ran.append(self.finish)
+            return self.finish
+
+    for first, other, kept, both in (
+        (undecided, trusted, trusted, True),
+        (undecided, hopeless, undecided, True),
+        (trusted, hopeless, trusted, False),
+        (hopeless, trusted, hopeless, False),
+    ):
+        ran.clear()
+        assert _ended([Course(first), Course(other)], Run(1), quick=False) is kept
+        assert ran == ([first, other] if both else [first])
+    assert _ended([Course(undecided)], Run(1), quick=False) is undecided
+    assert _ended([Course(undecided), Course(trusted)], Run(1), quick=True) is undecided
+
+
+def test_a_course_adopts_the_best_kernels_of_another(larger, spectral, ended) -> None:
+    course, other = (
+        _Course(larger, (True, True, True), None, None, any_focal=False, run=Run(1))
+        for _ in range(2)
+    )
+    course.entries = list(spectral)
+    other.leaders = [ended.winner._replace(start=3, kernel=spectral[0].kernel)]
+    other.ends = [other.leaders[0]._replace(name="end"), spectral[1]]
+    course.adopt(other)
+    assert course.entries == [*spectral, other.ends[0], *other.leaders]
+    assert course.ends == [other.ends[0]]
+    assert other.leaders[0].start in {entry.start for entry in course.leaders}
 
 
 def test_it_stops_early_for_a_sharp_photo(still) -> None:

@@ -5,6 +5,7 @@ import os
 import struct
 import tracemalloc
 import zlib
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -134,6 +135,36 @@ def test_the_profile_gives_the_curve_and_the_option_overrides_it(
     assert read_photo(source, transfer="srgb").encoding.transfer is SRGB
     assert read_photo(source, transfer="gamma22").encoding.transfer == Power(2.2)
     assert read_photo(save("b.png", codes)).encoding.transfer is SRGB
+
+
+def test_only_a_curve_that_is_not_certain_may_hide_another(
+    save: Callable[..., Path],
+    make_codes: Callable[..., np.ndarray],
+    make_icc: Callable[..., bytes],
+) -> None:
+    codes = make_codes(9, 9, 3)
+    source = save("a.png", codes)
+    assert read_photo(source).may_be_toned
+    assert not read_photo(source, transfer="srgb").may_be_toned
+    linear = save("b.png", codes, icc_profile=make_icc(LINEAR_CURVE))
+    assert not read_photo(linear).may_be_toned
+    photo = read_photo(source)
+    assert not replace(photo, encoding=replace(photo.encoding, format="RAW")).may_be_toned
+
+
+def test_display_values_are_those_of_the_file(
+    save: Callable[..., Path], make_codes: Callable[..., np.ndarray]
+) -> None:
+    codes = make_codes(9, 9, 3)
+    photo = read_photo(save("a.png", codes))
+    shown = photo.in_display_values()
+    assert np.allclose(shown.pixels, codes / 255, atol=1e-6)
+    assert not shown.may_be_toned
+    assert np.array_equal(shown.clipped, photo.clipped)
+    back = shown.with_pixels(shown.pixels * 1.5).with_tones_of(photo)
+    assert back.encoding == photo.encoding
+    assert np.allclose(back.in_display_values().pixels, 1.5 * codes / 255, atol=1e-5)
+    assert photo.with_tones_of(photo) is photo
 
 
 def test_clipped_pixels_are_marked(save: Callable[..., Path]) -> None:

@@ -74,6 +74,32 @@ def test_the_kernel_of_a_still_camera_leaves_the_photo_as_it_is(pair):
     np.testing.assert_array_equal(restored.pixels, g.pixels)
 
 
+def test_a_file_of_linear_values_that_does_not_say_so_is_deblurred_in_them(pair, caplog):
+    folder, kernel, sharp = pair
+    assumed = read_photo(folder / "g.png")
+    with caplog.at_level("INFO"):
+        result = deblur(assumed, kernel).photo
+    assert "suits display values" in caplog.text
+    assert result.encoding == assumed.encoding
+    values = result.in_display_values().pixels
+    known = deblur(read(folder / "g.png"), kernel).photo.pixels
+    np.testing.assert_allclose(values, known, atol=2e-3)
+    stated = deblur(read_photo(folder / "g.png", transfer="srgb"), kernel).photo
+    best = psnr(values[8:-8, 8:-8], sharp[8:-8, 8:-8])
+    assert best > psnr(stated.in_display_values().pixels[8:-8, 8:-8], sharp[8:-8, 8:-8]) + 1
+
+
+def test_a_photo_in_linear_light_is_deblurred_in_it(pair, tmp_path, caplog):
+    folder, kernel, _ = pair
+    shown = read(folder / "g.png").pixels ** (1 / 2.2)
+    photo = read_photo(save(tmp_path / "shown.png", shown))
+    with caplog.at_level("INFO"):
+        result = deblur(photo, kernel).photo
+    assert "display values" not in caplog.text
+    stated = deblur(read_photo(tmp_path / "shown.png", transfer="srgb"), kernel).photo
+    np.testing.assert_array_equal(result.pixels, stated.pixels)
+
+
 @pytest.mark.parametrize("method", ["fusion", "residual"])
 def test_makes_a_sharper_photo(pair, method):
     folder, kernel, sharp = pair

@@ -40,6 +40,7 @@ from deshake.blind.settings.judging import (
     KernelComparisonSettings,
     KernelFaultsSettings,
     SpotSettings,
+    TonesSettings,
     TrustSettings,
 )
 from deshake.blind.settings.lamps import DrawnPathSettings, StreaksSettings
@@ -83,7 +84,7 @@ class EdgesSettings:
         The race.
     trimming, camera_path, spectral_match, spectral_start
         The paths of a camera.
-    judge, kernel_comparison, focal_search, agreement, spot, kernel_faults, trust
+    judge, kernel_comparison, tones, focal_search, agreement, spot, kernel_faults, trust
         What is thought of a kernel.
     streaks, drawn_path
         The streaks of lamps.
@@ -113,6 +114,7 @@ class EdgesSettings:
     spectral_start: SpectralStartSettings = field(default_factory=SpectralStartSettings)
     judge: JudgeSettings = field(default_factory=JudgeSettings)
     kernel_comparison: KernelComparisonSettings = field(default_factory=KernelComparisonSettings)
+    tones: TonesSettings = field(default_factory=TonesSettings)
     focal_search: FocalSearchSettings = field(default_factory=FocalSearchSettings)
     agreement: AgreementSettings = field(default_factory=AgreementSettings)
     spot: SpotSettings = field(default_factory=SpotSettings)

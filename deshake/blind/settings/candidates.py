@@ -230,6 +230,11 @@ class RaceSettings:
         photos of the set `tune`, those with less are left as they are after a full race, too; the
         least that ended above even odds has 0.34. Of the real photos, Köhler et al.'s 3_8 has
         0.19, and its second race succeeds.
+    display_doubt : float
+        Margin: if display values explain a trusted kernel worse by more than this, no starts run
+        in them.
+    display_worth : float
+        Margin: least gain of the score of the starts that justifies display values.
     matched : int
         Number of starts whose best kernel is matched to the spectra again.
     refinement, uniform_refinement : Refinement
@@ -246,6 +251,8 @@ class RaceSettings:
     snapshots: int = 2
     refined: int = 4
     hopeful: float = 0.15
+    display_doubt: float = 0.03
+    display_worth: float = 0.02
     matched: int = 4
     refinement: Refinement = Refinement(2e-3, iterations=5)
     uniform_refinement: Refinement = Refinement(1e-3, iterations=5)

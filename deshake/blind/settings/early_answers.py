@@ -55,8 +55,8 @@ class EstimateSettings:
         Confidence of a kernel whose margin says that a still camera explains the photo better.
     most_filled : float
         Largest confidence of a kernel that fills a disk.
-    race_share, first_share : float
-        Share of the computing time after which all races end, and the first of two.
+    race_share : float
+        Share of the computing time after which the race ends.
 
     """
 
@@ -69,7 +69,6 @@ class EstimateSettings:
     most_unlikely: float = 0.79
     most_filled: float = 0.9
     race_share: float = 0.95
-    first_share: float = 0.7
 
 
 @dataclass(frozen=True)
