@@ -78,7 +78,8 @@ def deblur(
     """Deblur a photo whose kernel is known, alone or with a noisy photo of the same scene.
 
     ``deshake deblur`` gives the same picture. The kernel of a camera that stood still leaves the
-    photo unchanged.
+    photo unchanged. A `Photo` whose display values suit the kernel better than its linear light,
+    because of a tone curve, is deblurred in them; its result is in linear light, too.
 
     Parameters
     ----------

@@ -115,11 +115,10 @@ def race(
 
 def _ended(courses: Sequence[_Course], run: Run, *, quick: bool) -> Finish:
     """Return the end of the first course; if it is undecided, that of another that is trusted."""
-    even = SETTINGS.estimate.even
     finish = courses[0].end(quick=quick, run=run.part(0.0, 0.75))
-    if not quick and _S.hopeful <= confidence(finish) < even:
+    if not quick and _S.hopeful <= confidence(finish) < SETTINGS.estimate.even:
         others = [course.end(quick=quick, run=run.part(0.75, 1.0)) for course in courses[1:]]
-        finish = next((other for other in others if confidence(other) >= even), finish)
+        finish = next((other for other in others if confidence(other) >= _S.second), finish)
     return finish
 
 

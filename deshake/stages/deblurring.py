@@ -94,7 +94,8 @@ def deblur(
     """Deblur a photo with a kernel for its size, alone or with a noisy photo of the same scene.
 
     Format, depth, opacity and metadata do not change. The kernel of a still camera leaves the photo
-    unchanged. Without a noisy photo, dark halos are limited so that they do not become black. A
+    unchanged. Without a noisy photo, dark halos are limited so that they do not become black, and
+    the photo is deblurred in display values if the kernel suits them better than linear light. A
     photo from a lens with distortion is straightened first, and EXIF describes the new frame.
 
     Parameters

@@ -6,7 +6,8 @@ R. Köhler et al., *Recording and Playback of Camera Shake*, ECCV 2012. The fold
 `BlurryS_K.png`: scenes S, each shaken by the same shakes K. The true kernels are not part of the
 data. But the first shake is narrow, and so its deblurred photo is a sharp photo of the scene. With
 it, `estimate-pair` finds the kernels of the other photos. The kernels of a shake in two scenes show
-how far to trust them: `scenes` is their likeness.
+how far to trust them: `scenes` is their likeness. The values of the files stand for light, which
+the files do not say. The pairs are read so, and the photos of the blind estimates are not.
 
 `alike` is the largest correlation of the local filters of the blind kernel and that of the pair
 over shifts, on average. A camera that stands still has an `alike`, too. Nobody knows the focal
@@ -60,7 +61,7 @@ class Result(NamedTuple):
 def sharp_scene(path: Path) -> Photo:
     """Deblur the photo of the first shake."""
     cv2.setNumThreads(1)
-    photo = read_photo(path)
+    photo = read_photo(path, transfer="linear")
     kernel = estimate_blind(photo, EstimateOptions(), run=Run(1)).content.kernel
     return deblur(photo, kernel, run=Run(1)).photo
 
@@ -78,10 +79,10 @@ def kernel_of_pair(photo: Photo, sharp: Photo) -> RotationKernel:
 def compared(path: Path, sharp: Photo) -> Result:
     """Estimate the kernel of a photo blindly, and with the sharp photo."""
     cv2.setNumThreads(1)
-    photo = read_photo(path)
+    photo, linear = read_photo(path), read_photo(path, transfer="linear")
     blind, cost = measured(partial(estimate_blind, photo, EstimateOptions(), run=Run(1)))
     content = blind.content
-    return Result(content.kernel, kernel_of_pair(photo, sharp), content.confidence, cost.cpu)
+    return Result(content.kernel, kernel_of_pair(linear, sharp), content.confidence, cost.cpu)
 
 
 def line(name: str, result: Result, others: Sequence[Result]) -> str:

@@ -30,7 +30,7 @@ import math
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -49,6 +49,7 @@ from bench.metrics import decibels, projected
 from bench.photo_parts import Box, part_of, parts
 from bench.processes import apart, peak_bytes
 from bench.shake_report import COLUMNS, Row, dump, line, number, report
+from deshake.blind.tones import suits_display_values
 from deshake.errors import DeshakeError
 from deshake.formats.photo import read_photo
 from deshake.formats.transfer import Srgb, encode
@@ -56,6 +57,7 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.run import Run
+from deshake.signal.luminance import luminance
 from deshake.stages.blind_estimate import estimate_blind
 from deshake.stages.camera_choice import CameraChoice
 from deshake.stages.deblurring import deblur
@@ -104,19 +106,28 @@ def score(
 ) -> float:
     """Deblur the parts of a photo with a kernel, if there is one, and return the PSNR.
 
-    Half the blur is kept around them, so that what lies beyond them is known.
+    Half the blur is kept around them, so that what lies beyond them is known. The whole photo
+    decides whether they are deblurred in linear light or in display values.
     """
     errors = []
+    toned = photo if kernel is None else in_known_tones(photo, kernel)
     for box in boxes:
         wide = box.around(math.ceil(blur / 2), photo.shape)
-        part = part_of(photo, wide)
+        part = part_of(toned, wide)
         if kernel is not None:
             camera = kernel.camera.cropped(*wide)
             part = deblur(part, kernel.for_camera(camera), run=Run(1)).photo
-        ours = in_display(part.pixels[box.within(wide).slices])
+        ours = in_display(part.with_tones_of(photo).pixels[box.within(wide).slices])
         truth = np.ascontiguousarray(sharp[box.slices])
         errors.append(squared_error(ours, truth))
     return decibels(max(np.mean(errors), 1e-9), peak=255)
+
+
+def in_known_tones(photo: Photo, kernel: RotationKernel) -> Photo:
+    """Return a photo in the tones in which it is deblurred, so that its parts are, too."""
+    if suits_display_values(luminance(photo.pixels), kernel, photo.clipped):
+        return photo.in_display_values()
+    return replace(photo, encoding=replace(photo.encoding, stated=True))
 
 
 def true_kernel(case: Case, folder: Path, photo: Photo) -> RotationKernel | None:
