@@ -117,6 +117,7 @@ def _ended(courses: Sequence[_Course], run: Run, *, quick: bool) -> Finish:
     """Return the end of the first course; if it is undecided, that of another that is trusted."""
     finish = courses[0].end(quick=quick, run=run.part(0.0, 0.75))
     if not quick and _S.hopeful <= confidence(finish) < SETTINGS.estimate.even:
+        courses[0].pyramid.forget()
         others = [course.end(quick=quick, run=run.part(0.75, 1.0)) for course in courses[1:]]
         finish = next((other for other in others if confidence(other) >= _S.second), finish)
     return finish
@@ -154,6 +155,7 @@ class _Course:
 
         There is only this one if its best kernel is trusted, and display values explain it worse.
         """
+        self.pyramid.forget()  # at most one course has its scales in memory
         shown = _Course(
             self.pyramid.displayed(),
             self.axes,
@@ -166,12 +168,13 @@ class _Course:
         worse = shown.score(self.leaders) < score - _S.display_doubt
         if worse and self.confidence(self.leaders[0]) >= SETTINGS.estimate.even:
             return [self]
-        self.pyramid.forget()  # else a photo of 24 megapixels takes .1 GB more
         shown.displayed = True
         shown.begin(starts, run, quick=quick)
         shown.adopt(self)
         better = shown.score(shown.leaders) > score + _S.display_worth
-        return [shown, self] if better else [self, shown]
+        courses = [shown, self] if better else [self, shown]
+        courses[1].pyramid.forget()
+        return courses
 
     def end(self, run: Run, *, quick: bool) -> Finish:
         """Refine the best kernels, unless none is hopeful; return what the best one is worth."""

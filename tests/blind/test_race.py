@@ -170,7 +170,7 @@ def test_a_blur_of_light_is_found_in_light(shaken, ended) -> None:
     assert found[1:] == ended[1:]
 
 
-def test_another_course_ends_only_where_the_first_is_undecided(ended) -> None:
+def test_another_course_ends_only_where_the_first_is_undecided(ended, pyramid) -> None:
     undecided = ended._replace(margin=0.0, match=0.1, agreement=0.96)
     trusted = ended._replace(margin=0.1, match=0.3, agreement=0.98, displayed=True)
     hopeless = ended._replace(margin=-0.2, match=0.0, agreement=0.5)
@@ -181,6 +181,7 @@ def test_another_course_ends_only_where_the_first_is_undecided(ended) -> None:
     class Course:
         def __init__(self, finish: Finish) -> None:
             self.finish = finish
+            self.pyramid = pyramid
 
         def end(self, run: Run, *, quick: bool) -> Finish:  # noqa: ARG002
             ran.append(self.finish)
