@@ -14,6 +14,10 @@ in only one of the two ways. Very wide ones have starts of their own (`wide_star
 need no latent picture: they are the paths that match the spectra best (`spectral_start`). The
 spectra cannot tell a path from its reflection, so both take part.
 
+A camera may have given the photo a tone curve. Then its blur may suit display values better than
+linear light (`tones`). So the starts may run there, too, and the race goes on in the tones whose
+best kernel scores higher.
+
 The race stops early in two cases. The two finest starts run first; if both end in a small round
 spot, the photo was not shaken. And if the confidence of the best kernels of the starts is very low,
 no refinement raises it enough.
