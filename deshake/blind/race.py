@@ -39,6 +39,7 @@ from deshake.blind.polish import polished
 from deshake.blind.settings import SETTINGS
 from deshake.blind.spectral_start import spectral_starts
 from deshake.blind.spot import is_spot
+from deshake.blind.tones import gains_in_display_values
 from deshake.blind.trust import confidence
 from deshake.blind.wide_start import wide_starts
 from deshake.geometry.kernel import ALL_AXES
@@ -175,7 +176,10 @@ class _Course:
         shown.displayed = True
         shown.begin(starts, run, quick=quick)
         shown.adopt(self)
-        better = shown.score(shown.leaders) > score + _S.display_worth
+        best = shown.leaders[0]
+        better = shown.score([best]) > score + _S.display_worth and gains_in_display_values(
+            self.comparison, shown.comparison, best
+        )
         courses = [shown, self] if better else [self, shown]
         courses[1].pyramid.forget()
         return courses

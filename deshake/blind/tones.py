@@ -6,8 +6,10 @@ pleasing picture, and some programs write linear values without saying so. The c
 then undoes too much, and the values of the file are nearer to linear light. With the wrong tones,
 even the true kernel leaves dark blobs and rings beside bright things.
 
-The kernel tells which tones are right. The comparison of kernels (`kernel_comparison`) measures how
-well a kernel explains the photo, in light and in display values.
+A kernel that is nearly right tells which tones are right: in them it matches the spectra better,
+and it explains the photo by a simpler sharp picture. The margin alone often errs: a sharp picture
+can be simpler in display values, whatever the blur. So the match counts more, and the score of the
+comparison must agree.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ if TYPE_CHECKING:
 
     from deshake.geometry.kernel import RotationKernel
 
-__all__ = ["suits_display_values"]
+__all__ = ["gains_in_display_values", "suits_display_values"]
 
 _S: Final = SETTINGS.tones
 
@@ -60,6 +62,26 @@ def suits_display_values(
         shown = light.displayed()
     except EstimationError:  # the photo is too small, or flat
         return False
-    entry = [Entry("kernel", 0, 0, kernel.centred())]
-    gain = [Comparison(tones, run=run.silent()).scores(entry)[0] for tones in (shown, light)]
-    return bool(gain[0] - gain[1] > _S.least_gain)
+    entry = Entry("kernel", 0, 0, kernel.centred())
+    silent = run.silent()
+    return gains_in_display_values(
+        Comparison(light, run=silent), Comparison(shown, run=silent), entry
+    )
+
+
+def gains_in_display_values(light: Comparison, shown: Comparison, entry: Entry) -> bool:
+    """Return whether a kernel explains a photo better in display values, by enough to be sure.
+
+    Parameters
+    ----------
+    light, shown : Comparison
+        The photo in linear light, and in display values.
+    entry : Entry
+        The kernel.
+
+    """
+    match = shown.match(entry) - light.match(entry)
+    score = float(shown.scores([entry])[0] - light.scores([entry])[0])
+    margins = [entry.margin(one.judge(entry)) for one in (light, shown)]
+    gain = match + _S.of_margin * (margins[1] - margins[0])
+    return gain > _S.least_gain and score > _S.least_score
