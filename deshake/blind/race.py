@@ -15,8 +15,8 @@ need no latent picture: they are the paths that match the spectra best (`spectra
 spectra cannot tell a path from its reflection, so both take part.
 
 A camera may have given the photo a tone curve. Then its blur may suit display values better than
-linear light (`tones`). So the starts may run there, too, and the race goes on in the tones whose
-best kernel scores higher.
+linear light (`tones`). So the starts may run there, too, and the race goes on in the tones that
+suit the best kernel. If its end is undecided, it goes on in the other tones, too.
 
 The race stops early in two cases. The two finest starts run first; if both end in a small round
 spot, the photo was not shaken. And if the confidence of the best kernels of the starts is very low,
@@ -292,8 +292,15 @@ class _Course:
         if comparison.witness is not None:
             alike = max(alike, agreement(winner.kernel, comparison.witness))
         margin, match = winner.margin(comparison.judge(winner)), comparison.match(winner)
-        found = Finish(winner, margin, match, alike, at_rest=False)
-        return found._replace(zoom=self.zoom, displayed=self.displayed)
+        return Finish(
+            winner,
+            margin,
+            match,
+            alike,
+            at_rest=False,
+            zoom=self.zoom,
+            displayed=self.displayed,
+        )
 
     def best(self) -> Entry:
         """Return the best kernel."""

@@ -110,8 +110,8 @@ class Encoding:
         Whether there is one channel; else there are three.
     transfer : Transfer
         The curve from codes to linear light.
-    stated : bool
-        Whether the caller stated this curve.
+    certain : bool
+        Whether this curve is certain: the caller stated it, or a blur showed it.
     quantisation : tuple of tuples of int
         JPEG quantisation tables; empty: those of the quality.
     quality : int
@@ -142,7 +142,7 @@ class Encoding:
     bits: int = 0
     grey: bool = False
     transfer: Transfer = SRGB
-    stated: bool = False
+    certain: bool = False
     quantisation: tuple[tuple[int, ...], ...] = ()
     quality: int = 95
     subsampling: int = 0

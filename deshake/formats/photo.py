@@ -123,7 +123,7 @@ class Photo:
 
         Then the pixels are linear light only approximately.
         """
-        return not (self.is_sensors or self.encoding.stated or self.encoding.transfer == LINEAR)
+        return not (self.is_sensors or self.encoding.certain or self.encoding.transfer == LINEAR)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -150,6 +150,10 @@ class Photo:
             raise ValueError(msg)
         return replace(self, pixels=np.asarray(pixels, np.float32), frame=None)
 
+    def in_certain_light(self) -> Photo:
+        """Return the photo as one whose curve is certain: its pixels are linear light."""
+        return replace(self, encoding=replace(self.encoding, certain=True))
+
     def in_display_values(self) -> Photo:
         """Return the photo with display values, those of its file, in the place of linear light.
 
@@ -160,12 +164,13 @@ class Photo:
         return replace(self.with_pixels(values), encoding=encoding)
 
     def with_tones_of(self, photo: Photo) -> Photo:
-        """Return the photo in linear light, if `in_display_values` of another photo led to it."""
-        curve = photo.encoding.transfer
-        if self.encoding.transfer == curve:
+        """Undo `in_display_values` or `in_certain_light` of the photo that led to this one."""
+        if self.encoding == photo.encoding:
             return self
-        light = replace(self, encoding=replace(self.encoding, transfer=curve))
-        return light.with_pixels(linear_light(self.pixels, curve))
+        curve = photo.encoding.transfer
+        same = self.encoding.transfer == curve
+        light = self if same else self.with_pixels(linear_light(self.pixels, curve))
+        return replace(light, encoding=photo.encoding)
 
     def with_jpeg_quality(self, quality: int) -> Photo:
         """Return the photo with another quality, 1..100, for a JPEG; other formats ignore it.
@@ -308,6 +313,6 @@ def _encoding(decoded: Decoded, transfer: TransferName | None) -> Encoding:
             )
         return encoding
     if transfer is not None:
-        return replace(encoding, transfer=NAMED[transfer], stated=True)
+        return replace(encoding, transfer=NAMED[transfer], certain=True)
     curve = profile_transfer(decoded.metadata.icc)
     return encoding if curve is None else replace(encoding, transfer=curve)

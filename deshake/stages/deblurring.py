@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from deshake.restore.restoration import Restoration
     from deshake.stages.outputs import Observer
 
-__all__ = ["Deblurred", "deblur", "deblur_file"]
+__all__ = ["Deblurred", "deblur", "deblur_file", "in_linear_tones"]
 
 _log = logging.getLogger(__name__)
 
@@ -146,7 +146,7 @@ def deblur(
         if noisy is None:
             straight, pinhole = straightened(photo, lens, whole=keep_geometry)
             kernel = straight_kernel(kernel, lens, pinhole)
-            straight = _in_linear_tones(straight, kernel, run)
+            straight = in_linear_tones(straight, kernel, run=run)
             restored = restore(
                 straight.pixels,
                 kernel,
@@ -298,13 +298,15 @@ def deblur_file(
     return content
 
 
-def _in_linear_tones(photo: Photo, kernel: RotationKernel, run: Run) -> Photo:
-    """Return a photo in the tones in which the kernel explains it: light, or display values."""
+def in_linear_tones(photo: Photo, kernel: RotationKernel, *, run: Run = Run()) -> Photo:
+    """Return a photo in the tones in which the kernel explains it: light, or display values.
+
+    They are certain then: a part of it is deblurred in the same tones.
+    """
     if not photo.may_be_toned:
         return photo
-    grey = luminance(photo.pixels)
-    if not suits_display_values(grey, kernel, photo.clipped, run=run):
-        return photo
+    if not suits_display_values(luminance(photo.pixels), kernel, photo.clipped, run=run):
+        return photo.in_certain_light()
     _log.info("%s: the blur suits display values better than linear light", photo.source)
     return photo.in_display_values()
 

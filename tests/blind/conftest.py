@@ -77,6 +77,13 @@ def shaken() -> Shaken:
 
 
 @pytest.fixture(scope="session")
+def photo() -> Shaken:
+    """A photo of 300 x 400 pixels: the spectra need three tiles of 64."""
+    path = np.array([[0.0, -8, -3], [3, -2, 0], [-1, 3, 1], [2, 9, 3]])
+    return _shake(Camera.from_focal(400.0, 300, 400), path=path)
+
+
+@pytest.fixture(scope="session")
 def pyramid(shaken) -> Pyramid:
     return shaken.pyramid
 

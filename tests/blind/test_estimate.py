@@ -150,9 +150,7 @@ def test_a_kernel_that_a_still_camera_beats_is_doubtful(shaken) -> None:
 
 
 @pytest.mark.parametrize("toned", [False, True])
-def test_an_estimate_in_display_values_says_so(shake, toned) -> None:
-    path = np.array([[0.0, -8, -3], [3, -2, 0], [-1, 3, 1], [2, 9, 3]])
-    photo = shake(Camera.from_focal(400.0, 300, 400), path=path)
+def test_an_estimate_in_display_values_says_so(photo, toned) -> None:
     light = np.square(np.clip(photo.grey, 0, 1))
     result = estimate_kernel(light, photo.camera, toned=toned, quick=True, run=Run(1))
     assert result.displayed == toned

@@ -52,13 +52,6 @@ def test_progress_rises_to_one(ended, shares) -> None:
 
 
 @pytest.fixture(scope="module")
-def photo(shake):
-    """A photo of 300 x 400 pixels: the spectra need three tiles of 64."""
-    path = np.array([[0.0, -8, -3], [3, -2, 0], [-1, 3, 1], [2, 9, 3]])
-    return shake(Camera.from_focal(400.0, 300, 400), path=path)
-
-
-@pytest.fixture(scope="module")
 def larger(photo) -> Pyramid:
     return photo.pyramid
 

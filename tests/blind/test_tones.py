@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -33,5 +31,4 @@ def test_without_evidence_it_is_light(shaken) -> None:
     flat = np.full(shaken.grey.shape, 0.5, np.float32)
     assert not suits_display_values(flat, shaken.kernel)
     small = Camera.from_focal(30.0, 20, 30)
-    kernel = replace(shaken.kernel.for_camera(small))
-    assert not suits_display_values(shaken.grey[:20, :30], kernel)
+    assert not suits_display_values(shaken.grey[:20, :30], shaken.kernel.for_camera(small))

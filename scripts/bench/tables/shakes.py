@@ -30,7 +30,7 @@ import math
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -49,7 +49,6 @@ from bench.metrics import decibels, projected
 from bench.photo_parts import Box, part_of, parts
 from bench.processes import apart, peak_bytes
 from bench.shake_report import COLUMNS, Row, dump, line, number, report
-from deshake.blind.tones import suits_display_values
 from deshake.errors import DeshakeError
 from deshake.formats.photo import read_photo
 from deshake.formats.transfer import Srgb, encode
@@ -57,10 +56,9 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.run import Run
-from deshake.signal.luminance import luminance
 from deshake.stages.blind_estimate import estimate_blind
 from deshake.stages.camera_choice import CameraChoice
-from deshake.stages.deblurring import deblur
+from deshake.stages.deblurring import deblur, in_linear_tones
 from deshake.stages.estimate_options import EstimateOptions
 
 if TYPE_CHECKING:
@@ -110,7 +108,7 @@ def score(
     decides whether they are deblurred in linear light or in display values.
     """
     errors = []
-    toned = photo if kernel is None else in_known_tones(photo, kernel)
+    toned = photo if kernel is None else in_linear_tones(photo, kernel)
     for box in boxes:
         wide = box.around(math.ceil(blur / 2), photo.shape)
         part = part_of(toned, wide)
@@ -121,13 +119,6 @@ def score(
         truth = np.ascontiguousarray(sharp[box.slices])
         errors.append(squared_error(ours, truth))
     return decibels(max(np.mean(errors), 1e-9), peak=255)
-
-
-def in_known_tones(photo: Photo, kernel: RotationKernel) -> Photo:
-    """Return a photo in the tones in which it is deblurred, so that its parts are, too."""
-    if suits_display_values(luminance(photo.pixels), kernel, photo.clipped):
-        return photo.in_display_values()
-    return replace(photo, encoding=replace(photo.encoding, stated=True))
 
 
 def true_kernel(case: Case, folder: Path, photo: Photo) -> RotationKernel | None:
