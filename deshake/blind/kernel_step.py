@@ -79,35 +79,44 @@ class RotationGrid:
             gradients, which have a posterior variance. Without it the edges are exact.
 
         """
-        tiles = self.tiles
-        auto = np.zeros_like(tiles.gradients[0])
-        cross = np.zeros_like(auto)
-        for edge, blurred in zip(edges, tiles.gradients, strict=True):
-            middle = np.conj(tiles.rfft(edge * tiles.middle))
-            cross += middle * blurred
-            middle *= tiles.rfft(edge * tiles.around)
-            auto += middle
-        if noise is not None:
-            auto += self._open(edges, noise)
-        right: Image = self._right.dot(tiles.irfft(cross).ravel())
-        lagged: Image = self._gram.dot(tiles.irfft(auto).ravel())
+        cross, auto = np.empty_like(self.tiles.g), np.empty_like(self.tiles.g)
+        for part, tiles in self.tiles.groups():
+            own = edges[0][part], edges[1][part]
+            cross[part], auto[part] = _correlations(tiles, own, noise)
+        right: Image = self._right.dot(cross.ravel())
+        lagged: Image = self._gram.dot(auto.ravel())
         gram = lagged[self._place].astype(np.float64)
         return NormalEquations((gram + gram.T) / 2, right.astype(np.float64), float(gram[0, 0]))
 
-    def _open(self, edges: tuple[Image, Image], noise: float) -> Image:
-        """Return the posterior variance of the gradients, as power spectra (P, N, N // 2 + 1).
 
-        The prior of the texture is white. At the zeros of the filter the photo says nothing, so
-        the posterior variance is that of the prior. Without this term the least squares treat the
-        gradients there as known to be zero, and kernels drift towards a point.
-        """
-        tiles = self.tiles
-        pixels = tiles.middle.sum((1, 2))[:, None, None]
-        energy = sum((edge**2 * tiles.middle).sum((1, 2)) for edge in edges)[:, None, None]
-        texture = _S.texture * energy / (2 * pixels)
-        error = 2 * _S.misfit * max(noise, _S.least_noise) ** 2
-        spectra: Image = 2 * pixels * texture * error / (texture * tiles.power + error)
-        return spectra.astype(np.float32)
+def _correlations(
+    tiles: Tiles, edges: tuple[Image, Image], noise: float | None
+) -> tuple[Image, Image]:
+    """Correlate edges with the gradients of the photo, and with themselves: both (P, N, N)."""
+    cross, auto = np.zeros_like(tiles.gradients[0]), np.zeros_like(tiles.gradients[0])
+    for edge, blurred in zip(edges, tiles.gradients, strict=True):
+        middle = np.conj(tiles.rfft(edge * tiles.middle))
+        cross += middle * blurred
+        middle *= tiles.rfft(edge * tiles.around)
+        auto += middle
+    if noise is not None:
+        auto += _posterior(tiles, edges, noise)
+    return tiles.irfft(cross), tiles.irfft(auto)
+
+
+def _posterior(tiles: Tiles, edges: tuple[Image, Image], noise: float) -> Image:
+    """Return the posterior variance of the gradients, as power spectra (P, N, N // 2 + 1).
+
+    The prior of the texture is white. At the zeros of the filter the photo says nothing, so
+    the posterior variance is that of the prior. Without this term the least squares treat the
+    gradients there as known to be zero, and kernels drift towards a point.
+    """
+    pixels = tiles.middle.sum((1, 2))[:, None, None]
+    energy = sum((edge**2 * tiles.middle).sum((1, 2)) for edge in edges)[:, None, None]
+    texture = _S.texture * energy / (2 * pixels)
+    error = 2 * _S.misfit * max(noise, _S.least_noise) ** 2
+    spectra: Image = 2 * pixels * texture * error / (texture * tiles.power + error)
+    return spectra.astype(np.float32)
 
 
 def _gatherer(tiles: Tiles, theta: Vector, sign: int) -> csr_array:
@@ -219,10 +228,10 @@ def _unbounded(gram: Vector, right: Vector, free: NDArray[np.bool_]) -> tuple[Ve
     used = np.flatnonzero(free)
     w = np.zeros_like(right)
     if len(used):
-        part = gram[np.ix_(used, used)].T  # equal, and in the order of LAPACK
+        part = gram.take(used, 0).take(used, 1).T  # equal, and in the order of LAPACK
         factor = scipy.linalg.cho_factor(part, lower=True, overwrite_a=True, check_finite=False)
         w[used] = scipy.linalg.cho_solve(factor, right[used], check_finite=False)
-    return w, gram[:, used] @ w[used] - right
+    return w, gram @ w - right
 
 
 def _index_differences(

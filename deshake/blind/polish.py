@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from deshake.blind.entry import best_of_starts
 from deshake.blind.settings import SETTINGS
 from deshake.operators.strips import reported
 
@@ -34,19 +33,19 @@ _S: Final = SETTINGS.polish
 
 def polished(
     comparison: Comparison,
-    ranked: Sequence[Entry],
+    best: Sequence[Entry],
     sources: Sequence[Entry],
     axes: Axes,
     run: Run,
 ) -> list[Entry]:
-    """Polish the best kernels of two starts for one round, and the better one for all rounds.
+    """Polish kernels of distinct starts for one round, and the best of them for all rounds.
 
     Parameters
     ----------
     comparison : Comparison
         The photo, and the judge of its kernels.
-    ranked : sequence of Entry
-        Kernels, the best first.
+    best : sequence of Entry
+        The kernels.
     sources : sequence of Entry
         The last kernel of each start before any refinement.
     axes : three bools
@@ -57,12 +56,11 @@ def polished(
     Returns
     -------
     list of Entry
-        The best kernel of each of these starts, the best first. It is one of the given ones if none
-        is better.
+        The best kernel of each of these starts, the best first. It is the given one if none is
+        better.
 
     """
     others = {source.start: source for source in sources}
-    best = best_of_starts(ranked)[: _S.lines]
     lines = [_Line(comparison, entry, others[entry.start], axes) for entry in best]
     first, *rest = run.parts([len(lines), *[1] * (_S.rounds - 1)])
     _advance(comparison, lines, first)

@@ -9,10 +9,11 @@ The score of the comparison then ranks the kernels, on tiles that no candidate u
 (`spectral_match`). The best kernels are refined, with roll and without, fitted to the spectra once
 more, and ranked again. The best kernels of two starts are polished (`polish`).
 
-Every second start carries its kernel as a thin path from scale to scale. Wide shakes often succeed
-in only one of the two ways. Very wide ones have starts of their own (`wide_start`). Other starts
-need no latent picture: they are the paths that match the spectra best (`spectral_start`). The
-spectra cannot tell a path from its reflection, so both take part.
+Every second start carries its kernel as a thin path from scale to scale. Wide shakes often
+succeed in only one of the two ways. If the best kernel of these starts is beyond doubt, no others
+run, and fewer kernels are refined. Otherwise very wide shakes have starts of their own
+(`wide_start`). Other starts need no latent picture: they are the paths that match the spectra best
+(`spectral_start`). The spectra cannot tell a path from its reflection, so both take part.
 
 A camera may have given the photo a tone curve. Then its blur may suit display values better than
 linear light (`tones`). So the starts may run there, too, and the race goes on in the tones that
@@ -211,15 +212,17 @@ class _Course:
         if quick:
             self.leaders = self._leaders()
             return
+        self._end_starts(0)
+        if self.sure:
+            return
+        known = len(self.entries)
         self.start_wide(run.part(0.6, 0.7))
         self.start_spectral(SETTINGS.spectral_start.usual, run.part(0.7, 0.85))
-        self.ends = _last(self.entries)
-        self.entries += self._matched(_of_edges(self.ends))
-        self.leaders = self._leaders()
+        self._end_starts(known)
         if self.may_be_wide(self.leaders[0]):
-            wide = SETTINGS.spectral_start.wide
-            self.ends += self.start_spectral(wide, run.part(0.85, 1.0))
-            self.leaders = self._leaders()
+            known = len(self.entries)
+            self.start_spectral(SETTINGS.spectral_start.wide, run.part(0.85, 1.0))
+            self._end_starts(known)
 
     def score(self, entries: Sequence[Entry]) -> float:
         """Return the highest score of kernels."""
@@ -276,6 +279,11 @@ class _Course:
             if self.bound is None or kernel.extent_px() <= self.bound:
                 yield entry, path
 
+    @property
+    def sure(self) -> bool:
+        """Whether the best kernel of the starts is beyond doubt."""
+        return self.confidence(self.leaders[0]) >= SETTINGS.estimate.doubtful
+
     def may_be_wide(self, leader: Entry) -> bool:
         """Return whether the shake may be wider than most starts can find."""
         wide = self.comparison.is_wide(leader)
@@ -307,24 +315,41 @@ class _Course:
         best = self._ranked(self.entries)[0]
         return best.zoomed(self._focus([best]))
 
+    def _end_starts(self, known: int) -> None:
+        """Keep the last kernels of the starts after the known entries, and find the best kernels.
+
+        Smooth paths through those of edges take part.
+        """
+        new = _last(self.entries[known:])
+        self.ends += new
+        self.entries += self._matched(_of_edges(new))
+        self.leaders = self._leaders()
+
     def _leaders(self) -> list[Entry]:
         """Return the best kernels of the best starts."""
         return best_of_starts(self._ranked(self.entries))[: _S.refined]
 
     def finish(self, run: Run) -> Entry:
-        """Refine the kernels of the best starts, keep them, too, and return the best kernel."""
-        starts = {entry.start for entry in self.leaders}
-        ends = _zoomed(self.ends, self._focus(self.leaders))
+        """Refine the kernels of the best starts, keep them, too, and return the best kernel.
+
+        If the best of them is beyond doubt, fewer are refined and polished.
+        """
+        count, lines = (_S.refined_if_sure, 1) if self.sure else (_S.refined, _S.polished)
+        leaders = self.leaders[:count]
+        starts = {entry.start for entry in leaders}
+        ends = _zoomed(self.ends, self._focus(leaders))
         taken = [end for end in ends if end.start in starts]
         taken = [end for end in taken if not is_spot(end.kernel)] or taken
         self.entries += self._refined(taken, run.part(0.0, 0.5))
         best = best_of_starts(self._ranked(self._contenders(starts)))
-        self.entries += self._matched(best[: _S.matched])
+        self.entries += self._matched(best[:count])
         ranked = self._ranked(self._contenders(starts))
-        ratio = self._focus(best_of_starts(ranked)[: SETTINGS.polish.lines])
-        ranked, ends = _zoomed(ranked, ratio), _zoomed(ends, ratio)
+        ratio = self._focus(best_of_starts(ranked)[:lines])
+        best = _zoomed(best_of_starts(ranked)[:lines], ratio)
         polish = run.part(0.5, 1.0)
-        return self.selected(polished(self.comparison, ranked, ends, self.axes, polish))
+        return self.selected(
+            polished(self.comparison, best, _zoomed(ends, ratio), self.axes, polish)
+        )
 
     def selected(self, best: Sequence[Entry]) -> Entry:
         """Return the first kernel, or, if it is hopeless, the one with the highest confidence."""

@@ -123,7 +123,7 @@ class Tiles:
         return tiles
 
     def groups(self) -> Iterator[tuple[slice, Tiles]]:
-        """Yield these tiles, bound to a kernel, a few at a time, and their places among all.
+        """Yield these tiles a few at a time, and their places among all.
 
         A few tiles stay in the processor's cache from one step to the next. The arrays are views.
         """
@@ -131,7 +131,8 @@ class Tiles:
         for first in range(0, self.count, count):
             part = slice(first, min(first + count, self.count))
             group = copy(self)
-            vars(group).update({name: vars(self)[name][part] for name in _OF_EACH})
+            arrays = vars(self)
+            vars(group).update({name: arrays[name][part] for name in _OF_EACH if name in arrays})
             group.gradients = self.gradients[0][part], self.gradients[1][part]
             yield part, group
 

@@ -44,8 +44,7 @@ def test_a_kernel_that_is_too_wide_comes_nearer_to_the_truth(thick, pyramid, sha
 
 def test_the_better_one_of_two_starts_wins(thick, pyramid) -> None:
     point = thick._replace(name="point", start=4, kernel=RotationKernel.delta(thick.kernel.camera))
-    ranked = [point, point._replace(name="second"), thick]
-    best, other = polished(Comparison(pyramid), ranked, [thick, point], ALL_AXES, Run())
+    best, other = polished(Comparison(pyramid), [point, thick], [thick, point], ALL_AXES, Run())
     assert best.name == "thick, polished"
     assert (other.name, other.start) == ("point", 4)
 

@@ -8,7 +8,7 @@ import pytest
 
 from deshake.blind.agreement import agreement
 from deshake.blind.entry import Entry
-from deshake.blind.race import _Course, _ended, _of_edges, race
+from deshake.blind.race import _Course, _ended, _first_scales, _of_edges, race
 from deshake.blind.settings import SETTINGS
 from deshake.blind.spot import is_spot
 from deshake.blind.trust import confidence
@@ -106,6 +106,47 @@ def test_a_narrow_kernel_beyond_doubt_needs_no_wide_starts(ended, shaken) -> Non
     course.entries = [ended.winner._replace(start=n) for n in range(4)]
     assert not course.comparison.is_wide(ended.winner)
     assert not course.may_be_wide(ended.winner)
+
+
+def begun(pyramid: Pyramid) -> _Course:
+    """Return a course whose starts have run."""
+    course = _Course(pyramid, (True, True, True), None, None, any_focal=False, run=Run(1))
+    course.begin(_first_scales(pyramid.coarsest), Run(1), quick=False)
+    return course
+
+
+def test_a_start_of_edges_beyond_doubt_needs_no_others(photo) -> None:
+    course = begun(photo.pyramid)
+    assert course.sure
+    assert course.confidence(course.leaders[0]) >= SETTINGS.estimate.doubtful
+    assert all(entry.start >= 0 for entry in course.entries)
+    assert sorted(end.start for end in course.ends) == _first_scales(photo.pyramid.coarsest)
+    assert {path.name for path in course.entries if path.name.endswith("path")} == {
+        f"{end.name}, path" for end in course.ends if not is_spot(end.kernel)
+    }
+
+
+def test_starts_of_edges_in_doubt_are_followed_by_others(still) -> None:
+    grain = np.random.default_rng(0).normal(0, 0.1, still.camera.shape)
+    grainy = np.clip(still.at(0).picture + grain, 0, 1).astype(np.float32)
+    course = begun(Pyramid(grainy, still.camera))
+    assert not course.sure
+    starts = {end.start for end in course.ends}
+    assert any(start < 0 for start in starts)
+    assert starts == {entry.start for entry in course.entries}
+    assert len(course.ends) == len(starts)
+
+
+def test_fewer_starts_are_refined_if_one_is_beyond_doubt(photo, monkeypatch) -> None:
+    def refined(course: _Course) -> set[int]:
+        course.finish(Run(1))
+        return {entry.start for entry in course.entries if "refined" in entry.name}
+
+    few = refined(begun(photo.pyramid))
+    monkeypatch.setattr(_Course, "sure", property(lambda _: False))
+    many = refined(begun(photo.pyramid))
+    assert 1 <= len(few) <= SETTINGS.race.refined_if_sure
+    assert len(few) < len(many) <= SETTINGS.race.refined
 
 
 def test_a_hopeless_kernel_loses_to_a_hopeful_one(ended, shaken) -> None:

@@ -78,3 +78,13 @@ def test_a_gradient_as_long_as_the_bound_is_strong() -> None:
     x, y = strong(across, down, 25)
     assert x.tolist() == [[3, 0]]
     assert y.tolist() == [[4, 0]]
+
+
+def test_blocks_in_any_order_of_memory() -> None:
+    turned = noise((3, 11, 8), 0).swapaxes(1, 2)
+    plain = np.ascontiguousarray(turned)
+    for got, expected in zip(differences(turned), differences(plain), strict=True):
+        np.testing.assert_array_equal(got, expected)
+    np.testing.assert_array_equal(
+        adjoint_differences(turned, turned[::-1]), adjoint_differences(plain, plain[::-1])
+    )

@@ -223,8 +223,11 @@ class RaceSettings:
         Px of the scale: a wide start is wider. The other starts find narrower kernels better.
     snapshots : int
         Number of last scales of a candidate whose kernels are kept.
-    refined : int
-        Number of starts whose last kernels are refined.
+    refined, refined_if_sure : int
+        Number of starts whose last kernels are refined, and matched to the spectra again; the
+        second if the best kernel of the starts is beyond doubt.
+    polished : int
+        Number of starts whose best kernel is polished, unless one is beyond doubt: then it is one.
     hopeful : float
         Confidence: if no start has a kernel with as much, none is refined, and the race ends. Of 34
         photos of the set `tune`, those with less are left as they are after a full race, too; the
@@ -239,8 +242,6 @@ class RaceSettings:
         Confidence: the kernel of the other tones needs as much, if that of the first is undecided.
         Two attempts succeed by chance more often than one. A real photo (court) has 0.59, a sharp
         drawing (S06) 0.54.
-    matched : int
-        Number of starts whose best kernel is matched to the spectra again.
     refinement, uniform_refinement : Refinement
         How they are refined, and the second way of the uniform model.
 
@@ -254,11 +255,12 @@ class RaceSettings:
     least_width: float = 10.0
     snapshots: int = 2
     refined: int = 4
+    refined_if_sure: int = 3
+    polished: int = 2
     hopeful: float = 0.15
     display_doubt: float = 0.015
     display_worth: float = 0.02
     second: float = 0.57
-    matched: int = 4
     refinement: Refinement = Refinement(2e-3, iterations=5)
     uniform_refinement: Refinement = Refinement(1e-3, iterations=5)
 
@@ -275,8 +277,6 @@ class PolishSettings:
         The first kernel of a start once more, with a higher price: from fewer edges.
     thin, smooth : Refinement
         Refinement of a thin path, and of a smooth path.
-    lines : int
-        Number of starts whose best kernel is polished in the first round.
     rounds : int
         Largest number of rounds; a round that does not raise the score is the last.
 
@@ -285,5 +285,4 @@ class PolishSettings:
     other_edges: Refinement = Refinement(1e-2)
     thin: Refinement = Refinement(2e-3, iterations=4, budget=Budget(0.6e6, 0.6e6, 1.2e6))
     smooth: Refinement = Refinement(2e-3, iterations=3, budget=Budget(0.6e6, 0.6e6, 1.2e6))
-    lines: int = 2
     rounds: int = 4
