@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from deshake.run import Run
     from deshake.signal.pyramid import Pyramid
 
-__all__ = ["Entry", "all_refined", "best_of_starts", "nearest"]
+__all__ = ["Entry", "all_refined", "best_of_starts", "last_of_starts", "nearest"]
 
 _S: Final = SETTINGS.entry
 
@@ -94,6 +94,11 @@ def best_of_starts(ranked: Sequence[Entry]) -> list[Entry]:
     for entry in ranked:
         best.setdefault(entry.start, entry)
     return list(best.values())
+
+
+def last_of_starts(entries: Sequence[Entry]) -> list[Entry]:
+    """Return the last kernel of every start."""
+    return list({entry.start: entry for entry in entries}.values())
 
 
 def nearest(entry: Entry, known: Sequence[Entry]) -> float:

@@ -131,7 +131,7 @@ class Tiles:
         for first in range(0, self.count, count):
             part = slice(first, min(first + count, self.count))
             group = copy(self)
-            arrays = vars(self)
+            arrays = vars(self)  # without H and power, if no kernel is bound
             vars(group).update({name: arrays[name][part] for name in _OF_EACH if name in arrays})
             group.gradients = self.gradients[0][part], self.gradients[1][part]
             yield part, group

@@ -95,6 +95,14 @@ def still(shaken) -> Pyramid:
 
 
 @pytest.fixture(scope="session")
+def grainy(still) -> Pyramid:
+    """The same photo with so much noise that no kernel can be trusted."""
+    grain = np.random.default_rng(0).normal(0, 0.1, still.camera.shape)
+    picture = np.clip(still.at(0).picture + grain, 0, 1).astype(np.float32)
+    return Pyramid(picture, still.camera)
+
+
+@pytest.fixture(scope="session")
 def shares() -> list[float]:
     """Shares of the work done that the race of `ended` reports."""
     return []

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from deshake.blind.agreement import agreement
-from deshake.blind.entry import Entry, best_of_starts, nearest
+from deshake.blind.entry import Entry, best_of_starts, last_of_starts, nearest
 from deshake.blind.judge import Judge
 from deshake.blind.settings import Refinement
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
@@ -43,6 +43,7 @@ def test_a_point_is_not_refined(entry, pyramid) -> None:
 def test_the_best_of_each_start_comes_first(entry) -> None:
     ranked = [entry._replace(name=f"{start}{i}", start=start) for i, start in enumerate("bacab")]
     assert [one.name for one in best_of_starts(ranked)] == ["b0", "a1", "c2"]
+    assert [one.name for one in last_of_starts(ranked)] == ["b4", "a3", "c2"]
 
 
 def test_nearest_counts_other_starts_alone(entry) -> None:

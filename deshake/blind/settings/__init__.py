@@ -7,6 +7,7 @@ from typing import Final
 
 from deshake.blind.settings.candidates import (
     CandidateSettings,
+    CourseSettings,
     EntrySettings,
     PolishSettings,
     RaceSettings,
@@ -80,7 +81,7 @@ class EdgesSettings:
         The tiles.
     sharp_edges, kernel_step, latent_picture
         The picture of edges, and the kernel.
-    candidate, wide_start, entry, race, polish
+    candidate, wide_start, entry, course, race, polish
         The race.
     trimming, camera_path, spectral_match, spectral_start
         The paths of a camera.
@@ -106,6 +107,7 @@ class EdgesSettings:
     candidate: CandidateSettings = field(default_factory=CandidateSettings)
     wide_start: WideStartSettings = field(default_factory=WideStartSettings)
     entry: EntrySettings = field(default_factory=EntrySettings)
+    course: CourseSettings = field(default_factory=CourseSettings)
     race: RaceSettings = field(default_factory=RaceSettings)
     polish: PolishSettings = field(default_factory=PolishSettings)
     trimming: TrimmingSettings = field(default_factory=TrimmingSettings)

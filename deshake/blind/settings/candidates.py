@@ -8,6 +8,7 @@ from deshake.blind.settings.choosing_tiles import Budget
 
 __all__ = [
     "CandidateSettings",
+    "CourseSettings",
     "EntrySettings",
     "PolishSettings",
     "RaceSettings",
@@ -202,8 +203,8 @@ class EntrySettings:
 
 
 @dataclass(frozen=True)
-class RaceSettings:
-    """The starts of a race, and which of them go on (`race`).
+class CourseSettings:
+    """The starts of a race, and which of them go on (`course`).
 
     Tuned with the whole estimate on the set `tune` of `bench.py shakes`; no record says more.
 
@@ -233,15 +234,6 @@ class RaceSettings:
         photos of the set `tune`, those with less are left as they are after a full race, too; the
         least that ended above even odds has 0.34. Of the real photos, Köhler et al.'s 3_8 has
         0.19, and its second race succeeds.
-    display_doubt : float
-        Margin: if display values explain a trusted kernel worse by more than this, no starts run
-        in them.
-    display_worth : float
-        Margin: least gain of the score of the starts that justifies display values.
-    second : float
-        Confidence: the kernel of the other tones needs as much, if that of the first is undecided.
-        Two attempts succeed by chance more often than one. A real photo (court) has 0.59, a sharp
-        drawing (S06) 0.54.
     refinement, uniform_refinement : Refinement
         How they are refined, and the second way of the uniform model.
 
@@ -258,11 +250,33 @@ class RaceSettings:
     refined_if_sure: int = 3
     polished: int = 2
     hopeful: float = 0.15
+    refinement: Refinement = Refinement(2e-3, iterations=5)
+    uniform_refinement: Refinement = Refinement(1e-3, iterations=5)
+
+
+@dataclass(frozen=True)
+class RaceSettings:
+    """The tones of a race (`race`).
+
+    Tuned on the set `tune` of `bench.py shakes` and on real photos, as `docs/estimation.md` says.
+
+    Parameters
+    ----------
+    display_doubt : float
+        Margin: if display values explain a trusted kernel worse by more than this, no starts run
+        in them.
+    display_worth : float
+        Margin: least gain of the score of the starts that justifies display values.
+    second : float
+        Confidence: the kernel of the other tones needs as much, if that of the first is undecided.
+        Two attempts succeed by chance more often than one. A real photo (court) has 0.59, a sharp
+        drawing (S06) 0.54.
+
+    """
+
     display_doubt: float = 0.015
     display_worth: float = 0.02
     second: float = 0.57
-    refinement: Refinement = Refinement(2e-3, iterations=5)
-    uniform_refinement: Refinement = Refinement(1e-3, iterations=5)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,333 @@
+"""The course of a race in one kind of tones: starts, then refinements of the best kernels.
+
+An estimate needs a first scale where the shake is a few pixels wide. This scale is unknown. So
+candidates start at every second scale (in a small photo, at every scale), and each continues to the
+finest scale that it can reach.
+
+The score of the comparison then ranks the kernels, on tiles that no candidate used
+(`kernel_comparison`). A smooth path through each kernel is fitted to the spectra of the photo
+(`spectral_match`). The best kernels are refined, with roll and without, fitted to the spectra once
+more, and ranked again. The best kernels of two starts are polished (`polish`).
+
+Every second start carries its kernel as a thin path from scale to scale. Wide shakes often
+succeed in only one of the two ways. If the best kernel of these starts is beyond doubt, no others
+run, and fewer kernels are refined. Otherwise very wide shakes have starts of their own
+(`wide_start`). Other starts need no latent picture: they are the paths that match the spectra best
+(`spectral_start`). The spectra cannot tell a path from its reflection, so both take part.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from deshake.blind.agreement import agreement
+from deshake.blind.candidate import Candidate
+from deshake.blind.entry import Entry, all_refined, best_of_starts, last_of_starts, nearest
+from deshake.blind.finish import Finish
+from deshake.blind.focal_search import best_zoom
+from deshake.blind.kernel_comparison import Comparison
+from deshake.blind.polish import polished
+from deshake.blind.settings import SETTINGS
+from deshake.blind.spectral_start import spectral_starts
+from deshake.blind.spot import is_spot
+from deshake.blind.trust import confidence
+from deshake.blind.wide_start import wide_starts
+from deshake.operators.strips import in_order, reported
+from deshake.signal.pyramid import RATIO
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from deshake.blind.camera_path import SmoothPath
+    from deshake.blind.candidate import Axes
+    from deshake.blind.drawn_path import Drawing
+    from deshake.blind.settings import PathScales
+    from deshake.run import Run
+    from deshake.signal.pyramid import Pyramid
+
+__all__ = ["Course", "first_scales"]
+
+_S: Final = SETTINGS.course
+_WAYS: Final = (SETTINGS.candidate.fine, SETTINGS.candidate.thin)  # the starts use them in turn
+_OF_STREAKS = -1  # number of the start that is no scale
+_OF_WIDE = -2  # number of the first wide start; the others count downwards
+_OF_SPECTRA = -100  # number of the first spectral start; the others count downwards
+
+
+class Course:
+    """The photo, the settings, and the kernels that all steps share.
+
+    The parameters are those of `race`.
+    """
+
+    def __init__(
+        self,
+        pyramid: Pyramid,
+        axes: Axes,
+        bound: float | None,
+        drawn: Drawing | None,
+        *,
+        any_focal: bool,
+        run: Run,
+    ) -> None:
+        self.pyramid = pyramid
+        self.axes = (axes[0], axes[1], axes[2] and not pyramid.camera.is_uniform)
+        self.bound = bound
+        self.drawn = drawn
+        self.comparison = Comparison(pyramid, None if drawn is None else drawn.kernel, run)
+        self.any_focal = any_focal and not pyramid.camera.is_uniform
+        self.zoom = 1.0
+        self.displayed = False
+        self.entries: list[Entry] = []
+        self.ends: list[Entry] = []
+        self.leaders: list[Entry] = []
+
+    def end(self, run: Run, *, quick: bool) -> Finish:
+        """Refine the best kernels, unless none is hopeful; return what the best one is worth."""
+        if quick:
+            return self.finished(self.best())
+        hopeful = any(self.confidence(leader) >= _S.hopeful for leader in self.leaders)
+        return self.finished(self.finish(run) if hopeful else self.leaders[0])
+
+    def in_display_values(self) -> Course:
+        """Return the course in the display values of the photo, before any start."""
+        shown = Course(
+            self.pyramid.displayed(),
+            self.axes,
+            self.bound,
+            self.drawn,
+            any_focal=self.any_focal,
+            run=self.comparison.run,
+        )
+        shown.displayed = True
+        return shown
+
+    def adopt(self, other: Course) -> None:
+        """Add the best kernels of another course, and the ends of their starts."""
+        best = {entry.start for entry in other.leaders}
+        ends = [entry for entry in other.ends if entry.start in best]
+        self.entries += [*ends, *other.leaders]
+        self.ends = best_of_starts(self._ranked([*self.ends, *ends]))
+        self.leaders = self._leaders()
+
+    def begin(self, starts: Sequence[int], run: Run, *, quick: bool) -> None:
+        """Run all starts, those of edges at the given scales; find the best kernels of the best.
+
+        With `quick`, only those of edges run.
+        """
+        self.start(starts, run.part(0.0, 0.6))
+        if self.drawn is not None:
+            streaks = Entry("streaks", _OF_STREAKS, self.drawn.level, self.drawn.kernel)
+            self.entries.append(streaks)
+        if quick:
+            self.leaders = self._leaders()
+            return
+        self._end_starts(self.entries)
+        if self.sure:
+            return
+        wide = self.start_wide(run.part(0.6, 0.7))
+        usual, wider = SETTINGS.spectral_start.usual, SETTINGS.spectral_start.wide
+        self._end_starts([*wide, *self.start_spectral(usual, run.part(0.7, 0.85))])
+        if self.may_be_wide(self.leaders[0]):
+            self._end_starts(self.start_spectral(wider, run.part(0.85, 1.0)))
+
+    def score(self, entries: Sequence[Entry]) -> float:
+        """Return the highest score of kernels."""
+        return float(self.comparison.scores(entries).max())
+
+    def start(self, starts: Sequence[int], run: Run) -> None:
+        """Run candidates to their finest scales; keep the kernels of their last scales."""
+        for _, new in reported(self._started, starts, run, "starts"):
+            self.entries += new
+
+    def start_wide(self, run: Run) -> list[Entry]:
+        """Estimate kernels of very wide shakes; keep and return those that match best."""
+        starts = [
+            Entry(f"wide start {n}, scale {level}", _OF_WIDE - n, level, kernel)
+            for n, (level, kernel) in enumerate(wide_starts(self.pyramid, self.axes, run))
+            if self.bound is None or kernel.extent_px() <= self.bound
+        ]
+        wide = [entry for entry in starts if entry.width > _S.least_width * RATIO**entry.level]
+        matches = self.comparison.matches(wide)
+        taken = [wide[n] for n in np.argsort(-matches, kind="stable")[: _S.wide]]
+        self.entries += taken
+        return taken
+
+    def start_spectral(self, scales: PathScales, run: Run) -> list[Entry]:
+        """Find paths by the spectra; keep and return distinct ones that match best.
+
+        Each is followed by its reflection.
+        """
+        found = list(self._of_paths(spectral_starts(self.pyramid, self.axes, run, scales)))
+        matches = self.comparison.matches([entry for entry, _ in found])
+        taken: list[Entry] = []
+        for n in np.argsort(-matches, kind="stable"):
+            entry, path = found[n]
+            if all(agreement(entry.kernel, known.kernel) < _S.alike for known in taken):
+                reflected = entry._replace(
+                    name=f"{entry.name}, reflected",
+                    start=entry.start - 1,
+                    kernel=path.reflected.kernel(self.pyramid.camera),
+                )
+                taken += [entry, reflected]
+            if len(taken) == 2 * _S.spectral:
+                break
+        self.entries += taken
+        return taken
+
+    def _of_paths(
+        self, starts: Sequence[tuple[int, SmoothPath]]
+    ) -> Iterator[tuple[Entry, SmoothPath]]:
+        """Make entries of paths, with numbers that leave room for their reflections."""
+        lowest = min([_OF_SPECTRA + 1, *(entry.start for entry in self.entries)])
+        for n, (level, path) in enumerate(starts):
+            kernel = path.kernel(self.pyramid.camera)
+            name = f"spectral start {n}, scale {level}"
+            entry = Entry(name, lowest - 1 - 2 * n, level, kernel)
+            entry = entry._replace(level=min(level, self.comparison.level(entry)))
+            if self.bound is None or kernel.extent_px() <= self.bound:
+                yield entry, path
+
+    @property
+    def sure(self) -> bool:
+        """Whether the best kernel of the starts is beyond doubt."""
+        return self.confidence(self.leaders[0]) >= SETTINGS.estimate.doubtful
+
+    def may_be_wide(self, leader: Entry) -> bool:
+        """Return whether the shake may be wider than most starts can find."""
+        wide = self.comparison.is_wide(leader)
+        return wide or self.confidence(leader) < SETTINGS.estimate.even
+
+    def confidence(self, winner: Entry) -> float:
+        """Return the confidence of a kernel, if it wins."""
+        return confidence(self.finished(winner))
+
+    def finished(self, winner: Entry) -> Finish:
+        """Return what the confidence of a kernel depends on, if it wins."""
+        comparison = self.comparison
+        alike = nearest(winner, _of_edges(self.entries))
+        if comparison.witness is not None:
+            alike = max(alike, agreement(winner.kernel, comparison.witness))
+        margin, match = winner.margin(comparison.judge(winner)), comparison.match(winner)
+        return Finish(
+            winner,
+            margin,
+            match,
+            alike,
+            at_rest=False,
+            zoom=self.zoom,
+            displayed=self.displayed,
+        )
+
+    def best(self) -> Entry:
+        """Return the best kernel."""
+        best = self._ranked(self.entries)[0]
+        return best.zoomed(self._focus([best]))
+
+    def _end_starts(self, new: Sequence[Entry]) -> None:
+        """Keep the last kernels of new starts, and find the best kernels of all.
+
+        Smooth paths through those of edges take part.
+        """
+        ends = last_of_starts(new)
+        self.ends += ends
+        self.entries += self._matched(_of_edges(ends))
+        self.leaders = self._leaders()
+
+    def _leaders(self) -> list[Entry]:
+        """Return the best kernels of the best starts."""
+        return best_of_starts(self._ranked(self.entries))[: _S.refined]
+
+    def finish(self, run: Run) -> Entry:
+        """Refine the kernels of the best starts, keep them, too, and return the best kernel.
+
+        If the best of them is beyond doubt, fewer are refined and polished.
+        """
+        count, lines = (_S.refined_if_sure, 1) if self.sure else (_S.refined, _S.polished)
+        leaders = self.leaders[:count]
+        starts = {entry.start for entry in leaders}
+        ends = _zoomed(self.ends, self._focus(leaders))
+        taken = [end for end in ends if end.start in starts]
+        taken = [end for end in taken if not is_spot(end.kernel)] or taken
+        self.entries += self._refined(taken, run.part(0.0, 0.5))
+        best = best_of_starts(self._ranked(self._contenders(starts)))
+        self.entries += self._matched(best[:count])
+        ranked = self._ranked(self._contenders(starts))
+        best = best_of_starts(ranked)[:lines]
+        ratio = self._focus(best)
+        best, ends = _zoomed(best, ratio), _zoomed(ends, ratio)
+        polish = run.part(0.5, 1.0)
+        return self.selected(polished(self.comparison, best, ends, self.axes, polish))
+
+    def selected(self, best: Sequence[Entry]) -> Entry:
+        """Return the first kernel, or, if it is hopeless, the one with the highest confidence."""
+        hopeful = self.confidence(best[0]) >= _S.hopeful
+        return best[0] if hopeful else max(best, key=self.confidence)
+
+    def _focus(self, best: Sequence[Entry]) -> float:
+        """Take the focal length that suits the kernels, unless it is known; return the zoom."""
+        ratio = best_zoom(self.comparison, best) if self.any_focal else 1.0
+        if ratio != 1:
+            self.zoom *= ratio
+            self.comparison = self.comparison.zoomed(ratio)
+            self.pyramid = self.comparison.pyramid
+            self.entries = _zoomed(self.entries, ratio)
+        return ratio
+
+    def _contenders(self, starts: set[int]) -> list[Entry]:
+        """Return the kernels that may win.
+
+        A new focal length needs new scores. Only the best starts are worth their time.
+        """
+        if self.zoom == 1:
+            return self.entries
+        return [entry for entry in self.entries if entry.start in starts]
+
+    def _ranked(self, entries: Sequence[Entry]) -> list[Entry]:
+        """Sort kernels by their scores, the best first."""
+        scores = self.comparison.scores(entries)
+        return [entries[i] for i in np.argsort(-scores, kind="stable")]
+
+    def _matched(self, entries: Sequence[Entry]) -> list[Entry]:
+        """Fit a smooth path through each kernel to the spectra of the photo."""
+        comparison = self.comparison
+        blurred = [entry for entry in entries if not is_spot(entry.kernel)]
+        return [path for _, path in in_order(comparison.matched, blurred, comparison.run)]
+
+    def _refined(self, entries: Sequence[Entry], run: Run) -> list[Entry]:
+        """Refine kernels, with roll and without."""
+        uniform = self.pyramid.camera.is_uniform
+        ways = (_S.refinement, _S.uniform_refinement) if uniform else (_S.refinement,)
+        flat = (self.axes[0], self.axes[1], False)
+        all_axes = (self.axes, flat) if self.axes[2] else (self.axes,)
+        jobs = [(entry, how, axes) for axes in all_axes for entry in entries for how in ways]
+        return all_refined(self.pyramid, jobs, run)
+
+    def _started(self, start: int) -> list[Entry]:
+        """Run one start to its finest scale; return the kernels of its last scales."""
+        way = _WAYS[start // 2 % len(_WAYS)]
+        candidate = Candidate(self.pyramid, start, way, axes=self.axes, bound=self.bound)
+        entries = []
+        while candidate.advance():
+            name = f"start {start}, scale {candidate.level}"
+            entries.append(Entry(name, start, candidate.level, candidate.kernel))
+        return entries[-_S.snapshots :]
+
+
+def first_scales(coarsest: int) -> list[int]:
+    """Return the first scales of all starts, the finest first."""
+    coarsest = min(coarsest, _S.coarsest_start)
+    sparse = list(range(coarsest, 0, -2))[::-1] or [0]
+    return sparse if len(sparse) >= _S.fewest_starts else list(range(1, coarsest + 1)) or [0]
+
+
+def _of_edges(entries: Sequence[Entry]) -> list[Entry]:
+    """Return the kernels that edges gave. Those of spectral starts resemble each other."""
+    return [entry for entry in entries if entry.start > _OF_SPECTRA]
+
+
+def _zoomed(entries: Sequence[Entry], ratio: float) -> list[Entry]:
+    """Return the kernels for a focal length `ratio` times as long."""
+    return [entry.zoomed(ratio) for entry in entries]

@@ -1,0 +1,155 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from deshake.blind.agreement import agreement
+from deshake.blind.course import Course, _of_edges, first_scales
+from deshake.blind.entry import Entry
+from deshake.blind.settings import SETTINGS
+from deshake.blind.spot import is_spot
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
+from deshake.run import Run
+
+if TYPE_CHECKING:
+    from deshake.signal.pyramid import Pyramid
+
+pytestmark = pytest.mark.long
+
+ONE = Entry("start 3, scale 0", 3, 0, RotationKernel.delta(Camera.from_focal(64.0, 56, 64)))
+
+
+@pytest.fixture(scope="module")
+def larger(photo) -> Pyramid:
+    return photo.pyramid
+
+
+@pytest.fixture(scope="module")
+def course(larger) -> Course:
+    return Course(larger, (True, True, True), None, None, any_focal=False, run=Run())
+
+
+@pytest.fixture(scope="module")
+def spectral(course) -> list[Entry]:
+    taken = course.start_spectral(SETTINGS.spectral_start.usual, Run(1))
+    assert taken == course.entries
+    return taken
+
+
+def test_spectral_starts_are_distinct_and_take_part_with_their_reflections(
+    course, spectral
+) -> None:
+    assert spectral
+    assert len({entry.start for entry in spectral}) == len(spectral)
+    for entry, reflected in zip(spectral[::2], spectral[1::2], strict=True):
+        turned = replace(entry.kernel, theta=-entry.kernel.theta)
+        assert agreement(reflected.kernel, turned) > 0.99
+        assert course.comparison.match(reflected) == pytest.approx(
+            course.comparison.match(entry), abs=0.03
+        )
+    firsts = [entry.kernel for entry in spectral[::2]]
+    for n, kernel in enumerate(firsts):
+        assert all(agreement(kernel, other) < SETTINGS.course.alike for other in firsts[:n])
+    assert _of_edges([*spectral, ONE]) == [ONE]
+
+
+def test_wide_spectral_starts_follow_if_the_best_kernel_is_wide_or_doubtful(
+    larger, course, spectral
+) -> None:
+    known = list(spectral)
+    wide = course.start_spectral(SETTINGS.spectral_start.wide, Run(1))
+    assert wide
+    assert course.entries == [*known, *wide]
+    assert len({entry.start for entry in course.entries}) == len(course.entries)
+    assert _of_edges(wide) == []
+    doubtful = ONE._replace(kernel=RotationKernel.delta(larger.camera))
+    assert course.may_be_wide(doubtful)
+    broad = max(wide, key=lambda entry: entry.width)
+    assert course.comparison.is_wide(broad)
+    assert course.may_be_wide(broad)
+
+
+def test_a_narrow_kernel_beyond_doubt_needs_no_wide_starts(ended, shaken) -> None:
+    course = Course(shaken.pyramid, (True, True, True), None, None, any_focal=False, run=Run())
+    course.entries = [ended.winner._replace(start=n) for n in range(4)]
+    assert not course.comparison.is_wide(ended.winner)
+    assert not course.may_be_wide(ended.winner)
+
+
+def begun(pyramid: Pyramid) -> Course:
+    """Return a course whose starts have run."""
+    course = Course(pyramid, (True, True, True), None, None, any_focal=False, run=Run(1))
+    course.begin(first_scales(pyramid.coarsest), Run(1), quick=False)
+    return course
+
+
+def test_a_start_of_edges_beyond_doubt_needs_no_others(photo) -> None:
+    course = begun(photo.pyramid)
+    assert course.sure
+    assert course.confidence(course.leaders[0]) >= SETTINGS.estimate.doubtful
+    assert all(entry.start >= 0 for entry in course.entries)
+    assert sorted(end.start for end in course.ends) == first_scales(photo.pyramid.coarsest)
+    assert {path.name for path in course.entries if path.name.endswith("path")} == {
+        f"{end.name}, path" for end in course.ends if not is_spot(end.kernel)
+    }
+
+
+def test_starts_of_edges_in_doubt_are_followed_by_others(grainy) -> None:
+    course = begun(grainy)
+    assert not course.sure
+    starts = {end.start for end in course.ends}
+    assert any(start < 0 for start in starts)
+    assert starts == {entry.start for entry in course.entries}
+    assert len(course.ends) == len(starts)
+
+
+def test_fewer_starts_are_refined_if_one_is_beyond_doubt(photo, monkeypatch) -> None:
+    def refined(course: Course) -> set[int]:
+        course.finish(Run(1))
+        return {entry.start for entry in course.entries if "refined" in entry.name}
+
+    few = refined(begun(photo.pyramid))
+    monkeypatch.setattr(Course, "sure", property(lambda _: False))
+    many = refined(begun(photo.pyramid))
+    assert 1 <= len(few) <= SETTINGS.course.refined_if_sure
+    assert len(few) < len(many) <= SETTINGS.course.refined
+
+
+def test_a_hopeless_kernel_loses_to_a_hopeful_one(ended, shaken) -> None:
+    course = Course(shaken.pyramid, (True, True, True), None, None, any_focal=False, run=Run())
+    true = ended.winner
+    turned = true._replace(kernel=replace(true.kernel, theta=3 * true.kernel.theta[:, [1, 0, 2]]))
+    course.entries = [true._replace(start=n) for n in range(4)]
+    assert course.confidence(turned) < SETTINGS.course.hopeful
+    assert course.selected([turned, true]) is true
+    thick = true._replace(kernel=true.kernel.resampled(2 * true.kernel.steps))
+    assert SETTINGS.course.hopeful <= course.confidence(thick) < course.confidence(true)
+    assert course.selected([thick, true]) is thick
+
+
+def test_spectral_starts_keep_a_bound(larger, spectral) -> None:
+    widths = [entry.kernel.extent_px() for entry in spectral[::2]]
+    bound = float(np.mean(widths))
+    bounded = Course(larger, (True, True, True), bound, None, any_focal=False, run=Run())
+    within = bounded.start_spectral(SETTINGS.spectral_start.usual, Run(1))
+    assert max(widths) > bound
+    assert within
+    assert all(entry.kernel.extent_px() <= bound for entry in within[::2])
+
+
+def test_a_course_adopts_the_best_kernels_of_another(larger, spectral, ended) -> None:
+    course, other = (
+        Course(larger, (True, True, True), None, None, any_focal=False, run=Run(1))
+        for _ in range(2)
+    )
+    course.entries = list(spectral)
+    other.leaders = [ended.winner._replace(start=3, kernel=spectral[0].kernel)]
+    other.ends = [other.leaders[0]._replace(name="end"), spectral[1]]
+    course.adopt(other)
+    assert course.entries == [*spectral, other.ends[0], *other.leaders]
+    assert course.ends == [other.ends[0]]
+    assert other.leaders[0].start in {entry.start for entry in course.leaders}
