@@ -84,9 +84,8 @@ class Pyramid:
     def __init__(self, grey: Image, camera: Camera, usable: Mask | None = None) -> None:
         self.camera = camera
         usable_all = usable is None or bool(usable.all())
-        self._light: dict[int, tuple[Image, Mask | None, Camera]] = {
-            0: (grey, None if usable_all else usable, camera)
-        }
+        self._usable: dict[int, Mask | None] = {0: None if usable_all else usable}
+        self._light: dict[int, tuple[Image, Camera]] = {0: (grey, camera)}
         self._scales: dict[int, Scale] = {}
         self._kept: dict[Hashable, Any] = {}
         self._contrast = self._measured_contrast()
@@ -100,8 +99,8 @@ class Pyramid:
     def at(self, level: int) -> Scale:
         """Return a scale; 0 is the photo itself, one more is smaller by the root of two."""
         if level not in self._scales:
-            light, usable, camera = self._linear(level)
-            self._scales[level] = Scale(light, camera, usable, self._contrast)
+            light, camera = self._linear(level)
+            self._scales[level] = Scale(light, camera, self._mask(level), self._contrast)
         return self._scales[level]
 
     def noise(self, level: int) -> float:
@@ -121,28 +120,31 @@ class Pyramid:
         if ratio == 1:
             return self
         light = {
-            level: (picture, usable, camera.zoomed(ratio))
-            for level, (picture, usable, camera) in self._light.items()
+            level: (picture, camera.zoomed(ratio))
+            for level, (picture, camera) in self._light.items()
         }
         other = copy(self)
-        vars(other).update(camera=light[0][2], _light=light, _scales={}, _kept={})
+        vars(other).update(camera=light[0][1], _light=light, _scales={}, _kept={})
         return other
 
     def displayed(self) -> Pyramid:
         """Return the photo in the root of its light, which approximates display values."""
-        grey, usable, camera = self._light[0]
+        grey, camera = self._light[0]
         root = np.clip(grey, 0, 1)
-        return Pyramid(np.sqrt(root, out=root), camera, usable)
+        other = Pyramid(np.sqrt(root, out=root), camera)
+        other._usable = self._usable
+        return other
 
     def forget(self) -> None:
-        """Discard all scales but the photo itself; each is made again at its next use."""
+        """Discard all pictures but the photo itself; each is made again at its next use."""
         self._light = {0: self._light[0]}
         self._scales.clear()
         self._kept.clear()
 
     def without(self, hidden: Mask) -> Pyramid:
         """Return the photo with more unusable pixels; `hidden` (h, w) may be of any scale."""
-        grey, usable, camera = self._light[0]
+        grey, camera = self._light[0]
+        usable = self._usable[0]
         shown = cv2.resize(
             hidden.astype(np.uint8), grey.shape[::-1], interpolation=cv2.INTER_NEAREST
         )
@@ -153,16 +155,27 @@ class Pyramid:
         """Return the index of the finest scale with at most so many pixels."""
         return max(int(np.ceil(np.log2(max(np.prod(self.camera.shape) / pixels, 1)))), 0)
 
-    def _linear(self, level: int) -> tuple[Image, Mask | None, Camera]:
+    def _linear(self, level: int) -> tuple[Image, Camera]:
         if level not in self._light:
-            source, usable, _ = self._linear(max(level - 2, 0))
-            size = [max(round(n / RATIO**level), 1) for n in self.camera.shape]
-            self._light[level] = (
-                reduced(source, size),
-                None if usable is None else reduced(usable.astype(np.float32), size) > _USABLE,
-                self.camera.scaled(*size),
-            )
+            source, _ = self._linear(max(level - 2, 0))
+            size = self._size(level)
+            self._light[level] = reduced(source, size), self.camera.scaled(*size)
         return self._light[level]
+
+    def _mask(self, level: int) -> Mask | None:
+        """Return the usable pixels of a scale."""
+        if level not in self._usable:
+            source = self._mask(max(level - 2, 0))
+            self._usable[level] = (
+                None
+                if source is None
+                else reduced(source.astype(np.float32), self._size(level)) > _USABLE
+            )
+        return self._usable[level]
+
+    def _size(self, level: int) -> list[int]:
+        """Return height and width of a scale."""
+        return [max(round(n / RATIO**level), 1) for n in self.camera.shape]
 
     def _measured_contrast(self) -> float:
         shrink = max(max(self.camera.shape) / _CONTRAST_FROM, 1)
