@@ -73,6 +73,8 @@ class Pyramid:
         Its camera.
     usable : (h, w) array of bool, optional
         Pixels that are not clipped; by default all.
+    is_displayed : bool, keyword-only
+        Whether the scales are in the root of the light, which approximates display values.
 
     Raises
     ------
@@ -81,11 +83,20 @@ class Pyramid:
 
     """
 
-    def __init__(self, grey: Image, camera: Camera, usable: Mask | None = None) -> None:
+    def __init__(
+        self,
+        grey: Image,
+        camera: Camera,
+        usable: Mask | None = None,
+        *,
+        is_displayed: bool = False,
+    ) -> None:
         self.camera = camera
+        self.is_displayed = is_displayed
+        self._grey = grey
         usable_all = usable is None or bool(usable.all())
         self._usable: dict[int, Mask | None] = {0: None if usable_all else usable}
-        self._light: dict[int, tuple[Image, Camera]] = {0: (grey, camera)}
+        self._light: dict[int, tuple[Image, Camera]] = {}
         self._scales: dict[int, Scale] = {}
         self._kept: dict[Hashable, Any] = {}
         self._contrast = self._measured_contrast()
@@ -124,43 +135,49 @@ class Pyramid:
             for level, (picture, camera) in self._light.items()
         }
         other = copy(self)
-        vars(other).update(camera=light[0][1], _light=light, _scales={}, _kept={})
+        vars(other).update(camera=self.camera.zoomed(ratio), _light=light, _scales={}, _kept={})
         return other
 
     def displayed(self) -> Pyramid:
         """Return the photo in the root of its light, which approximates display values."""
-        grey, camera = self._light[0]
-        root = np.clip(grey, 0, 1)
-        other = Pyramid(np.sqrt(root, out=root), camera)
+        other = Pyramid(self._grey, self.camera, is_displayed=True)
         other._usable = self._usable
         return other
 
     def forget(self) -> None:
-        """Discard all pictures but the photo itself; each is made again at its next use."""
-        self._light = {0: self._light[0]}
+        """Discard the pictures of all scales; each is made again at its next use."""
+        self._light.clear()
         self._scales.clear()
         self._kept.clear()
 
     def without(self, hidden: Mask) -> Pyramid:
         """Return the photo with more unusable pixels; `hidden` (h, w) may be of any scale."""
-        grey, camera = self._light[0]
         usable = self._usable[0]
         shown = cv2.resize(
-            hidden.astype(np.uint8), grey.shape[::-1], interpolation=cv2.INTER_NEAREST
+            hidden.astype(np.uint8), self._grey.shape[::-1], interpolation=cv2.INTER_NEAREST
         )
         left = (shown == 0) if usable is None else usable & (shown == 0)
-        return Pyramid(grey, camera, left)
+        return Pyramid(self._grey, self.camera, left, is_displayed=self.is_displayed)
 
     def level_of(self, pixels: float) -> int:
         """Return the index of the finest scale with at most so many pixels."""
         return max(int(np.ceil(np.log2(max(np.prod(self.camera.shape) / pixels, 1)))), 0)
 
     def _linear(self, level: int) -> tuple[Image, Camera]:
+        if level not in self._light and level == 0:
+            self._light[0] = self._whole(), self.camera
         if level not in self._light:
             source, _ = self._linear(max(level - 2, 0))
             size = self._size(level)
             self._light[level] = reduced(source, size), self.camera.scaled(*size)
         return self._light[level]
+
+    def _whole(self) -> Image:
+        """Return the photo at its own size, in the tones of the scales."""
+        if not self.is_displayed:
+            return self._grey
+        root = np.clip(self._grey, 0, 1)
+        return np.sqrt(root, out=root)
 
     def _mask(self, level: int) -> Mask | None:
         """Return the usable pixels of a scale."""

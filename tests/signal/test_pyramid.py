@@ -171,3 +171,34 @@ def test_displayed_pictures_have_the_root_of_the_light(sharp) -> None:
     np.testing.assert_array_equal(shown.at(0).usable, usable)
     assert shown.camera is pyramid.camera
     assert not np.array_equal(shown.at(2).picture, np.sqrt(np.clip(pyramid.at(2).picture, 0, 1)))
+
+
+def test_both_kinds_of_tones_have_the_same_usable_pixels(sharp) -> None:
+    usable = np.ones(sharp.shape, bool)
+    usable[:21, :33] = False
+    pyramid = of(sharp, usable)
+    early = pyramid.displayed()
+    for level in (1, 2, 5):
+        assert pyramid.at(level).usable is early.at(level).usable
+        assert pyramid.displayed().at(level).usable is early.at(level).usable
+        assert not early.at(level).usable[0, 0]
+        assert early.at(level).usable[-1, -1]
+
+
+def test_displayed_pictures_that_are_forgotten_are_made_again(sharp) -> None:
+    shown = of(sharp).displayed().zoomed(1.2)
+    first = [shown.at(level).picture for level in (0, 1, 2)]
+    shown.forget()
+    for level, picture in enumerate(first):
+        np.testing.assert_array_equal(shown.at(level).picture, picture)
+        assert shown.at(level).camera.focal_px == pytest.approx(
+            shown.camera.focal_px * shown.at(level).camera.width / shown.camera.width, rel=0.02
+        )
+
+
+def test_hiding_pixels_keeps_the_tones(sharp) -> None:
+    hidden = np.zeros(sharp.shape, bool)
+    hidden[:10] = True
+    shown = of(sharp).displayed()
+    np.testing.assert_array_equal(shown.without(hidden).at(0).picture, shown.at(0).picture)
+    assert not shown.without(hidden).at(0).usable[0, 0]
