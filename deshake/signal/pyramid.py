@@ -46,7 +46,7 @@ class Scale(NamedTuple):
     Parameters
     ----------
     picture : (h, w) array of float32
-        Luminance in linear light.
+        Luminance in linear light, or in its root.
     camera : Camera
         The camera of a photo of this size.
     usable : (h, w) array of bool, optional
@@ -96,7 +96,7 @@ class Pyramid:
         self._grey = grey
         usable_all = usable is None or bool(usable.all())
         self._usable: dict[int, Mask | None] = {0: None if usable_all else usable}
-        self._light: dict[int, tuple[Image, Camera]] = {}
+        self._pictures: dict[int, tuple[Image, Camera]] = {}
         self._scales: dict[int, Scale] = {}
         self._kept: dict[Hashable, Any] = {}
         self._contrast = self._measured_contrast()
@@ -110,8 +110,8 @@ class Pyramid:
     def at(self, level: int) -> Scale:
         """Return a scale; 0 is the photo itself, one more is smaller by the root of two."""
         if level not in self._scales:
-            light, camera = self._linear(level)
-            self._scales[level] = Scale(light, camera, self._mask(level), self._contrast)
+            picture, camera = self._picture(level)
+            self._scales[level] = Scale(picture, camera, self._mask(level), self._contrast)
         return self._scales[level]
 
     def noise(self, level: int) -> float:
@@ -130,12 +130,13 @@ class Pyramid:
         """Return the same pictures of a camera whose focal length is `ratio` times as long."""
         if ratio == 1:
             return self
-        light = {
+        pictures = {
             level: (picture, camera.zoomed(ratio))
-            for level, (picture, camera) in self._light.items()
+            for level, (picture, camera) in self._pictures.items()
         }
         other = copy(self)
-        vars(other).update(camera=self.camera.zoomed(ratio), _light=light, _scales={}, _kept={})
+        camera = self.camera.zoomed(ratio)
+        vars(other).update(camera=camera, _pictures=pictures, _scales={}, _kept={})
         return other
 
     def displayed(self) -> Pyramid:
@@ -146,7 +147,7 @@ class Pyramid:
 
     def forget(self) -> None:
         """Discard the pictures of all scales; each is made again at its next use."""
-        self._light.clear()
+        self._pictures.clear()
         self._scales.clear()
         self._kept.clear()
 
@@ -163,14 +164,15 @@ class Pyramid:
         """Return the index of the finest scale with at most so many pixels."""
         return max(int(np.ceil(np.log2(max(np.prod(self.camera.shape) / pixels, 1)))), 0)
 
-    def _linear(self, level: int) -> tuple[Image, Camera]:
-        if level not in self._light and level == 0:
-            self._light[0] = self._whole(), self.camera
-        if level not in self._light:
-            source, _ = self._linear(max(level - 2, 0))
+    def _picture(self, level: int) -> tuple[Image, Camera]:
+        """Return the picture of a scale, in its own contrast, and its camera."""
+        if level not in self._pictures and level == 0:
+            self._pictures[0] = self._whole(), self.camera
+        if level not in self._pictures:
+            source, _ = self._picture(max(level - 2, 0))
             size = self._size(level)
-            self._light[level] = reduced(source, size), self.camera.scaled(*size)
-        return self._light[level]
+            self._pictures[level] = reduced(source, size), self.camera.scaled(*size)
+        return self._pictures[level]
 
     def _whole(self) -> Image:
         """Return the photo at its own size, in the tones of the scales."""
@@ -196,7 +198,7 @@ class Pyramid:
 
     def _measured_contrast(self) -> float:
         shrink = max(max(self.camera.shape) / _CONTRAST_FROM, 1)
-        return contrast_factor(self._linear(2 * int(np.log2(shrink)))[0])
+        return contrast_factor(self._picture(2 * int(np.log2(shrink)))[0])
 
 
 def contrast_factor(picture: Image) -> float:
