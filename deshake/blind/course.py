@@ -79,7 +79,6 @@ class Course:
         self.comparison = Comparison(pyramid, None if drawn is None else drawn.kernel, run)
         self.any_focal = any_focal and not pyramid.camera.is_uniform
         self.zoom = 1.0
-        self.displayed = False
         self.entries: list[Entry] = []
         self.ends: list[Entry] = []
         self.leaders: list[Entry] = []
@@ -93,7 +92,7 @@ class Course:
 
     def in_display_values(self) -> Course:
         """Return the course in the display values of the photo, before any start."""
-        shown = Course(
+        return Course(
             self.pyramid.displayed(),
             self.axes,
             self.bound,
@@ -101,8 +100,6 @@ class Course:
             any_focal=self.any_focal,
             run=self.comparison.run,
         )
-        shown.displayed = True
-        return shown
 
     def adopt(self, other: Course) -> None:
         """Add the best kernels of another course, and the ends of their starts."""
@@ -218,7 +215,7 @@ class Course:
             alike,
             at_rest=False,
             zoom=self.zoom,
-            displayed=self.displayed,
+            displayed=self.pyramid.is_displayed,
         )
 
     def best(self) -> Entry:

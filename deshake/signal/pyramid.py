@@ -166,12 +166,14 @@ class Pyramid:
 
     def _picture(self, level: int) -> tuple[Image, Camera]:
         """Return the picture of a scale, in its own contrast, and its camera."""
-        if level not in self._pictures and level == 0:
-            self._pictures[0] = self._whole(), self.camera
         if level not in self._pictures:
-            source, _ = self._picture(max(level - 2, 0))
-            size = self._size(level)
-            self._pictures[level] = reduced(source, size), self.camera.scaled(*size)
+            if level == 0:
+                made = self._whole(), self.camera
+            else:
+                source, _ = self._picture(max(level - 2, 0))
+                size = self._size(level)
+                made = reduced(source, size), self.camera.scaled(*size)
+            self._pictures[level] = made
         return self._pictures[level]
 
     def _whole(self) -> Image:
