@@ -110,25 +110,28 @@ class Course:
         self.leaders = self._leaders()
 
     def begin(self, starts: Sequence[int], run: Run, *, quick: bool) -> None:
-        """Run all starts, those of edges at the given scales; find the best kernels of the best.
+        """Run the starts of edges at the given scales; find the best kernels of the best.
 
-        With `quick`, only those of edges run.
+        With `quick`, no smooth paths take part.
         """
-        self.start(starts, run.part(0.0, 0.6))
+        self.start(starts, run)
         if self.drawn is not None:
             streaks = Entry("streaks", _OF_STREAKS, self.drawn.level, self.drawn.kernel)
             self.entries.append(streaks)
         if quick:
             self.leaders = self._leaders()
-            return
-        self._end_starts(self.entries)
+        else:
+            self._end_starts(self.entries)
+
+    def begin_others(self, run: Run) -> None:
+        """Run the starts that do not begin with edges, unless those left no doubt."""
         if self.sure:
             return
-        wide = self.start_wide(run.part(0.6, 0.7))
+        wide = self.start_wide(run.part(0.0, 0.25))
         usual, wider = SETTINGS.spectral_start.usual, SETTINGS.spectral_start.wide
-        self._end_starts([*wide, *self.start_spectral(usual, run.part(0.7, 0.85))])
+        self._end_starts([*wide, *self.start_spectral(usual, run.part(0.25, 0.6))])
         if self.may_be_wide(self.leaders[0]):
-            self._end_starts(self.start_spectral(wider, run.part(0.85, 1.0)))
+            self._end_starts(self.start_spectral(wider, run.part(0.6, 1.0)))
 
     def score(self, entries: Sequence[Entry]) -> float:
         """Return the highest score of kernels."""
@@ -186,6 +189,11 @@ class Course:
             entry = entry._replace(level=min(level, self.comparison.level(entry)))
             if self.bound is None or kernel.extent_px() <= self.bound:
                 yield entry, path
+
+    def best_begun(self) -> Entry:
+        """Return the best of the kernels so far and of smooth paths through the last ones."""
+        paths = self._matched(last_of_starts(self.entries))
+        return self._ranked([*self.entries, *paths])[0]
 
     @property
     def sure(self) -> bool:

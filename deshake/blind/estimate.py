@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.blind.blur_kind import is_sharp
+from deshake.blind.blur_kind import is_sharp, measured
 from deshake.blind.bounds import check_size
 from deshake.blind.camera_path import filled_path
 from deshake.blind.drawn_path import drawing
@@ -149,7 +149,8 @@ def estimate_kernel(
         may_rest = sharpness(pyramid, 0) > _S.fairly_sharp
         tones = toned and not may_rest  # sharp drawings would take twice as long
         rest = run.part(start, _S.race_share)
-        result = estimated(pyramid, may_rest=may_rest, toned=tones, run=rest)
+        evidence = measured(pyramid).evidence
+        result = estimated(pyramid, may_rest=may_rest, toned=tones, evidence=evidence, run=rest)
     estimate = _concluded(pyramid, whole, result, blur_px)
     run.report(1.0, "kernel estimated")
     return estimate

@@ -4,13 +4,16 @@ A camera may have given the photo a tone curve. Then its blur may suit display v
 linear light (`tones`). So the starts may run there, too, and the race goes on in the tones that
 suit the best kernel. If its end is undecided, it goes on in the other tones, too.
 
-The race stops early in two cases. The two finest starts run first; if both end in a small round
-spot, the photo was not shaken. And if the confidence of the best kernels of the starts is very low,
-no refinement raises it enough.
+The race stops early in three cases. The two finest starts run first; if both end in a small round
+spot, the photo was not shaken. If the blur of the photo hardly depends on the direction
+(`blur_kind`), and if the first kernels have very low confidences, it was not shaken, either, and no
+other start runs. And if the confidence of the best kernels of all starts is very low, no refinement
+raises it enough.
 """
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Final
 
 from deshake.blind.course import Course, first_scales
@@ -45,6 +48,7 @@ def race(
     drawn: Drawing | None = None,
     any_focal: bool = False,
     toned: bool = False,
+    evidence: float = math.inf,
     run: Run = Run(),
 ) -> Finish:
     """Estimate a kernel from several first scales, and keep the best.
@@ -69,24 +73,51 @@ def race(
     toned : bool
         Whether the photo may have a tone curve. Then its blur may suit its display values better
         than its light, and the starts may run there, too.
+    evidence : float
+        Evidence that the photo is shaken: `Measures.evidence` of `blur_kind`.
     run : Run, optional
         Threads to use, and who receives the progress.
 
     """
     course = Course(pyramid, axes, bound, drawn, any_focal=any_focal, run=run.silent())
     starts = first_scales(pyramid.coarsest)
-    course.start(starts[:2], run.part(0.0, 0.1))
-    ends = last_of_starts(course.entries)
-    if may_rest and all(is_spot(entry.kernel) and entry.level == 0 for entry in ends):
+    begun = run.part(0.0, 0.35)
+    ended = _begun(course, starts, begun, quick=quick, may_rest=may_rest, evidence=evidence)
+    if ended is not None:
         run.report(1.0, "the photo is not shaken")
-        return Finish(ends[0], 0.0, 0.0, 1.0, at_rest=True)
-    course.begin(starts[2:], quick=quick, run=run.part(0.1, 0.45))
+        return ended
+    if not quick:
+        course.begin_others(run.part(0.35, 0.45))
     courses = [course]
     if toned:
         courses = _in_both_tones(course, starts, quick=quick, run=run.part(0.45, 0.6))
     finish = _ended(courses, quick=quick, run=run.part(0.6, 1.0))
     run.report(1.0, "kernel estimated")
     return finish
+
+
+def _begun(
+    course: Course,
+    starts: Sequence[int],
+    run: Run,
+    *,
+    quick: bool,
+    may_rest: bool,
+    evidence: float,
+) -> Finish | None:
+    """Run the starts of edges; return the end of the race, if the photo is not shaken."""
+    course.start(starts[:2], run.part(0.0, 0.3))
+    ends = last_of_starts(course.entries)
+    if may_rest and all(is_spot(entry.kernel) and entry.level == 0 for entry in ends):
+        return Finish(ends[0], 0.0, 0.0, 1.0, at_rest=True)
+    unlikely = [evidence < little for little in _S.little_evidence]
+    if unlikely[0]:
+        ended = course.finished(course.best_begun())
+        if confidence(ended) < _S.vain[0]:
+            return ended
+    course.begin(starts[2:], run.part(0.3, 1.0), quick=quick)
+    ended = course.finished(course.leaders[0])
+    return ended if unlikely[1] and confidence(ended) < _S.vain[1] else None
 
 
 def _in_both_tones(course: Course, starts: Sequence[int], run: Run, *, quick: bool) -> list[Course]:
@@ -100,7 +131,9 @@ def _in_both_tones(course: Course, starts: Sequence[int], run: Run, *, quick: bo
     worse = shown.score(course.leaders) < score - _S.display_doubt
     if worse and course.confidence(course.leaders[0]) >= SETTINGS.estimate.even:
         return [course]
-    shown.begin(starts, run, quick=quick)
+    shown.begin(starts, run.part(0.0, 0.6), quick=quick)
+    if not quick:
+        shown.begin_others(run.part(0.6, 1.0))
     shown.adopt(course)
     best = shown.leaders[0]
     better = shown.score([best]) > score + _S.display_worth and gains_in_display_values(

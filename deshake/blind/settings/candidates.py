@@ -256,12 +256,17 @@ class CourseSettings:
 
 @dataclass(frozen=True)
 class RaceSettings:
-    """The tones of a race (`race`).
+    """The tones of a race, and its early end (`race`).
 
     Tuned on the set `tune` of `bench.py shakes` and on real photos, as `docs/estimation.md` says.
 
     Parameters
     ----------
+    little_evidence : (float, float)
+        Evidence of a shake, no unit: with less, the race may end after the two finest starts, and
+        after all starts of edges.
+    vain : (float, float)
+        Confidence of the best kernel: with less, it ends there.
     display_doubt : float
         Margin: if display values explain a trusted kernel worse by more than this, no starts run
         in them.
@@ -274,6 +279,8 @@ class RaceSettings:
 
     """
 
+    little_evidence: tuple[float, float] = (0.1, 0.18)
+    vain: tuple[float, float] = (0.15, 0.2)
     display_doubt: float = 0.015
     display_worth: float = 0.02
     second: float = 0.57
