@@ -93,19 +93,22 @@ def _correlations(
     tiles: Tiles, edges: tuple[Image, Image], noise: float | None
 ) -> tuple[Image, Image]:
     """Correlate edges with the gradients of the photo, and with themselves: both (P, N, N)."""
+    transforms = tiles.transforms
     cross, auto = np.zeros_like(tiles.gradients[0]), np.zeros_like(tiles.gradients[0])
-    for edge, blurred in zip(edges, tiles.gradients, strict=True):
-        middle = np.conj(tiles.rfft(edge * tiles.middle))
-        cross += middle * blurred
-        middle *= tiles.rfft(edge * tiles.around)
-        auto += middle
+    for edge, gradient in zip(edges, tiles.gradients, strict=True):
+        middle = transforms.rfft(edge * tiles.middle)
+        seen, own = gradient.copy(), transforms.rfft(edge * tiles.around)
+        transforms.multiply(seen, middle, conjugate=True)
+        transforms.multiply(own, middle, conjugate=True)
+        cross += seen
+        auto += own
     if noise is not None:
-        auto += _posterior(tiles, edges, noise)
+        transforms.add(auto, _posterior(tiles, edges, noise))
     return tiles.irfft(cross), tiles.irfft(auto)
 
 
 def _posterior(tiles: Tiles, edges: tuple[Image, Image], noise: float) -> Image:
-    """Return the posterior variance of the gradients, as power spectra (P, N, N // 2 + 1).
+    """Return the posterior variance of the gradients, as weights of frequencies (P, N, M).
 
     The prior of the texture is white. At the zeros of the filter the photo says nothing, so
     the posterior variance is that of the prior. Without this term the least squares treat the
@@ -115,8 +118,8 @@ def _posterior(tiles: Tiles, edges: tuple[Image, Image], noise: float) -> Image:
     energy = sum((edge**2 * tiles.middle).sum((1, 2)) for edge in edges)[:, None, None]
     texture = _S.texture * energy / (2 * pixels)
     error = 2 * _S.misfit * max(noise, _S.least_noise) ** 2
-    spectra: Image = 2 * pixels * texture * error / (texture * tiles.power + error)
-    return spectra.astype(np.float32)
+    variance: Image = 2 * pixels * texture * error / (texture * tiles.power + error)
+    return variance.astype(np.float32)
 
 
 def _gatherer(tiles: Tiles, theta: Vector, sign: int) -> csr_array:

@@ -17,25 +17,24 @@ from copy import copy
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
 
 from deshake.blind.settings import SETTINGS
 from deshake.geometry.rotations import displacements, homographies
 from deshake.operators.bilinear import splat
-from deshake.operators.transforms import power_of
-from deshake.signal.gradients import adjoint_differences, differences, squared_response
+from deshake.operators.transforms import squared_responses, transforms
+from deshake.signal.gradients import adjoint_differences, differences
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from deshake.geometry.kernel import RotationKernel
+    from deshake.operators.transforms import Spectra
     from deshake.signal.pyramid import Scale
 
 __all__ = ["Tiles"]
 
 Image = NDArray[np.float32]
-Spectrum = NDArray[np.complex64]
 
 _S: Final = SETTINGS.tiles
 _GROUP: Final = 2**16  # pixels of the blocks of a group, about
@@ -67,7 +66,8 @@ class Tiles:
         self.size = size
         self.far = far
         room = max(far + 2, _S.least_room)
-        self.block = int(scipy.fft.next_fast_len(size + 2 * room, real=True))
+        self.transforms = transforms(size + 2 * room)
+        self.block = self.transforms.length
         self.first = (self.block - size) // 2
         self.g, in_frame, known = self._cut(scale)
         self.g -= (self.g * known).sum((1, 2), keepdims=True) / np.maximum(
@@ -83,9 +83,10 @@ class Tiles:
         edge = in_frame * np.roll(in_frame, -1, 1) * np.roll(in_frame, -1, 2)
         edge[:, -1] = 0
         edge[:, :, -1] = 0
-        self.gradients = self.rfft(across * edge), self.rfft(down * edge)
+        self.gradients = self.transforms.rfft(across * edge), self.transforms.rfft(down * edge)
         self.centres = self.corners[:, ::-1] + (size - 1) / 2
-        self.squared_response = squared_response(self.block, self.block)
+        slopes = squared_responses(self.block, self.block)
+        self.squared_response = self.transforms.weights(*slopes)
         self.filled: Image = self.g
 
     @property
@@ -101,15 +102,11 @@ class Tiles:
         inside[:, inner, inner] = True
         return inside & (self.belief > _S.known)
 
-    def rfft(self, blocks: Image) -> Spectrum:
-        """Transform blocks to their spectra (P, N, N // 2 + 1)."""
-        spectra: Spectrum = scipy.fft.rfft2(blocks, workers=1)
-        return spectra
-
-    def irfft(self, spectra: Spectrum) -> Image:
+    def irfft(self, spectra: Spectra) -> Image:
         """Transform spectra, which are overwritten, back to blocks."""
-        shape = self.block, self.block
-        blocks: Image = scipy.fft.irfft2(spectra, shape, overwrite_x=True, workers=1)
+        blocks = self.transforms.irfft(spectra)
+        if self.transforms.gain != 1:
+            blocks *= np.float32(1 / self.transforms.gain)
         return blocks
 
     def bound(self, kernel: RotationKernel) -> Tiles:
@@ -142,32 +139,33 @@ class Tiles:
         h = homographies(self.camera, kernel.theta[used])
         moved = displacements(h, self.centres)
         filters = splat(moved, kernel.weights[used], (self.block, self.block))
-        self.H = self.rfft(filters)
-        self.power = power_of(self.H)
+        self.H = self.transforms.rfft(filters)
+        self.power = self.transforms.power(self.H)
         if self.filled is self.g:
             self.fill(self.g)
 
     def blurred(self, latent: Image) -> Image:
         """Blur a latent picture (P, N, N): ``A_t f``."""
-        spectra = self.rfft(latent)
-        spectra *= np.conj(self.H)
+        spectra = self.transforms.rfft(latent)
+        self.transforms.multiply(spectra, self.H, conjugate=True)
         return self.irfft(spectra)
 
-    def data(self) -> Spectrum:
+    def data(self) -> Spectra:
         """Return the spectra of ``A_t^T g``, for the photo with its room filled."""
-        spectra = self.rfft(self.filled)
-        spectra *= self.H
+        spectra = self.transforms.rfft(self.filled)
+        self.transforms.multiply(spectra, self.H)
         return spectra
 
-    def solved(self, data: Spectrum, across: Image, down: Image, beta: float) -> Image:
+    def solved(self, data: Spectra, across: Image, down: Image, beta: float) -> Image:
         """Return the picture that explains `data` and whose gradients are near the given ones.
 
         ``min |A_t S - g|^2 + beta |grad S - h|^2``, with h = (across, down).
         """
-        spectra = self.rfft(adjoint_differences(across, down))
+        spectra = self.transforms.rfft(adjoint_differences(across, down))
         spectra *= np.float32(beta)
         spectra += data
-        spectra *= np.reciprocal(self.power + np.float32(beta) * self.squared_response)
+        weights = np.reciprocal(self.power + np.float32(beta) * self.squared_response)
+        self.transforms.weigh(spectra, weights)
         return self.irfft(spectra)
 
     def fill(self, latent: Image) -> Image:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from deshake.operators.convolution import Convolution
 from deshake.operators.planes import check_size
+from deshake.operators.transforms import squared_responses
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -54,7 +55,7 @@ class PatchInverse:
         self.filters = filters
         grid = filters.grid
         n = grid.block
-        self._slopes = grid.transforms.weights(*_slopes(n, n))
+        self._slopes = grid.transforms.weights(*squared_responses(n, n))
         away = (np.arange(n) + 0.5 - grid.radius - grid.hop) / grid.hop  # from the patch's centre
         ramp = np.sqrt(np.clip(1 - np.abs(away), 0, 1)).astype(np.float32)
         most = np.float32(grid.transforms.gain**-0.25)  # the four ramps of a block undo the gain
@@ -172,7 +173,7 @@ class FourierInverse:
 
     def __init__(self, filters: Convolution) -> None:
         self.filters = filters
-        down, self._across = _slopes(*filters.torus)
+        down, self._across = squared_responses(*filters.torus)
         self._down = down[:, None]
 
     def means(self, weights: Image) -> Image:
@@ -207,13 +208,6 @@ def _patch_sums(image: Image, grid: PatchGrid) -> NDArray[np.float64]:
     pairs = squares[1:] + squares[:-1]
     overlapped: NDArray[np.float64] = pairs[:, 1:] + pairs[:, :-1]
     return overlapped
-
-
-def _slopes(height: int, width: int) -> tuple[Image, Image]:
-    """Power |F D|^2 of the differences down, (N,), and across, (M // 2 + 1,), on a torus."""
-    down = 4 * np.sin(np.pi * np.fft.fftfreq(height)) ** 2
-    across = 4 * np.sin(np.pi * np.fft.rfftfreq(width)) ** 2
-    return down.astype(np.float32), across.astype(np.float32)
 
 
 def _distinct(rho: ArrayLike, channels: int) -> tuple[Image, NDArray[np.intp]]:

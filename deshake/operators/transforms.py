@@ -8,7 +8,7 @@ pixels. So only `Transforms` reads them; callers pass them from one method to an
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, cached_property
 from typing import Any, Protocol
 
 import cv2
@@ -22,6 +22,7 @@ __all__ = [
     "Spectra",
     "Transforms",
     "power_of",
+    "squared_responses",
     "transforms",
 ]
 
@@ -34,7 +35,7 @@ _ONE_BY_ONE = 100  # px: least side of blocks that get a call each
 _CACHED = 320  # px: largest side of blocks whose transforms stay in the cache
 _BEYOND_SCIPY, _BEYOND_OPENCV = 1.2, 1.1  # factors of the time a pixel for larger blocks
 _POWER_OF_TWO = 0.84  # factor of the time a pixel, with OpenCV
-_EVEN_STEP = 8  # packed lengths are multiples of it: others take up to 1.5 times as long
+_EVEN_STEP = 4  # packed lengths are multiples of it: others take longer
 
 
 class Transforms(Protocol):
@@ -74,12 +75,26 @@ class Transforms(Protocol):
     def weigh(self, spectra: Spectra, weights: Image) -> None:
         """Multiply spectra (count, N, M) by weights of the frequencies, in place."""
 
+    def add(self, spectra: Spectra, weights: Image) -> None:
+        """Add weights of the frequencies to spectra (count, N, M), in place."""
+
 
 @cache
 def transforms(least: int) -> Transforms:
     """Return the transforms of blocks of a fast size: N is at least `least`."""
     one_by_one = least >= _ONE_BY_ONE and cv2.ipp.useIPP()
     return PackedTransforms(least) if one_by_one else ComplexTransforms(least)
+
+
+def squared_responses(rows: int, columns: int) -> tuple[Image, Image]:
+    """Squared responses of the differences between neighbours, on a torus.
+
+    That of the lower neighbour at the frequencies down, (N,), and that of the right neighbour at
+    the frequencies across, (M // 2 + 1,).
+    """
+    down = 4 * np.sin(np.pi * np.fft.fftfreq(rows)) ** 2
+    across = 4 * np.sin(np.pi * np.fft.rfftfreq(columns)) ** 2
+    return down.astype(np.float32), across.astype(np.float32)
 
 
 def power_of(spectra: Spectrum) -> Image:
@@ -129,6 +144,10 @@ class ComplexTransforms:
         """See `Transforms.weigh`."""
         spectra *= weights.astype(np.complex64)  # faster than by real numbers
 
+    def add(self, spectra: Spectrum, weights: Image) -> None:
+        """See `Transforms.add`."""
+        spectra += weights
+
 
 class PackedTransforms:
     """Transforms by OpenCV: real and imaginary parts side by side, without redundant ones.
@@ -140,7 +159,8 @@ class PackedTransforms:
 
     def __init__(self, least: int) -> None:
         n = -(-least // _EVEN_STEP)
-        self.length: int = _EVEN_STEP * scipy.fft.next_fast_len(n, real=True)
+        # without prime factors above 11, which take two to three times as long
+        self.length: int = _EVEN_STEP * scipy.fft.next_fast_len(n)
         self.nbytes = 4 * self.length**2
         self.effort = _effort(self.length, _BEYOND_OPENCV)
         if self.length & (self.length - 1) == 0:
@@ -199,6 +219,19 @@ class PackedTransforms:
     def weigh(self, spectra: Image, weights: Image) -> None:
         """See `Transforms.weigh`."""
         spectra *= weights
+
+    def add(self, spectra: Image, weights: Image) -> None:
+        """See `Transforms.add`."""
+        spectra += weights * self._real
+
+    @cached_property
+    def _real(self) -> Image:
+        """1 for each real part, and 0 for each imaginary part."""
+        alone = np.zeros(self.length, np.float32)
+        alone[0] = alone[1::2] = 1
+        real = np.tile(alone, (self.length, 1))
+        real[:, 0] = real[:, -1] = alone
+        return real
 
 
 def _effort(length: int, beyond: float) -> float:

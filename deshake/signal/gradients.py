@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["adjoint_differences", "differences", "length_of", "squared_response", "strong"]
+__all__ = ["adjoint_differences", "differences", "length_of", "strong"]
 
 Image = NDArray[np.float32]
 
@@ -45,14 +45,6 @@ def length_of(across: Image, down: Image) -> Image:
     """
     length: Image = np.sqrt(across * across + down * down)
     return length
-
-
-def squared_response(rows: int, columns: int) -> Image:
-    """Squared response of both differences at the frequencies of a real FFT."""
-    y = 2 * np.pi * np.arange(rows)[:, None] / rows
-    x = 2 * np.pi * np.arange(columns // 2 + 1)[None] / columns
-    squared: Image = (4 * np.sin(y / 2) ** 2 + 4 * np.sin(x / 2) ** 2).astype(np.float32)
-    return squared
 
 
 def strong(across: Image, down: Image, square: float) -> tuple[Image, Image]:

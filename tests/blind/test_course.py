@@ -84,6 +84,7 @@ def begun(pyramid: Pyramid) -> Course:
     """Return a course whose starts have run."""
     course = Course(pyramid, (True, True, True), None, None, any_focal=False, run=Run(1))
     course.begin(first_scales(pyramid.coarsest), Run(1), quick=False)
+    course.begin_others(Run(1))
     return course
 
 

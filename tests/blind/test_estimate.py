@@ -3,14 +3,18 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 import pytest
 
 from deshake.blind.agreement import agreement
+from deshake.blind.blur_kind import measured
 from deshake.blind.camera_path import filled_path
+from deshake.blind.course import Course, first_scales
 from deshake.blind.entry import Entry
 from deshake.blind.estimate import STILL, _concluded, estimate_kernel
 from deshake.blind.finish import Finish
+from deshake.blind.settings import SETTINGS
 from deshake.blind.sharpness import looks_sharp
 from deshake.blind.trust import confidence
 from deshake.errors import EstimationError
@@ -19,6 +23,8 @@ from deshake.run import Run
 from deshake.signal.pyramid import Pyramid
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from deshake.blind.result import BlindEstimate
 
 
@@ -49,6 +55,23 @@ def test_a_known_shake_is_estimated_and_trusted(result, shaken) -> None:
     assert result.confidence > 0.5
     assert result.name
     assert result.name != STILL
+
+
+def test_a_soft_photo_needs_only_the_first_starts(photo, monkeypatch) -> None:
+    ran: list[int] = []
+    start = Course.start
+
+    def logged(self: Course, starts: Sequence[int], run: Run) -> None:
+        ran.extend(starts)
+        start(self, starts, run)
+
+    monkeypatch.setattr(Course, "start", logged)
+    grain = np.random.default_rng(0).normal(0, 0.01, photo.still.shape)
+    soft = (cv2.GaussianBlur(photo.still, (0, 0), 0.7) + grain).clip(0, 1).astype(np.float32)
+    assert measured(Pyramid(soft, photo.camera)).evidence < SETTINGS.race.little_evidence[0]
+    result = estimate_kernel(soft, photo.camera)
+    assert result.name == STILL
+    assert ran == first_scales(Pyramid(soft, photo.camera).coarsest)[:2]
 
 
 def test_the_kernel_is_centred_and_fine(result) -> None:

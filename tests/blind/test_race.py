@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from deshake.blind.agreement import agreement
+from deshake.blind.course import Course, first_scales
 from deshake.blind.race import _ended, race
 from deshake.blind.settings import SETTINGS
 from deshake.blind.spot import is_spot
@@ -15,6 +16,8 @@ from deshake.run import Run
 from deshake.signal.pyramid import Pyramid
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from deshake.blind.finish import Finish
 
 pytestmark = pytest.mark.long
@@ -129,6 +132,43 @@ def test_it_stops_after_the_starts_if_none_of_them_is_hopeful(grainy, shaken) ->
     assert confidence(ends[False]) < SETTINGS.course.hopeful
     assert not ends[False].at_rest
     assert confidence(ends[True]) > 0.9
+
+
+@pytest.fixture
+def ran(monkeypatch: pytest.MonkeyPatch) -> list[str | int]:
+    """The first scales of the starts that a race runs, and "others" for those without edges."""
+    log: list[str | int] = []
+    start, begin_others = Course.start, Course.begin_others
+
+    def logged(self: Course, starts: Sequence[int], run: Run) -> None:
+        log.extend(starts)
+        start(self, starts, run)
+
+    def others_logged(self: Course, run: Run) -> None:
+        log.append("others")
+        begin_others(self, run)
+
+    monkeypatch.setattr(Course, "start", logged)
+    monkeypatch.setattr(Course, "begin_others", others_logged)
+    return log
+
+
+@pytest.mark.parametrize("quick", [False, True])
+def test_a_photo_that_does_not_look_shaken_needs_few_starts(grainy, ran, quick) -> None:
+    scales = first_scales(grainy.coarsest)
+    least, little = SETTINGS.race.little_evidence
+    assert least < little
+    for evidence, expected in ((least, scales[:2]), (little, scales), (1.0, [*scales, "others"])):
+        ran.clear()
+        ended = race(grainy, may_rest=False, quick=quick, evidence=evidence - 0.01)
+        assert ran == (scales if quick and len(expected) > 2 else expected)
+        assert confidence(ended) < SETTINGS.race.vain[0]
+
+
+def test_a_shake_that_the_first_starts_find_is_no_matter_of_evidence(shaken, ran) -> None:
+    ended = race(shaken.pyramid, evidence=0.0)
+    assert ran == [*first_scales(shaken.pyramid.coarsest), "others"]
+    assert agreement(ended.winner.kernel, shaken.kernel) > 0.9
 
 
 def test_a_quick_race_without_roll_and_within_a_bound_on_any_threads(shaken) -> None:

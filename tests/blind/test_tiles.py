@@ -114,10 +114,11 @@ def test_the_data_are_the_transpose_of_the_blur(tiles) -> None:
 
 def test_the_power_is_that_of_blur_and_transpose(tiles) -> None:
     latent = noise(tiles, 0)
-    spectra = tiles.rfft(tiles.blurred(latent)) * tiles.H
-    np.testing.assert_allclose(
-        tiles.irfft(spectra), tiles.irfft(tiles.rfft(latent) * tiles.power), atol=1e-5
-    )
+    fourier = tiles.transforms
+    both, weighed = fourier.rfft(tiles.blurred(latent)), fourier.rfft(latent)
+    fourier.multiply(both, tiles.H)
+    fourier.weigh(weighed, tiles.power)
+    np.testing.assert_allclose(tiles.irfft(both), tiles.irfft(weighed), atol=1e-5)
 
 
 def test_known_pixels_are_the_photo_about_its_mean(tiles, shaken) -> None:

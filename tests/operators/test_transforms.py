@@ -4,7 +4,13 @@ import cv2
 import numpy as np
 import pytest
 
-from deshake.operators.transforms import ComplexTransforms, PackedTransforms, transforms
+from deshake.operators.transforms import (
+    ComplexTransforms,
+    PackedTransforms,
+    squared_responses,
+    transforms,
+)
+from deshake.signal.gradients import adjoint_differences, differences
 
 KINDS = [ComplexTransforms, PackedTransforms]
 LENGTHS = [8, 20, 47, 64]
@@ -99,6 +105,42 @@ def test_weighs_by_power_and_by_direction(kind, least: int) -> None:
     expected = np.abs(np.fft.rfft2(filters, (n, n))) ** 2 + down[:, None] + across
     back = fourier.irfft(spectra) / fourier.gain
     np.testing.assert_allclose(back, filtered(blocks, expected), atol=1e-4)
+
+
+@pytest.mark.parametrize("least", LENGTHS)
+def test_adds_the_spectrum_of_an_even_filter(kind, least: int) -> None:
+    fourier = kind(least)
+    n = fourier.length
+    blocks, more = pictures(2, n, n), fourier.power(fourier.rfft(pictures(2, 3, 3, seed=3)))
+    spectra, alone = fourier.rfft(blocks), fourier.rfft(np.zeros_like(blocks))
+    for total in (spectra, alone):
+        fourier.add(total, more)
+    power = np.abs(np.fft.rfft2(pictures(2, 3, 3, seed=3), (n, n))) ** 2
+    expected = np.fft.irfft2(power, (n, n))
+    np.testing.assert_allclose(fourier.irfft(alone) / fourier.gain, expected, atol=1e-4)
+    back = fourier.irfft(spectra) / fourier.gain
+    np.testing.assert_allclose(back, blocks + expected, atol=1e-4)
+
+
+@pytest.mark.parametrize("least", LENGTHS)
+def test_differences_in_turn_weigh_by_their_squared_responses(kind, least: int) -> None:
+    fourier = kind(least)
+    n = fourier.length
+    blocks = pictures(2, n, n)
+    spectra = fourier.rfft(blocks)
+    fourier.weigh(spectra, fourier.weights(*squared_responses(n, n)))
+    expected = adjoint_differences(*differences(blocks))
+    np.testing.assert_allclose(fourier.irfft(spectra) / fourier.gain, expected, atol=1e-4)
+
+
+@pytest.mark.parametrize("least", [90, 101, 129, 152, 203])
+def test_packed_lengths_have_small_prime_factors(least: int) -> None:
+    length = PackedTransforms(least).length
+    assert least <= length <= 1.1 * least
+    for factor in (2, 3, 5, 7, 11):
+        while length % factor == 0:
+            length //= factor
+    assert length == 1
 
 
 def test_a_power_of_two_takes_least_time_with_opencv() -> None:
