@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import math
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal, NamedTuple
 
@@ -50,6 +51,11 @@ class Measures(NamedTuple):
         less = self.sharpness_at_half > _S.sharp_at_half
         evidence = _of_direction(self.directed, self.edges)
         return evidence - _S.less_evidence if less else evidence
+
+    @property
+    def certain_evidence(self) -> float:
+        """The evidence of a shake; infinite if there is too little detail to tell."""
+        return self.evidence if self.directed.certain else math.inf
 
     @property
     def surely_sharp(self) -> bool:

@@ -149,7 +149,7 @@ def estimate_kernel(
         may_rest = sharpness(pyramid, 0) > _S.fairly_sharp
         tones = toned and not may_rest  # sharp drawings would take twice as long
         rest = run.part(start, _S.race_share)
-        evidence = measured(pyramid).evidence
+        evidence = measured(pyramid).certain_evidence
         result = estimated(pyramid, may_rest=may_rest, toned=tones, evidence=evidence, run=rest)
     estimate = _concluded(pyramid, whole, result, blur_px)
     run.report(1.0, "kernel estimated")

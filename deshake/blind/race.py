@@ -74,7 +74,7 @@ def race(
         Whether the photo may have a tone curve. Then its blur may suit its display values better
         than its light, and the starts may run there, too.
     evidence : float
-        Evidence that the photo is shaken: `Measures.evidence` of `blur_kind`.
+        Evidence that the photo is shaken: `Measures.certain_evidence` of `blur_kind`.
     run : Run, optional
         Threads to use, and who receives the progress.
 

@@ -45,19 +45,23 @@ class DirectedBlur(NamedTuple):
         Standard deviation along the direction, in pixels of the photo.
     direction : float
         Direction in degrees, 0..180, from the x axis towards the y axis (down).
+    certain : bool
+        Whether a scale has enough tiles for a certain fit.
 
     """
 
     strength: float
     sigma_px: float
     direction: float
+    certain: bool = False
 
 
 def directed_blur(pyramid: Pyramid) -> DirectedBlur:
     """Measure the directed blur of a photo at the scale that shows it best."""
-    best = DirectedBlur(0.0, 0.0, 0.0)
+    best, most = DirectedBlur(0.0, 0.0, 0.0), 0
     for level in range(max(pyramid.coarsest, 1)):
         spectra, noise = _spectra(pyramid, level)
+        most = max(most, len(spectra))
         if not len(spectra):
             continue
         mean, cosine, sine = _fitted(spectra, noise)
@@ -67,7 +71,7 @@ def directed_blur(pyramid: Pyramid) -> DirectedBlur:
         resolved = mean + directed > _S.resolved and mean > _S.wider and sigma >= _S.narrowest
         if resolved and strength > best.strength:
             best = DirectedBlur(strength, sigma, math.degrees(math.atan2(sine, cosine)) / 2 % 180)
-    return best
+    return best._replace(certain=most >= _S.enough_tiles)
 
 
 def _spectra(pyramid: Pyramid, level: int) -> tuple[Spectrum, Spectrum]:

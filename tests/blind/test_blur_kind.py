@@ -79,6 +79,12 @@ def test_edges_are_evidence_beside_the_spectrum() -> None:
     assert (flat_ones.kind, flat_ones.certain, flat_ones.direction) == ("shaken", True, 120)
 
 
+def test_what_few_tiles_say_is_no_evidence_against_a_shake(photo) -> None:
+    plain, small = measured(of(photo)), measured(of(photo[100:180, 100:200]))
+    assert plain.certain_evidence == plain.evidence < 0.5
+    assert small.certain_evidence == np.inf
+
+
 def test_doubt_is_part_of_the_verdict() -> None:
     at = Measures(
         sharp=False,

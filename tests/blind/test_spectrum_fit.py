@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from skimage import data
 
-from deshake.blind.spectrum_fit import directed_blur
+from deshake.blind.spectrum_fit import DirectedBlur, directed_blur
 from deshake.geometry.camera import Camera
 from deshake.signal.pyramid import Pyramid
 
@@ -49,10 +49,17 @@ def test_a_round_blur_has_less_strength_than_a_motion(photo) -> None:
 
 
 def test_a_photo_smaller_than_a_tile_shows_nothing(photo) -> None:
-    assert directed_blur(of(photo[100:150, 100:160])).strength == 0
+    blur = directed_blur(of(photo[100:150, 100:160]))
+    assert blur.strength == 0
+    assert not blur.certain
+
+
+def test_a_fit_is_certain_if_a_scale_has_enough_tiles(photo) -> None:
+    assert directed_blur(of(photo)).certain
+    assert not directed_blur(of(photo[100:180, 100:200])).certain
 
 
 def test_clipped_tiles_do_not_count(photo) -> None:
     camera = Camera.from_focal(600.0, *photo.shape)
     pyramid = Pyramid(photo, camera, np.zeros(photo.shape, bool))
-    assert directed_blur(pyramid).strength == 0
+    assert directed_blur(pyramid) == DirectedBlur(0.0, 0.0, 0.0, certain=False)
