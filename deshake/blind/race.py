@@ -72,7 +72,7 @@ def race(
         Whether the focal length of the camera is only assumed. Then it is estimated, too.
     toned : bool
         Whether the photo may have a tone curve. Then its blur may suit its display values better
-        than its light, and the starts may run there, too.
+        than its light, and the starts may run there, too, if there is evidence of a shake.
     evidence : float
         Evidence that the photo is shaken: `Measures.certain_evidence` of `blur_kind`.
     run : Run, optional
@@ -89,7 +89,7 @@ def race(
     if not quick:
         course.begin_others(run.part(0.35, 0.45))
     courses = [course]
-    if toned:
+    if toned and evidence >= _S.little_evidence[1]:  # others would take twice as long
         courses = _in_both_tones(course, starts, quick=quick, run=run.part(0.45, 0.6))
     finish = _ended(courses, quick=quick, run=run.part(0.6, 1.0))
     run.report(1.0, "kernel estimated")

@@ -73,6 +73,8 @@ def test_a_blur_of_display_values_is_found_in_them(photo, quick) -> None:
     assert found.displayed
     assert agreement(found.winner.kernel, photo.kernel) > 0.9
     assert not race(light, quick=True).displayed
+    little = SETTINGS.race.little_evidence[1]
+    assert not race(light, toned=True, quick=True, evidence=little - 0.01).displayed
 
 
 def test_a_blur_of_light_is_found_in_light(shaken, ended) -> None:

@@ -264,7 +264,7 @@ class RaceSettings:
     ----------
     little_evidence : (float, float)
         Evidence of a shake, no unit: with less, the race may end after the two finest starts, and
-        after all starts of edges.
+        after all starts of edges. With less than the second, it runs in linear light alone.
     vain : (float, float)
         Confidence of the best kernel: with less, it ends there.
     display_doubt : float
