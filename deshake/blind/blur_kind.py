@@ -26,7 +26,7 @@ from deshake.blind.spectrum_fit import DirectedBlur, directed_blur
 from deshake.errors import EstimationError
 from deshake.signal.pyramid import RATIO, Pyramid
 
-__all__ = ["BlurKind", "Kind", "Measures", "blur_kind", "is_sharp", "judged", "measured"]
+__all__ = ["BlurKind", "Kind", "Measures", "blur_kind", "judged", "measured"]
 
 Kind = Literal["sharp", "shaken", "soft", "out of focus", "unclear"]
 """Unclear is a photo with too few edges to judge."""
@@ -161,11 +161,6 @@ def _with_sharpness(pyramid: Pyramid, directed: DirectedBlur, edges: EdgeSpread 
 def measured(pyramid: Pyramid) -> Measures:
     """Take the measures of a photo."""
     return _with_sharpness(pyramid, directed_blur(pyramid), edge_spread(pyramid))
-
-
-def is_sharp(pyramid: Pyramid) -> bool:
-    """Return whether a photo is surely sharp; only one with steep edges is measured further."""
-    return looks_sharp(pyramid) and measured(pyramid).surely_sharp
 
 
 def judged(measures: Measures) -> BlurKind:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.blind.blur_kind import is_sharp, measured
+from deshake.blind.blur_kind import measured
 from deshake.blind.bounds import check_size
 from deshake.blind.camera_path import filled_path
 from deshake.blind.drawn_path import drawing
@@ -22,7 +22,7 @@ from deshake.blind.latent_picture import latent_gradients
 from deshake.blind.race import race
 from deshake.blind.result import BlindEstimate
 from deshake.blind.settings import SETTINGS
-from deshake.blind.sharpness import looks_sharp, sharpness
+from deshake.blind.sharpness import looks_sharp
 from deshake.blind.spot import is_spot
 from deshake.blind.trust import confidence, two_digits
 from deshake.blind.variational.estimate import estimate_variational
@@ -131,7 +131,8 @@ def estimate_kernel(
     pyramid = Pyramid(
         grey[part], whole.cropped(x, y, w, h), None if clipped is None else ~clipped[part]
     )
-    if is_sharp(pyramid):
+    measures = measured(pyramid)
+    if measures.surely_sharp:
         run.report(1.0, "the photo looks sharp")
         return _unchanged(pyramid, whole, _S.unchanged, SHARP)
     estimated = partial(
@@ -146,10 +147,10 @@ def estimate_kernel(
         if confidence(result) < _S.even:
             result = None  # the streaks mislead, or their surroundings are needed
     if result is None:
-        may_rest = sharpness(pyramid, 0) > _S.fairly_sharp
+        may_rest = measures.sharpness > _S.fairly_sharp
         tones = toned and not may_rest  # sharp drawings would take twice as long
         rest = run.part(start, _S.race_share)
-        evidence = measured(pyramid).certain_evidence
+        evidence = measures.certain_evidence
         result = estimated(pyramid, may_rest=may_rest, toned=tones, evidence=evidence, run=rest)
     estimate = _concluded(pyramid, whole, result, blur_px)
     run.report(1.0, "kernel estimated")

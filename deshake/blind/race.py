@@ -110,14 +110,17 @@ def _begun(
     ends = last_of_starts(course.entries)
     if may_rest and all(is_spot(entry.kernel) and entry.level == 0 for entry in ends):
         return Finish(ends[0], 0.0, 0.0, 1.0, at_rest=True)
-    unlikely = [evidence < little for little in _S.little_evidence]
-    if unlikely[0]:
+    first, later = _S.little_evidence
+    if evidence < first:
         ended = course.finished(course.best_begun())
         if confidence(ended) < _S.vain[0]:
             return ended
     course.begin(starts[2:], run.part(0.3, 1.0), quick=quick)
-    ended = course.finished(course.leaders[0])
-    return ended if unlikely[1] and confidence(ended) < _S.vain[1] else None
+    if evidence < later:
+        ended = course.finished(course.leaders[0])
+        if confidence(ended) < _S.vain[1]:
+            return ended
+    return None
 
 
 def _in_both_tones(course: Course, starts: Sequence[int], run: Run, *, quick: bool) -> list[Course]:

@@ -159,7 +159,7 @@ class PackedTransforms:
 
     def __init__(self, least: int) -> None:
         n = -(-least // _EVEN_STEP)
-        # without prime factors above 11, which take two to three times as long
+        # the prime factors 17 and above would take two to three times as long
         self.length: int = _EVEN_STEP * scipy.fft.next_fast_len(n)
         self.nbytes = 4 * self.length**2
         self.effort = _effort(self.length, _BEYOND_OPENCV)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from skimage import data
 
+from deshake.blind.course import Course
 from deshake.blind.race import race
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
@@ -19,7 +20,7 @@ from deshake.run import Run
 from deshake.signal.pyramid import Pyramid
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from deshake.blind.finish import Finish
 
@@ -112,3 +113,22 @@ def shares() -> list[float]:
 def ended(shaken, shares) -> Finish:
     """How the race for the shaken photo ends."""
     return race(shaken.pyramid, run=Run(1, lambda share, _: shares.append(share)))
+
+
+@pytest.fixture
+def ran(monkeypatch: pytest.MonkeyPatch) -> list[str | int]:
+    """The first scales of the starts that a race runs, and "others" for those without edges."""
+    log: list[str | int] = []
+    start, begin_others = Course.start, Course.begin_others
+
+    def logged(self: Course, starts: Sequence[int], run: Run) -> None:
+        log.extend(starts)
+        start(self, starts, run)
+
+    def others_logged(self: Course, run: Run) -> None:
+        log.append("others")
+        begin_others(self, run)
+
+    monkeypatch.setattr(Course, "start", logged)
+    monkeypatch.setattr(Course, "begin_others", others_logged)
+    return log

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from skimage import data
 
-from deshake.blind.blur_kind import BlurKind, Measures, blur_kind, is_sharp, judged, measured
+from deshake.blind.blur_kind import BlurKind, Measures, blur_kind, judged, measured
 from deshake.blind.edge_spread import EdgeSpread
 from deshake.blind.sharpness import looks_sharp
 from deshake.blind.spectrum_fit import DirectedBlur
@@ -49,9 +49,9 @@ def test_a_camera_that_rests_and_moves_on_leaves_steep_edges_but_no_sharp_photo(
     path = np.full((1, 9), 0.5 / 8, np.float32)
     path[0, 4] = 0.5
     rested = of_camera(cv2.filter2D(photo, -1, path.T if turned else path))
-    assert is_sharp(of_camera(photo))
+    assert measured(of_camera(photo)).surely_sharp
     assert looks_sharp(rested)
-    assert not is_sharp(rested)
+    assert not measured(rested).surely_sharp
     assert blur_kind(rested).kind == "shaken"
 
 

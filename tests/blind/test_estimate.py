@@ -10,7 +10,7 @@ import pytest
 from deshake.blind.agreement import agreement
 from deshake.blind.blur_kind import measured
 from deshake.blind.camera_path import filled_path
-from deshake.blind.course import Course, first_scales
+from deshake.blind.course import first_scales
 from deshake.blind.entry import Entry
 from deshake.blind.estimate import STILL, _concluded, estimate_kernel
 from deshake.blind.finish import Finish
@@ -23,8 +23,6 @@ from deshake.run import Run
 from deshake.signal.pyramid import Pyramid
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from deshake.blind.result import BlindEstimate
 
 
@@ -57,15 +55,7 @@ def test_a_known_shake_is_estimated_and_trusted(result, shaken) -> None:
     assert result.name != STILL
 
 
-def test_a_soft_photo_needs_only_the_first_starts(photo, monkeypatch) -> None:
-    ran: list[int] = []
-    start = Course.start
-
-    def logged(self: Course, starts: Sequence[int], run: Run) -> None:
-        ran.extend(starts)
-        start(self, starts, run)
-
-    monkeypatch.setattr(Course, "start", logged)
+def test_a_soft_photo_needs_only_the_first_starts(photo, ran) -> None:
     grain = np.random.default_rng(0).normal(0, 0.01, photo.still.shape)
     soft = (cv2.GaussianBlur(photo.still, (0, 0), 0.7) + grain).clip(0, 1).astype(np.float32)
     assert measured(Pyramid(soft, photo.camera)).evidence < SETTINGS.race.little_evidence[0]

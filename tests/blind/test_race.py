@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from deshake.blind.agreement import agreement
-from deshake.blind.course import Course, first_scales
+from deshake.blind.course import first_scales
 from deshake.blind.race import _ended, race
 from deshake.blind.settings import SETTINGS
 from deshake.blind.spot import is_spot
@@ -16,8 +16,6 @@ from deshake.run import Run
 from deshake.signal.pyramid import Pyramid
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from deshake.blind.finish import Finish
 
 pytestmark = pytest.mark.long
@@ -134,25 +132,6 @@ def test_it_stops_after_the_starts_if_none_of_them_is_hopeful(grainy, shaken) ->
     assert confidence(ends[False]) < SETTINGS.course.hopeful
     assert not ends[False].at_rest
     assert confidence(ends[True]) > 0.9
-
-
-@pytest.fixture
-def ran(monkeypatch: pytest.MonkeyPatch) -> list[str | int]:
-    """The first scales of the starts that a race runs, and "others" for those without edges."""
-    log: list[str | int] = []
-    start, begin_others = Course.start, Course.begin_others
-
-    def logged(self: Course, starts: Sequence[int], run: Run) -> None:
-        log.extend(starts)
-        start(self, starts, run)
-
-    def others_logged(self: Course, run: Run) -> None:
-        log.append("others")
-        begin_others(self, run)
-
-    monkeypatch.setattr(Course, "start", logged)
-    monkeypatch.setattr(Course, "begin_others", others_logged)
-    return log
 
 
 @pytest.mark.parametrize("quick", [False, True])
