@@ -43,11 +43,12 @@ if TYPE_CHECKING:
     from deshake.blind.camera_path import SmoothPath
     from deshake.blind.candidate import Axes
     from deshake.blind.drawn_path import Drawing
+    from deshake.blind.judge import Judge
     from deshake.blind.settings import PathScales
     from deshake.run import Run
     from deshake.signal.pyramid import Pyramid
 
-__all__ = ["Course", "first_scales"]
+__all__ = ["Course", "first_scales", "selected"]
 
 _S: Final = SETTINGS.course
 _WAYS: Final = (SETTINGS.candidate.fine, SETTINGS.candidate.thin)  # the starts use them in turn
@@ -88,7 +89,7 @@ class Course:
         if quick:
             return self.finished(self.best())
         hopeful = any(self.confidence(leader) >= _S.hopeful for leader in self.leaders)
-        return self.finished(self.finish(run) if hopeful else self.leaders[0])
+        return self.finish(run) if hopeful else self.finished(self.leaders[0])
 
     def in_display_values(self) -> Course:
         """Return the course in the display values of the photo, before any start."""
@@ -209,17 +210,20 @@ class Course:
         """Return the confidence of a kernel, if it wins."""
         return confidence(self.finished(winner))
 
-    def finished(self, winner: Entry) -> Finish:
-        """Return what the confidence of a kernel depends on, if it wins."""
+    def finished(self, winner: Entry, judge: Judge | None = None) -> Finish:
+        """Return what the confidence of a kernel depends on, if it wins.
+
+        By default it is judged at the scale that suits it.
+        """
         comparison = self.comparison
+        judge = judge or comparison.judge(winner)
         alike = nearest(winner, _of_edges(self.entries))
         if comparison.witness is not None:
             alike = max(alike, agreement(winner.kernel, comparison.witness))
-        margin, match = winner.margin(comparison.judge(winner)), comparison.match(winner)
         return Finish(
             winner,
-            margin,
-            match,
+            winner.margin(judge),
+            comparison.match(winner),
             alike,
             at_rest=False,
             zoom=self.zoom,
@@ -245,8 +249,8 @@ class Course:
         """Return the best kernels of the best starts."""
         return best_of_starts(self._ranked(self.entries))[: _S.refined]
 
-    def finish(self, run: Run) -> Entry:
-        """Refine the kernels of the best starts, keep them, too, and return the best kernel.
+    def finish(self, run: Run) -> Finish:
+        """Refine the kernels of the best starts, keep them, too; return what the best is worth.
 
         If the best of them is beyond doubt, fewer are refined and polished.
         """
@@ -264,12 +268,8 @@ class Course:
         ratio = self._focus(best)
         best, ends = _zoomed(best, ratio), _zoomed(ends, ratio)
         polish = run.part(0.5, 1.0)
-        return self.selected(polished(self.comparison, best, ends, self.axes, polish))
-
-    def selected(self, best: Sequence[Entry]) -> Entry:
-        """Return the first kernel, or, if it is hopeless, the one with the highest confidence."""
-        hopeful = self.confidence(best[0]) >= _S.hopeful
-        return best[0] if hopeful else max(best, key=self.confidence)
+        last = polished(self.comparison, best, ends, self.axes, polish)
+        return selected([self.finished(one.entry, one.judge) for one in last])
 
     def _focus(self, best: Sequence[Entry]) -> float:
         """Take the focal length that suits the kernels, unless it is known; return the zoom."""
@@ -319,6 +319,11 @@ class Course:
             name = f"start {start}, scale {candidate.level}"
             entries.append(Entry(name, start, candidate.level, candidate.kernel))
         return entries[-_S.snapshots :]
+
+
+def selected(best: Sequence[Finish]) -> Finish:
+    """Return the first kernel, or, if it is hopeless, the one with the highest confidence."""
+    return best[0] if confidence(best[0]) >= _S.hopeful else max(best, key=confidence)
 
 
 def first_scales(coarsest: int) -> list[int]:

@@ -9,7 +9,7 @@ a wrong one seldom gains.
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
@@ -23,12 +23,24 @@ if TYPE_CHECKING:
 
     from deshake.blind.candidate import Axes
     from deshake.blind.entry import Entry
+    from deshake.blind.judge import Judge
     from deshake.blind.kernel_comparison import Comparison
     from deshake.run import Run
 
-__all__ = ["polished"]
+__all__ = ["Polished", "polished"]
 
 _S: Final = SETTINGS.polish
+
+
+class Polished(NamedTuple):
+    """A polished kernel, and the judge that preferred it.
+
+    The kernel may be wider than the one that the polish began with. Then another scale suits it,
+    and its margin differs there from the one that counted.
+    """
+
+    entry: Entry
+    judge: Judge
 
 
 def polished(
@@ -37,7 +49,7 @@ def polished(
     sources: Sequence[Entry],
     axes: Axes,
     run: Run,
-) -> list[Entry]:
+) -> list[Polished]:
     """Polish kernels of distinct starts for one round, and the best of them for all rounds.
 
     Parameters
@@ -55,7 +67,7 @@ def polished(
 
     Returns
     -------
-    list of Entry
+    list of Polished
         The best kernel of each of these starts, the best first. It is the given one if none is
         better.
 
@@ -67,7 +79,8 @@ def polished(
     leader = lines[int(np.argmax(comparison.scores([line.best for line in lines])))]
     for part in rest:
         _advance(comparison, [leader], part)
-    return [leader.best, *(line.best for line in lines if line is not leader)]
+    ordered = [leader, *(line for line in lines if line is not leader)]
+    return [Polished(line.best, line.judge) for line in ordered]
 
 
 class _Line:

@@ -7,15 +7,18 @@ import numpy as np
 import pytest
 
 from deshake.blind.agreement import agreement
-from deshake.blind.course import Course, _of_edges, first_scales
+from deshake.blind.course import Course, _of_edges, first_scales, selected
 from deshake.blind.entry import Entry
+from deshake.blind.judge import Judge
 from deshake.blind.settings import SETTINGS
 from deshake.blind.spot import is_spot
+from deshake.blind.trust import confidence
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.run import Run
 
 if TYPE_CHECKING:
+    from deshake.blind.finish import Finish
     from deshake.signal.pyramid import Pyramid
 
 pytestmark = pytest.mark.long
@@ -122,14 +125,29 @@ def test_fewer_starts_are_refined_if_one_is_beyond_doubt(photo, monkeypatch) -> 
 
 def test_a_hopeless_kernel_loses_to_a_hopeful_one(ended, shaken) -> None:
     course = Course(shaken.pyramid, (True, True, True), None, None, any_focal=False, run=Run())
-    true = ended.winner
-    turned = true._replace(kernel=replace(true.kernel, theta=3 * true.kernel.theta[:, [1, 0, 2]]))
-    course.entries = [true._replace(start=n) for n in range(4)]
-    assert course.confidence(turned) < SETTINGS.course.hopeful
-    assert course.selected([turned, true]) is true
-    thick = true._replace(kernel=true.kernel.resampled(2 * true.kernel.steps))
-    assert SETTINGS.course.hopeful <= course.confidence(thick) < course.confidence(true)
-    assert course.selected([thick, true]) is thick
+    kernel = ended.winner.kernel
+    course.entries = [ended.winner._replace(start=n) for n in range(4)]
+
+    def end(kernel: RotationKernel) -> Finish:
+        return course.finished(ended.winner._replace(kernel=kernel))
+
+    true, turned = end(kernel), end(replace(kernel, theta=3 * kernel.theta[:, [1, 0, 2]]))
+    assert confidence(turned) < SETTINGS.course.hopeful
+    assert selected([turned, true]) is true
+    thick = end(kernel.resampled(2 * kernel.steps))
+    assert SETTINGS.course.hopeful <= confidence(thick) < confidence(true)
+    assert selected([thick, true]) is thick
+
+
+def test_the_judge_that_preferred_a_kernel_says_what_it_is_worth(ended, shaken) -> None:
+    course = Course(shaken.pyramid, (True, True, True), None, None, any_focal=False, run=Run())
+    course.entries = [ended.winner]
+    coarser = Judge.of(shaken.pyramid, 3, [ended.winner.kernel])
+    usual, other = course.finished(ended.winner), course.finished(ended.winner, coarser)
+    assert other.margin == ended.winner.margin(coarser)
+    assert usual.margin == ended.winner.margin(course.comparison.judge(ended.winner))
+    assert other == usual._replace(margin=other.margin)
+    assert other.margin != usual.margin
 
 
 def test_spectral_starts_keep_a_bound(larger, spectral) -> None:

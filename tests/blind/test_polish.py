@@ -31,7 +31,7 @@ def test_a_kernel_that_is_too_wide_comes_nearer_to_the_truth(thick, pyramid, sha
     shares: list[float] = []
     run = Run(1, lambda share, _: shares.append(share))
     comparison = Comparison(pyramid)
-    (best,) = polished(comparison, [thick], [thick], ALL_AXES, run)
+    ((best, _),) = polished(comparison, [thick], [thick], ALL_AXES, run)
     before, after = comparison.scores([thick, best])
     assert after > before + 0.01
     truth = shaken.kernel
@@ -44,16 +44,22 @@ def test_a_kernel_that_is_too_wide_comes_nearer_to_the_truth(thick, pyramid, sha
 
 def test_the_better_one_of_two_starts_wins(thick, pyramid) -> None:
     point = thick._replace(name="point", start=4, kernel=RotationKernel.delta(thick.kernel.camera))
-    best, other = polished(Comparison(pyramid), [point, thick], [thick, point], ALL_AXES, Run())
+    comparison = Comparison(pyramid)
+    (best, judge), (other, _) = polished(
+        comparison, [point, thick], [thick, point], ALL_AXES, Run()
+    )
     assert best.name == "thick, polished"
+    assert judge.has_room(best.kernel)
+    score, former = comparison.scores_by([(best, judge), (thick, judge)])
+    assert score > former
     assert (other.name, other.start) == ("point", 4)
 
 
 def test_a_point_stays_a_point(thick, pyramid) -> None:
     point = thick._replace(name="point", kernel=RotationKernel.delta(thick.kernel.camera))
-    assert polished(Comparison(pyramid), [point], [point], ALL_AXES, Run())[0] is point
+    assert polished(Comparison(pyramid), [point], [point], ALL_AXES, Run())[0].entry is point
 
 
 def test_a_kernel_without_roll_gets_none(thick, pyramid) -> None:
     flat = thick._replace(kernel=thick.kernel.resampled(thick.kernel.steps, (True, True, False)))
-    assert not polished(Comparison(pyramid), [flat], [flat], ALL_AXES, Run())[0].rolls
+    assert not polished(Comparison(pyramid), [flat], [flat], ALL_AXES, Run())[0].entry.rolls
