@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -10,6 +10,7 @@ from deshake.blind.agreement import agreement
 from deshake.blind.course import Course, _of_edges, first_scales, selected
 from deshake.blind.entry import Entry
 from deshake.blind.judge import Judge
+from deshake.blind.polish import Polished, polished
 from deshake.blind.settings import SETTINGS
 from deshake.blind.spot import is_spot
 from deshake.blind.trust import confidence
@@ -148,6 +149,21 @@ def test_the_judge_that_preferred_a_kernel_says_what_it_is_worth(ended, shaken) 
     assert usual.margin == ended.winner.margin(course.comparison.judge(ended.winner))
     assert other == usual._replace(margin=other.margin)
     assert other.margin != usual.margin
+
+
+def test_the_race_ends_with_the_judge_of_the_polish(photo, monkeypatch) -> None:
+    judges: list[Judge] = []
+
+    def coarser(*arguments: Any) -> list[Polished]:
+        polish = polished(*arguments)
+        judges.append(Judge.of(photo.pyramid, 3, [one.entry.kernel for one in polish]))
+        return [one._replace(judge=judges[0]) for one in polish]
+
+    monkeypatch.setattr("deshake.blind.course.polished", coarser)
+    course = begun(photo.pyramid)
+    ended = course.finish(Run(1))
+    assert ended.margin == ended.winner.margin(judges[0])
+    assert ended.margin != ended.winner.margin(course.comparison.judge(ended.winner))
 
 
 def test_spectral_starts_keep_a_bound(larger, spectral) -> None:
