@@ -58,7 +58,10 @@ def thinned(kernel: RotationKernel, width: float = 1.0) -> RotationKernel:
     moved = points.copy()
     squares = (points[:, :, None] * points[:, None]).reshape(len(points), -1)
     for _ in range(_S.ridge_steps):
-        near = weights * np.exp(-0.5 * cdist(moved, points, "sqeuclidean") / width**2)
+        near = cdist(moved, points, "sqeuclidean")
+        near *= -0.5 / width**2
+        np.exp(near, out=near)
+        near *= weights
         near /= near.sum(1, keepdims=True)
         mean = near @ points
         # the Hessian of ln density, scaled: the covariance of the neighbours

@@ -227,7 +227,7 @@ def refined(
         The refined kernel, for the camera of the photo, centred.
 
     """
-    camera = pyramid.at(level).camera
+    camera = pyramid.camera_at(level)
     finer = heaviest(kernel.for_camera(camera).resampled(grid_steps(camera), axes), how.carried)
     finer = strongest(finer, how.most)
     if how.room:

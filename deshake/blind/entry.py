@@ -72,7 +72,7 @@ class Entry(NamedTuple):
 
     def refined(self, pyramid: Pyramid, how: Refinement, axes: Axes) -> Entry:
         """Refine the kernel at its scale, unless it is a point there."""
-        camera = pyramid.at(self.level).camera
+        camera = pyramid.camera_at(self.level)
         if self.kernel.for_camera(camera).extent_px() < _S.least_width:
             return self
         kernel = refined(pyramid, self.kernel, self.level, how, axes=axes)

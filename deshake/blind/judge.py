@@ -65,7 +65,7 @@ class Judge:
     @classmethod
     def of(cls, pyramid: Pyramid, level: int, kernels: Sequence[RotationKernel]) -> Judge:
         """Make a judge on the tiles kept apart, with enough room for all kernels."""
-        camera = pyramid.at(level).camera
+        camera = pyramid.camera_at(level)
         widest = max((kernel.for_camera(camera) for kernel in kernels), key=_reach)
         tiles = planned_tiles(pyramid, level, widest, part="apart", budget=_S.budget, room=_S.room)
         return cls(tiles)

@@ -80,7 +80,7 @@ class RotationGrid:
 
         """
         cross, auto = np.empty_like(self.tiles.g), np.empty_like(self.tiles.g)
-        for part, tiles in self.tiles.groups():
+        for part, tiles in self.tiles.groups(for_kernel=True):
             own = edges[0][part], edges[1][part]
             cross[part], auto[part] = _correlations(tiles, own, noise)
         right: Image = self._right.dot(cross.ravel())

@@ -42,7 +42,7 @@ def latent_gradients(pyramid: Pyramid, kernel: RotationKernel) -> NDArray[np.flo
     """
     level = pyramid.level_of(_S.largest)
     while level < pyramid.coarsest and (
-        kernel.for_camera(pyramid.at(level).camera).extent_px() > _S.widest
+        kernel.for_camera(pyramid.camera_at(level)).extent_px() > _S.widest
     ):
         level += 1
     scale = pyramid.at(level)

@@ -79,7 +79,7 @@ class SpectralMatch:
         self.centres = np.array(corners)[:, ::-1] + (size - 1) / 2
         taper = np.hanning(size + 2)[1:-1].astype(np.float32)
         window = np.outer(taper, taper)
-        tiles = np.stack([scale.picture[y : y + size, x : x + size] for y, x in corners])
+        tiles = np.stack([scale.piece(np.s_[y : y + size, x : x + size]) for y, x in corners])
         tiles = tiles - (tiles * window).sum((1, 2), keepdims=True) / window.sum()
         band = _S.slowest / size, _S.fastest
         self.fluctuations = Fluctuations(size, band, _S.fluctuation)

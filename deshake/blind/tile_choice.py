@@ -83,8 +83,8 @@ def chosen(
     """
     view = max(level, pyramid.level_of(_S.largest_view))
     scale = pyramid.at(view)
-    shrink = scale.camera.width / pyramid.at(level).camera.width
-    height, wide = pyramid.at(level).camera.shape
+    shrink = scale.camera.width / pyramid.camera_at(level).width
+    height, wide = pyramid.camera_at(level).shape
     hop = max(int(size * _S.nearest), _S.least_hop)
     rows, columns = (
         np.unique(np.linspace(0, n - size, int(np.ceil((n - size) / hop)) + 1).astype(int))

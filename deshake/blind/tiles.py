@@ -14,6 +14,7 @@ treated as periodic, and every step is a batch of FFTs.
 from __future__ import annotations
 
 from copy import copy
+from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -69,21 +70,12 @@ class Tiles:
         self.transforms = transforms(size + 2 * room)
         self.block = self.transforms.length
         self.first = (self.block - size) // 2
-        self.g, in_frame, known = self._cut(scale)
+        self._room, self._frame = room, scale.stored.shape
+        self.g, known = self._cut(scale)
         self.g -= (self.g * known).sum((1, 2), keepdims=True) / np.maximum(
             known.sum((1, 2), keepdims=True), 1
         )
-        taper = _window(self.block, size, min(room, self.first))
-        window = np.outer(taper, taper)
-        self.belief = known * window
-        self.around = (window > _S.least_window) * in_frame
-        middle = _window(self.block, size - 2 * (far // _S.inset), _S.ramp)
-        self.middle = np.outer(middle, middle) * in_frame
-        across, down = differences(self.g)
-        edge = in_frame * np.roll(in_frame, -1, 1) * np.roll(in_frame, -1, 2)
-        edge[:, -1] = 0
-        edge[:, :, -1] = 0
-        self.gradients = self.transforms.rfft(across * edge), self.transforms.rfft(down * edge)
+        self.belief = known * self._fade
         self.centres = self.corners[:, ::-1] + (size - 1) / 2
         slopes = squared_responses(self.block, self.block)
         self.squared_response = self.transforms.weights(*slopes)
@@ -93,6 +85,28 @@ class Tiles:
     def count(self) -> int:
         """Number of tiles."""
         return len(self.corners)
+
+    @cached_property
+    def around(self) -> Image:
+        """The pixels of the frame around the middles whose latent light counts, (P, N, N)."""
+        return (self._fade > _S.least_window) * self._in_frame()
+
+    @cached_property
+    def middle(self) -> Image:
+        """The weights of the middles in the kernel step, (P, N, N)."""
+        middle = _window(self.block, self.size - 2 * (self.far // _S.inset), _S.ramp)
+        return np.outer(middle, middle) * self._in_frame()
+
+    @cached_property
+    def gradients(self) -> tuple[Spectra, Spectra]:
+        """The spectra of the photo's gradients, across and down."""
+        edges = self._in_frame(1)
+        edges[:, -1] = 0
+        edges[:, :, -1] = 0
+        across, down = differences(self.g)
+        across *= edges
+        down *= edges
+        return self.transforms.rfft(across), self.transforms.rfft(down)
 
     @property
     def inside(self) -> NDArray[np.bool_]:
@@ -119,18 +133,22 @@ class Tiles:
         tiles.bind(kernel)
         return tiles
 
-    def groups(self) -> Iterator[tuple[slice, Tiles]]:
+    def groups(self, *, for_kernel: bool = False) -> Iterator[tuple[slice, Tiles]]:
         """Yield these tiles a few at a time, and their places among all.
 
         A few tiles stay in the processor's cache from one step to the next. The arrays are views.
+        The kernel step needs arrays that others do not; they are made for all tiles at once.
         """
+        if for_kernel:
+            _ = self.around, self.middle, self.gradients
         count = max(round(_GROUP / self.block**2), 1)
         for first in range(0, self.count, count):
             part = slice(first, min(first + count, self.count))
             group = copy(self)
             arrays = vars(self)  # without H and power, if no kernel is bound
             vars(group).update({name: arrays[name][part] for name in _OF_EACH if name in arrays})
-            group.gradients = self.gradients[0][part], self.gradients[1][part]
+            if "gradients" in arrays:
+                group.gradients = self.gradients[0][part], self.gradients[1][part]
             yield part, group
 
     def bind(self, kernel: RotationKernel) -> None:
@@ -174,21 +192,37 @@ class Tiles:
         self.filled = blurred + self.belief * (self.g - blurred)
         return blurred
 
-    def _cut(self, scale: Scale) -> tuple[Image, Image, Image]:
-        """Return blocks of the photo, of the pixels in its frame, and of its usable pixels."""
-        height, width = scale.picture.shape
+    @property
+    def _fade(self) -> Image:
+        """1 over the middle of a tile, falling to 0 over the room around it, (N, N)."""
+        taper = _window(self.block, self.size, min(self._room, self.first))
+        return np.outer(taper, taper)
+
+    def _cut(self, scale: Scale) -> tuple[Image, Image]:
+        """Return blocks of the photo, and of its usable pixels within the frame."""
+        height, width = self._frame
         steps = np.arange(self.block) - self.first
-        shape = len(self.corners), self.block, self.block
-        g, in_frame, known = (np.empty(shape, np.float32) for _ in range(3))
+        known = self._in_frame()
+        g = np.empty_like(known)
         for p, (top, left) in enumerate(self.corners):
-            y, x = top + steps, left + steps
-            rows, columns = np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)
-            place = np.ix_(rows, columns)
-            g[p] = scale.picture[place]
-            in_frame[p] = np.outer(rows == y, columns == x)
-            known[p] = in_frame[p] if scale.usable is None else in_frame[p] * scale.usable[place]
+            place = np.ix_(np.clip(top + steps, 0, height - 1), np.clip(left + steps, 0, width - 1))
+            g[p] = scale.piece(place)
+            if scale.usable is not None:
+                known[p] *= scale.usable[place]
         g *= np.float32(scale.contrast)
-        return g, in_frame, known
+        return g, known
+
+    def _in_frame(self, more: int = 0) -> Image:
+        """Return blocks that are 1 where so many more pixels below and to the right are in frame.
+
+        They are 0 elsewhere.
+        """
+        height, width = self._frame
+        steps = np.arange(self.block) - self.first
+        y, x = self.corners[:, :1] + steps, self.corners[:, 1:] + steps
+        rows, columns = (y >= 0) & (y + more < height), (x >= 0) & (x + more < width)
+        blocks: Image = rows[:, :, None].astype(np.float32) * columns[:, None]
+        return blocks
 
 
 def _window(count: int, inner: int, ramp: int) -> Image:

@@ -57,7 +57,7 @@ def wide_starts(pyramid: Pyramid, axes: Axes, run: Run) -> list[tuple[int, Rotat
     levels = [
         level
         for level in range(pyramid.coarsest + 1)
-        if _S.sides[0] <= min(pyramid.at(level).camera.shape) <= _S.sides[1]
+        if _S.sides[0] <= min(pyramid.camera_at(level).shape) <= _S.sides[1]
     ]
     jobs = [(level, last) for level in levels for last in _S.last]
     work = in_order(lambda job: _estimated(pyramid, *job, axes), jobs, run)
@@ -68,7 +68,7 @@ def _estimated(pyramid: Pyramid, level: int, last: float, axes: Axes) -> Rotatio
     """Estimate a kernel from coarse to fine; the last scale is `level`."""
     scales = 1 + int(np.log(_S.reach / _S.least_reach) / np.log(RATIO))
     prices = iter(np.geomspace(_S.first, last, scales * _S.iterations))
-    kernel = first_kernel(pyramid.at(level + scales - 1).camera, (axes[0], axes[1], False))
+    kernel = first_kernel(pyramid.camera_at(level + scales - 1), (axes[0], axes[1], False))
     for coarser in reversed(range(scales)):
         scale = pyramid.at(level + coarser)
         half = int(np.ceil(_S.reach / RATIO**coarser))

@@ -175,7 +175,7 @@ def _finest(pyramid: Pyramid, kernel: RotationKernel) -> tuple[int, RotationKern
     """Return the finest scale that the width of a kernel allows, and the kernel there."""
     way, level = SETTINGS.candidate.fine, 0
     while True:
-        scaled = kernel.for_camera(pyramid.at(level).camera)
+        scaled = kernel.for_camera(pyramid.camera_at(level))
         if level == pyramid.coarsest or scaled.above(way.cut).extent_px() <= way.wide:
             return level, scaled
         level += 1

@@ -45,25 +45,40 @@ class Scale(NamedTuple):
 
     Parameters
     ----------
-    picture : (h, w) array of float32
-        Luminance in linear light, or in its root.
+    stored : (h, w) array of float32
+        Luminance in the tones of the scale, or in linear light if `is_light` is set.
     camera : Camera
         The camera of a photo of this size.
     usable : (h, w) array of bool, optional
         Pixels that are not clipped.
     contrast : float
         Factor that gives the picture the contrast of all pyramids.
+    is_light : bool
+        Whether `stored` is in linear light, and the tones of the scale are its root.
 
     """
 
-    picture: Image
+    stored: Image
     camera: Camera
     usable: Mask | None
     contrast: float
+    is_light: bool = False
+
+    @property
+    def picture(self) -> Image:
+        """Luminance in linear light, or in its root, (h, w)."""
+        return root(self.stored) if self.is_light else self.stored
+
+    def piece(self, place: tuple[Any, ...]) -> Image:
+        """Return the picture at an index of the array (h, w)."""
+        piece: Image = self.stored[place]
+        return root(piece) if self.is_light else piece
 
 
 class Pyramid:
     """The scales of a photo, each made at its first use.
+
+    Only the root of the light at full size is not kept. Tiles need pieces of it.
 
     Parameters
     ----------
@@ -96,8 +111,8 @@ class Pyramid:
         self._grey = grey
         usable_all = usable is None or bool(usable.all())
         self._usable: dict[int, Mask | None] = {0: None if usable_all else usable}
-        self._pictures: dict[int, tuple[Image, Camera]] = {}
-        self._scales: dict[int, Scale] = {}
+        self._pictures: dict[int, Image] = {}
+        self._cameras: dict[int, Camera] = {0: camera}
         self._kept: dict[Hashable, Any] = {}
         self._contrast = self._measured_contrast()
 
@@ -109,15 +124,21 @@ class Pyramid:
 
     def at(self, level: int) -> Scale:
         """Return a scale; 0 is the photo itself, one more is smaller by the root of two."""
-        if level not in self._scales:
-            picture, camera = self._picture(level)
-            self._scales[level] = Scale(picture, camera, self._mask(level), self._contrast)
-        return self._scales[level]
+        is_light = self.is_displayed and level == 0
+        stored = self._grey if is_light else self._picture(level)
+        return Scale(stored, self.camera_at(level), self._mask(level), self._contrast, is_light)
+
+    def camera_at(self, level: int) -> Camera:
+        """Return the camera of a scale; its picture is not made."""
+        if level not in self._cameras:
+            self._cameras[level] = self.camera.scaled(*self._size(level))
+        return self._cameras[level]
 
     def noise(self, level: int) -> float:
         """Return the standard deviation of a scale's noise, in the contrast of the pyramid."""
-        scale = self.at(level)
-        return self.kept(("noise", level), lambda: noise_level(scale.picture) * scale.contrast)
+        return self.kept(
+            ("noise", level), lambda: noise_level(self._picture(level)) * self._contrast
+        )
 
     def kept(self, key: Hashable, make: Callable[[], T]) -> T:
         """Return the value of a key; it is computed at the first request."""
@@ -130,13 +151,9 @@ class Pyramid:
         """Return the same pictures of a camera whose focal length is `ratio` times as long."""
         if ratio == 1:
             return self
-        pictures = {
-            level: (picture, camera.zoomed(ratio))
-            for level, (picture, camera) in self._pictures.items()
-        }
         other = copy(self)
-        camera = self.camera.zoomed(ratio)
-        vars(other).update(camera=camera, _pictures=pictures, _scales={}, _kept={})
+        cameras = {level: camera.zoomed(ratio) for level, camera in self._cameras.items()}
+        vars(other).update(camera=cameras[0], _cameras=cameras, _kept={})
         return other
 
     def displayed(self) -> Pyramid:
@@ -148,7 +165,6 @@ class Pyramid:
     def forget(self) -> None:
         """Discard the pictures of all scales; each is made again at its next use."""
         self._pictures.clear()
-        self._scales.clear()
         self._kept.clear()
 
     def without(self, hidden: Mask) -> Pyramid:
@@ -164,24 +180,14 @@ class Pyramid:
         """Return the index of the finest scale with at most so many pixels."""
         return max(int(np.ceil(np.log2(max(np.prod(self.camera.shape) / pixels, 1)))), 0)
 
-    def _picture(self, level: int) -> tuple[Image, Camera]:
-        """Return the picture of a scale, in its own contrast, and its camera."""
+    def _picture(self, level: int) -> Image:
+        """Return the picture of a scale, in its own contrast."""
+        if level == 0:
+            return root(self._grey) if self.is_displayed else self._grey
         if level not in self._pictures:
-            if level == 0:
-                made = self._whole(), self.camera
-            else:
-                source, _ = self._picture(max(level - 2, 0))
-                size = self._size(level)
-                made = reduced(source, size), self.camera.scaled(*size)
-            self._pictures[level] = made
+            finer = self._picture(max(level - 2, 0))
+            self._pictures[level] = reduced(finer, self._size(level))
         return self._pictures[level]
-
-    def _whole(self) -> Image:
-        """Return the photo at its own size, in the tones of the scales."""
-        if not self.is_displayed:
-            return self._grey
-        root = np.clip(self._grey, 0, 1)
-        return np.sqrt(root, out=root)
 
     def _mask(self, level: int) -> Mask | None:
         """Return the usable pixels of a scale."""
@@ -200,7 +206,13 @@ class Pyramid:
 
     def _measured_contrast(self) -> float:
         shrink = max(max(self.camera.shape) / _CONTRAST_FROM, 1)
-        return contrast_factor(self._picture(2 * int(np.log2(shrink)))[0])
+        return contrast_factor(self._picture(2 * int(np.log2(shrink))))
+
+
+def root(light: Image) -> Image:
+    """Return the root of linear light, which approximates display values."""
+    clipped = np.clip(light, 0, 1)
+    return np.sqrt(clipped, out=clipped)
 
 
 def contrast_factor(picture: Image) -> float:

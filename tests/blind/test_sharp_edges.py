@@ -28,7 +28,7 @@ def tiles(shaken) -> Tiles:
 
 def truth(shaken, tiles: Tiles) -> np.ndarray:
     """The sharp picture's blocks, in the contrast of the tiles."""
-    scale = shaken.pyramid.at(0)._replace(picture=shaken.still)
+    scale = shaken.pyramid.at(0)._replace(stored=shaken.still)
     return Tiles(scale, CORNERS, SIZE, tiles.far).g
 
 
@@ -131,7 +131,7 @@ def test_latent_edges_fill_in_unknown_pixels(shaken) -> None:
     usable = np.ones(shaken.grey.shape, bool)
     usable[40:46, 40:50] = False
     spoilt = np.where(usable, shaken.grey, np.float32(1))
-    scale = shaken.pyramid.at(0)._replace(picture=spoilt, usable=usable)
+    scale = shaken.pyramid.at(0)._replace(stored=spoilt, usable=usable)
     tiles = Tiles(scale, CORNERS, SIZE, reach(shaken.camera, shaken.kernel.theta))
     tiles.bind(shaken.kernel)
     picture, _, _ = l0_picture(tiles, LAM)

@@ -51,7 +51,7 @@ def test_scales_are_the_same_in_any_order_and_made_once(sharp) -> None:
     for a, b in zip(one, other, strict=True):
         assert a.picture.tobytes() == b.picture.tobytes()
         assert a.contrast == b.contrast
-    assert all(downward.at(level) is one[level] for level in levels)
+    assert all(downward.at(level).picture is one[level].picture for level in levels)
 
 
 @pytest.mark.parametrize(
@@ -183,6 +183,23 @@ def test_both_kinds_of_tones_have_the_same_usable_pixels(sharp) -> None:
         assert pyramid.displayed().at(level).usable is early.at(level).usable
         assert not early.at(level).usable[0, 0]
         assert early.at(level).usable[-1, -1]
+
+
+def test_a_piece_is_that_of_the_picture_in_either_tones(sharp) -> None:
+    place = np.s_[17:90, 5:66]
+    for pyramid in (of(sharp), of(sharp).displayed()):
+        for level in (0, 1, 2):
+            scale = pyramid.at(level)
+            np.testing.assert_array_equal(scale.piece(place), scale.picture[place])
+    np.testing.assert_array_equal(of(sharp).displayed().at(0).picture, np.sqrt(sharp))
+
+
+def test_a_camera_needs_no_picture(sharp) -> None:
+    for pyramid in (of(sharp), of(sharp).zoomed(1.3)):
+        cameras = [pyramid.camera_at(level) for level in range(4)]
+        assert [pyramid.at(level).camera for level in range(4)] == cameras
+        focal = pyramid.camera.focal_px
+        assert cameras[2].focal_px == pytest.approx(focal / 2)
 
 
 def test_displayed_pictures_that_are_forgotten_are_made_again(sharp) -> None:
