@@ -23,6 +23,7 @@ from deshake.blind.race import race
 from deshake.blind.result import BlindEstimate
 from deshake.blind.settings import SETTINGS
 from deshake.blind.sharpness import looks_sharp
+from deshake.blind.soft_scene import without_softness
 from deshake.blind.spot import is_spot
 from deshake.blind.trust import confidence, two_digits
 from deshake.blind.variational.estimate import estimate_variational
@@ -182,6 +183,8 @@ def _concluded(
             f"the estimate of the shake is doubtful (confidence {two_digits(trust)}): compare the "
             "result with the photo"
         )
+    if FILLED not in notes:  # a disk is no path
+        kernel = without_softness(result.winner)
     latent = latent_gradients(pyramid.zoomed(result.zoom), kernel)
     final = filled_path(kernel).for_camera(whole.zoomed(result.zoom))
     name, zoom, displayed = result.winner.name, result.zoom, result.displayed

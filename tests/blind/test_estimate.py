@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import cv2
@@ -19,6 +19,8 @@ from deshake.blind.sharpness import looks_sharp
 from deshake.blind.trust import confidence
 from deshake.errors import EstimationError
 from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import RotationKernel
+from deshake.geometry.rotations import grid_steps
 from deshake.run import Run
 from deshake.signal.pyramid import Pyramid
 
@@ -186,3 +188,21 @@ def test_photos_without_detail_are_errors_with_a_hint(estimator, grey, how, says
     with pytest.raises(EstimationError, match=says) as error:
         estimate_kernel(grey, camera, estimator=estimator, **how)
     assert error.value.hint
+
+
+def test_the_kernel_of_a_large_photo_does_not_contain_its_softness() -> None:
+    squares = np.random.default_rng(7).random((60, 65)).astype(np.float32)
+    grey = squares.repeat(40, 0).repeat(40, 1)
+    camera = Camera.from_focal(3000.0, *grey.shape)
+    steps = grid_steps(camera)
+    places = [(x, y, 0) for x in range(-8, 9) for y in range(-3, 4)]
+    weights = np.exp(-0.5 * (np.array(places)[:, 1] / 1.2) ** 2)
+    weights /= weights.sum()
+    band = replace(
+        RotationKernel.delta(camera, steps=steps), theta=np.array(places) * steps, weights=weights
+    )
+    found = Finish(Entry("start 1", 1, 0, band), 0.4, 0.4, 0.999, at_rest=False)
+    result = _concluded(Pyramid(grey, camera), camera, found, None)
+    assert result.name == "start 1"
+    across = [kernel.weights @ kernel.theta[:, 1] ** 2 for kernel in (band, result.kernel)]
+    assert across[1] < 0.25 * across[0]

@@ -48,6 +48,7 @@ from deshake.blind.settings.lamps import DrawnPathSettings, StreaksSettings
 from deshake.blind.settings.paths import (
     CameraPathSettings,
     PathScales,
+    SoftSceneSettings,
     SpectralMatchSettings,
     SpectralStartSettings,
     SpectrumTiles,
@@ -83,7 +84,7 @@ class EdgesSettings:
         The picture of edges, and the kernel.
     candidate, wide_start, entry, course, race, polish
         The race.
-    trimming, camera_path, spectral_match, spectral_start
+    trimming, camera_path, soft_scene, spectral_match, spectral_start
         The paths of a camera.
     judge, kernel_comparison, tones, focal_search, agreement, spot, kernel_faults, trust
         What is thought of a kernel.
@@ -112,6 +113,7 @@ class EdgesSettings:
     polish: PolishSettings = field(default_factory=PolishSettings)
     trimming: TrimmingSettings = field(default_factory=TrimmingSettings)
     camera_path: CameraPathSettings = field(default_factory=CameraPathSettings)
+    soft_scene: SoftSceneSettings = field(default_factory=SoftSceneSettings)
     spectral_match: SpectralMatchSettings = field(default_factory=SpectralMatchSettings)
     spectral_start: SpectralStartSettings = field(default_factory=SpectralStartSettings)
     judge: JudgeSettings = field(default_factory=JudgeSettings)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 __all__ = [
     "CameraPathSettings",
     "PathScales",
+    "SoftSceneSettings",
     "SpectralMatchSettings",
     "SpectralStartSettings",
     "SpectrumTiles",
@@ -96,6 +97,31 @@ class CameraPathSettings:
     stiffness: float = 1e-3
     least_pull: float = 1e-6
     long_way: float = 1.5
+
+
+@dataclass(frozen=True)
+class SoftSceneSettings:
+    """When a kernel contains the softness of a large photo (`soft_scene`).
+
+    Tuned on the large photos of the set `tune` of `bench.py shakes`, and on nine more narrow shakes
+    of the same scenes.
+
+    Parameters
+    ----------
+    least_pixels : float
+        Pixels of a photo that may be soft in this sense. Photos of 3 megapixels are not, photos of
+        8 are.
+    widest : float
+        Px of the photo: extent of a narrow shake.
+    thickness : (float, float)
+        Rotations of a kernel for each grid step of its extent. A kernel with fewer is a path; one
+        with more is a disk, as the photo D03 of the set `tune` gives it.
+
+    """
+
+    least_pixels: float = 5e6
+    widest: float = 30.0
+    thickness: tuple[float, float] = (6.0, 15.0)
 
 
 @dataclass(frozen=True)
