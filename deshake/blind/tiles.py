@@ -213,9 +213,10 @@ class Tiles:
         return g, known
 
     def _in_frame(self, more: int = 0) -> Image:
-        """Return blocks that are 1 where so many more pixels below and to the right are in frame.
+        """Return blocks (P, N, N): 1 at pixels of the frame, and 0 elsewhere.
 
-        They are 0 elsewhere.
+        Only pixels count whose neighbours, as far as `more` below and to the right, are in the
+        frame, too.
         """
         height, width = self._frame
         steps = np.arange(self.block) - self.first
