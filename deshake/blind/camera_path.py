@@ -146,6 +146,14 @@ class SmoothPath(NamedTuple):
         ratio = grid_steps(self.camera) / grid_steps(camera)
         return SmoothPath(self.controls * ratio, camera)
 
+    def with_controls(self, count: int) -> SmoothPath:
+        """Return nearly the same curve by another number of control points."""
+        if count == len(self.controls):
+            return self
+        places = self.basis(_S.copied * count) @ self.controls
+        even = np.full(len(places), 1 / len(places))
+        return self._replace(controls=_controls(places, even, count))
+
     def basis(self, count: int) -> Points:
         """Return the weights (count, n) of the control points at equal steps of time."""
         return _spline((np.arange(count) + 0.5) / count, len(self.controls))

@@ -42,7 +42,6 @@ if TYPE_CHECKING:
 
     from deshake.blind.camera_path import SmoothPath
     from deshake.blind.candidate import Axes
-    from deshake.blind.drawn_path import Drawing
     from deshake.blind.judge import Judge
     from deshake.blind.settings import PathScales
     from deshake.run import Run
@@ -52,8 +51,7 @@ __all__ = ["Course", "first_scales", "selected"]
 
 _S: Final = SETTINGS.course
 _WAYS: Final = (SETTINGS.candidate.fine, SETTINGS.candidate.thin)  # the starts use them in turn
-_OF_STREAKS = -1  # number of the start that is no scale
-_OF_WIDE = -2  # number of the first wide start; the others count downwards
+_OF_WIDE = -1  # number of the first wide start, which is no scale; the others count downwards
 _OF_SPECTRA = -100  # number of the first spectral start; the others count downwards
 
 
@@ -68,7 +66,6 @@ class Course:
         pyramid: Pyramid,
         axes: Axes,
         bound: float | None,
-        drawn: Drawing | None,
         *,
         any_focal: bool,
         run: Run,
@@ -76,8 +73,7 @@ class Course:
         self.pyramid = pyramid
         self.axes = (axes[0], axes[1], axes[2] and not pyramid.camera.is_uniform)
         self.bound = bound
-        self.drawn = drawn
-        self.comparison = Comparison(pyramid, None if drawn is None else drawn.kernel, run)
+        self.comparison = Comparison(pyramid, run)
         self.any_focal = any_focal and not pyramid.camera.is_uniform
         self.zoom = 1.0
         self.entries: list[Entry] = []
@@ -97,7 +93,6 @@ class Course:
             self.pyramid.displayed(),
             self.axes,
             self.bound,
-            self.drawn,
             any_focal=self.any_focal,
             run=self.comparison.run,
         )
@@ -116,9 +111,6 @@ class Course:
         With `quick`, no smooth paths take part.
         """
         self.start(starts, run)
-        if self.drawn is not None:
-            streaks = Entry("streaks", _OF_STREAKS, self.drawn.level, self.drawn.kernel)
-            self.entries.append(streaks)
         if quick:
             self.leaders = self._leaders()
         else:
@@ -218,8 +210,6 @@ class Course:
         comparison = self.comparison
         judge = judge or comparison.judge(winner)
         alike = nearest(winner, _of_edges(self.entries))
-        if comparison.witness is not None:
-            alike = max(alike, agreement(winner.kernel, comparison.witness))
         return Finish(
             winner,
             winner.margin(judge),

@@ -1,13 +1,13 @@
 """The blind estimate: a kernel for one photo, its confidence, and notes for the user.
 
-The cheapest test comes first. A photo that is sharp to the pixel needs no estimate. A photo needs
-no full race if the finest starts end in a small round spot.
+The cheapest test comes first. A photo that is sharp to the pixel needs no estimate. If small lights
+draw the path of the camera, nothing else is asked. A photo needs no full race if the finest starts
+end in a small round spot.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
@@ -25,7 +25,7 @@ from deshake.blind.settings import SETTINGS
 from deshake.blind.sharpness import looks_sharp
 from deshake.blind.soft_scene import without_softness
 from deshake.blind.spot import is_spot
-from deshake.blind.trust import confidence, two_digits
+from deshake.blind.trust import confidence, drawn_confidence, two_digits
 from deshake.blind.variational.estimate import estimate_variational
 from deshake.errors import EstimationError
 from deshake.geometry.camera import Camera
@@ -35,6 +35,7 @@ from deshake.run import Run
 from deshake.signal.pyramid import Pyramid
 
 if TYPE_CHECKING:
+    from deshake.blind.drawn_path import Drawing
     from deshake.blind.finish import Finish
 
 __all__ = ["STILL", "Estimator", "Region", "estimate_kernel"]
@@ -46,6 +47,9 @@ Estimator = Literal["edges", "variational"]
 
 STILL = "still"
 """Name of the estimate that leaves the photo unchanged."""
+
+STREAKS = "the streaks of lights"
+"""Name of the estimate that the streaks of lights draw."""
 
 SHARP = "the photo looks sharp: it is left as it is"
 SOFT = "the photo is a little soft rather than shaken: it is left as it is"
@@ -136,26 +140,40 @@ def estimate_kernel(
     if measures.surely_sharp:
         run.report(1.0, "the photo looks sharp")
         return _unchanged(pyramid, whole, _S.unchanged, SHARP)
-    estimated = partial(
-        race, any_focal=any_focal, axes=(True, True, not uniform), bound=blur_px, quick=quick
-    )
-    result, start = None, 0.0
     drawn = drawing(pyramid, roll=not uniform, bound=blur_px)
     if drawn is not None:
-        start = _S.race_share / 2
-        first = run.part(0, start)
-        result = estimated(drawn.pyramid, may_rest=False, toned=toned, drawn=drawn, run=first)
-        if confidence(result) < _S.even:
-            result = None  # the streaks mislead, or their surroundings are needed
-    if result is None:
-        may_rest = measures.sharpness > _S.fairly_sharp
-        tones = toned and not may_rest  # sharp drawings would take twice as long
-        rest = run.part(start, _S.race_share)
-        evidence = measures.certain_evidence
-        result = estimated(pyramid, may_rest=may_rest, toned=tones, evidence=evidence, run=rest)
+        run.report(1.0, "kernel read from the streaks of lights")
+        return _read(pyramid, whole, drawn, blur_px, (x, y))
+    may_rest = measures.sharpness > _S.fairly_sharp
+    result = race(
+        pyramid,
+        axes=(True, True, not uniform),
+        bound=blur_px,
+        quick=quick,
+        may_rest=may_rest,
+        any_focal=any_focal,
+        toned=toned and not may_rest,  # sharp drawings would take twice as long
+        evidence=measures.certain_evidence,
+        run=run.part(0, _S.race_share),
+    )
     estimate = _concluded(pyramid, whole, result, blur_px)
     run.report(1.0, "kernel estimated")
     return estimate
+
+
+def _read(
+    pyramid: Pyramid, whole: Camera, drawn: Drawing, blur_px: float | None, corner: tuple[int, int]
+) -> BlindEstimate:
+    """Turn the path that the streaks of lights draw into an estimate for the photo."""
+    return BlindEstimate(
+        drawn.kernel.for_camera(whole),
+        drawn_confidence(drawn),
+        faults(drawn.kernel, blur_px=blur_px),
+        [],
+        latent_gradients(pyramid, drawn.kernel),
+        STREAKS,
+        streaks=drawn.boxes + np.array([*corner, 0, 0]),
+    )
 
 
 def _concluded(

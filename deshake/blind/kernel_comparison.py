@@ -5,8 +5,7 @@ coarser scale right and wrong kernels differ little; at a finer one a wide kerne
 that only few tiles can hold. Three measures always count. The first is the judge's margin. It
 differs little between right and wrong kernels if the photo has fine texture or a nonlinear tone
 curve. The second is how much sparser the gradients of the restored picture are. The third needs no
-restored picture: how well the spectra of the photo match the kernel. If lights draw streaks, a
-fourth measure counts: the agreement with the kernel of the streaks.
+restored picture: how well the spectra of the photo match the kernel.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.blind.agreement import agreement
 from deshake.blind.judge import Judge
 from deshake.blind.settings import SETTINGS, SpectrumTiles
 from deshake.blind.spectral_match import SpectralMatch
@@ -51,18 +49,13 @@ class Comparison:
     ----------
     pyramid : Pyramid
         The photo.
-    witness : RotationKernel, optional
-        The kernel that the streaks of lights draw. Kernels that agree with it score higher.
     run : Run, optional
         Threads to use. The scores do not depend on them.
 
     """
 
-    def __init__(
-        self, pyramid: Pyramid, witness: RotationKernel | None = None, run: Run = Run()
-    ) -> None:
+    def __init__(self, pyramid: Pyramid, run: Run = Run()) -> None:
         self.pyramid = pyramid
-        self.witness = witness
         self.run = run
         self._judges: dict[int, Judge] = {}
         self._spectra: dict[tuple[int, Part, int], SpectralMatch] = {}
@@ -73,8 +66,7 @@ class Comparison:
 
     def zoomed(self, ratio: float) -> Comparison:
         """Return the comparison for a focal length `ratio` times as long."""
-        witness = None if self.witness is None else self.witness.zoomed(ratio)
-        return Comparison(self.pyramid.zoomed(ratio), witness, self.run)
+        return Comparison(self.pyramid.zoomed(ratio), self.run)
 
     def scores(self, entries: Sequence[Entry]) -> Scores:
         """Return the scores of kernels; a kernel that cannot be right gets a penalty."""
@@ -114,10 +106,7 @@ class Comparison:
 
     def _score(self, entry: Entry, judge: Judge) -> float:
         score = entry.margin(judge) + _S.sharpening_worth * judge.sharpening(entry.kernel)
-        score += _S.match_worth * self.match(entry)
-        if self.witness is not None:
-            score += _S.witness_worth * agreement(entry.kernel, self.witness)
-        return score
+        return score + _S.match_worth * self.match(entry)
 
     def matches(self, entries: Sequence[Entry]) -> Scores:
         """Return the matches of kernels."""

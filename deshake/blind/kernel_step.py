@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from deshake.blind.tiles import Tiles
 
-__all__ = ["NormalEquations", "RotationGrid", "fitted_weights", "nonnegative", "shifted"]
+__all__ = ["NormalEquations", "RotationGrid", "fitted_weights", "nonnegative"]
 
 Image = NDArray[np.float32]
 Vector = NDArray[np.float64]
@@ -85,8 +85,11 @@ class RotationGrid:
             cross[part], auto[part] = _correlations(tiles, own, noise)
         right: Image = self._right.dot(cross.ravel())
         lagged: Image = self._gram.dot(auto.ravel())
-        gram = lagged[self._place].astype(np.float64)
-        return NormalEquations((gram + gram.T) / 2, right.astype(np.float64), float(gram[0, 0]))
+        gram = lagged.astype(np.float64)[self._place]
+        energy = float(gram[0, 0])
+        gram += gram.T
+        gram /= 2
+        return NormalEquations(gram, right.astype(np.float64), energy)
 
 
 def _correlations(
@@ -161,7 +164,8 @@ def fitted_weights(
         return weights
     roll = indices[:, 2] - weights @ indices[:, 2]
     ridge = _S.ridge * (1 + roll**2)
-    gram = shifted(fit.gram / fit.energy, ridge)
+    gram = fit.gram / fit.energy
+    _add_to_diagonal(gram, ridge)
     solution = nonnegative(gram, fit.right / fit.energy, weights)
     if not solution.sum() > _S.least_sum:
         return weights
@@ -181,29 +185,32 @@ def nonnegative(gram: Vector, right: Vector, start: Vector) -> Vector:
     ----------
     gram : (K, K) array
         G, symmetric. Its eigenvalues are not negative, but for the errors of an approximation; if
-        one is, the diagonal grows until none is.
+        one is, the diagonal grows until none is. It is unchanged at the end.
     right : (K,) array
         b.
     start : (K,) array
         Weights near the solution. Only which of them are positive matters.
 
     """
-    largest = gram.diagonal().max()
-    if not largest > 0:
+    diagonal = gram.diagonal().copy()
+    if not diagonal.max() > 0:
         return np.zeros_like(right)
-    shift = _S.jitter * largest
-    try:
-        return _pivoted(shifted(gram, shift), right, start > 0)
+    shift = _S.jitter * diagonal.max()
+    try:  # in place: G is the largest array of an estimate
+        _add_to_diagonal(gram, shift)
+        return _pivoted(gram, right, start > 0)
     except scipy.linalg.LinAlgError:
+        np.fill_diagonal(gram, diagonal)
         least = scipy.linalg.eigvalsh(gram, subset_by_index=(0, 0))[0]
-        return _pivoted(shifted(gram, shift - min(2 * least, 0)), right, start > 0)
+        _add_to_diagonal(gram, shift - min(2 * least, 0))
+        return _pivoted(gram, right, start > 0)
+    finally:
+        np.fill_diagonal(gram, diagonal)
 
 
-def shifted(gram: Vector, shift: Vector | float) -> Vector:
-    """Return G with numbers added to its diagonal; one number shifts all of its eigenvalues."""
-    result = gram.copy()
-    result.flat[:: len(gram) + 1] += shift
-    return result
+def _add_to_diagonal(gram: Vector, shift: Vector | float) -> None:
+    """Add numbers to the diagonal of G, in place; one number shifts all of its eigenvalues."""
+    gram.flat[:: len(gram) + 1] += shift
 
 
 def _pivoted(gram: Vector, right: Vector, free: NDArray[np.bool_]) -> Vector:
@@ -250,7 +257,7 @@ def _index_differences(
     present = np.zeros(int(base.prod()), bool)
     present[pairs] = True
     used = np.flatnonzero(present)
-    place = (np.cumsum(present) - 1)[pairs]
+    place = (np.cumsum(present) - 1).astype(np.int32)[pairs]
     first, rest = np.divmod(used, base[1] * base[2])
     lags = np.stack([first, *np.divmod(rest, base[2])], 1) - span
     return lags, place

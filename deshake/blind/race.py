@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from deshake.blind.candidate import Axes
-    from deshake.blind.drawn_path import Drawing
     from deshake.signal.pyramid import Pyramid
 
 __all__ = ["race"]
@@ -45,7 +44,6 @@ def race(
     bound: float | None = None,
     quick: bool = False,
     may_rest: bool = True,
-    drawn: Drawing | None = None,
     any_focal: bool = False,
     toned: bool = False,
     evidence: float = math.inf,
@@ -66,8 +64,6 @@ def race(
     may_rest : bool
         Whether the race may stop early if the finest starts end in a spot. A wide shake may end in
         a spot, too. So this is only safe if the photo looks fairly sharp.
-    drawn : Drawing, optional
-        What the streaks of lights say of the shake; it takes part in the race.
     any_focal : bool
         Whether the focal length of the camera is only assumed. Then it is estimated, too.
     toned : bool
@@ -79,7 +75,7 @@ def race(
         Threads to use, and who receives the progress.
 
     """
-    course = Course(pyramid, axes, bound, drawn, any_focal=any_focal, run=run.silent())
+    course = Course(pyramid, axes, bound, any_focal=any_focal, run=run.silent())
     starts = first_scales(pyramid.coarsest)
     begun = run.part(0.0, 0.35)
     ended = _begun(course, starts, begun, quick=quick, may_rest=may_rest, evidence=evidence)

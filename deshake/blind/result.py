@@ -44,6 +44,9 @@ class BlindEstimate:
         the focal length was estimated.
     displayed : bool
         Whether the kernel was estimated from the display values of the photo, not from its light.
+    streaks : (T, 4) array of float64
+        Places of the streaks of lights that the kernel was read from: x, y, width and height in
+        pixels of the photo. None unless it was read from streaks.
 
     """
 
@@ -55,3 +58,4 @@ class BlindEstimate:
     name: str = "variational"
     zoom: float = 1.0
     displayed: bool = False
+    streaks: NDArray[np.float64] | None = None

@@ -31,7 +31,6 @@ BLOCK = 64
 """Side in pixels of a streak's square."""
 
 _S: Final = SETTINGS.streaks
-_NEAR = np.ones((3, 3), np.uint8)
 _AROUND = np.ones((5, 5), np.uint8)
 
 
@@ -42,22 +41,19 @@ class Streak(NamedTuple):
     ----------
     centre : (float, float)
         The middle of the square in the frame, x and y in pixels.
-    light : (64, 64) array of float32
-        Its light without that of the surroundings; the sum is 1.
+    piece : (64, 64) array of uint8
+        Its bright pixels, 1 or 0.
     ridge : (64, 64) array of uint8
         Its middle line, 1 or 0.
     thickness : float
         Ratio of its area to that of the ridge.
-    sigma : float
-        Standard deviation of its light across the path, in pixels, estimated from its width.
 
     """
 
     centre: tuple[float, float]
-    light: Image
+    piece: NDArray[np.uint8]
     ridge: NDArray[np.uint8]
     thickness: float
-    sigma: float
 
 
 def find_streaks(scale: Scale) -> list[Streak]:
@@ -94,26 +90,14 @@ def find_streaks(scale: Scale) -> list[Streak]:
     return [streak for _, streak in streaks[: _S.most]]
 
 
-def agreeing(streaks: list[Streak]) -> tuple[list[Streak], NDArray[np.int64]]:
+def agreeing(streaks: list[Streak]) -> list[Streak]:
     """Return the long streaks of the largest set that agrees.
 
-    Parameters
-    ----------
-    streaks : list of Streak
-        All streaks.
-
-    Returns
-    -------
-    streaks : list of Streak
-        The first streak is the one that the others lie on. The list is empty if too few streaks
-        agree, or if too few of them are long and thin.
-    shifts : (n, 2) array of int
-        Row and column by which each streak moves onto the first one, in pixels.
-
+    The first streak is the one that the others lie on. The list is empty if too few streaks agree,
+    or if too few of them are long and thin.
     """
-    none: list[Streak] = []
     if len(streaks) < _S.fewest:
-        return none, np.zeros((0, 2), np.int64)
+        return []
     ridges = np.stack([streak.ridge for streak in streaks])
     length = ridges.sum((1, 2)).astype(np.float64)
     thickness = np.array([streak.thickness for streak in streaks])
@@ -121,7 +105,7 @@ def agreeing(streaks: list[Streak]) -> tuple[list[Streak], NDArray[np.int64]]:
     square = 2 * BLOCK, 2 * BLOCK
     wide = np.stack([cv2.dilate(ridge, _AROUND) for ridge in ridges]).astype(np.float32)
     narrow = np.conj(scipy.fft.rfft2(ridges.astype(np.float32), square, workers=1))
-    most, best = 0.0, (none, np.zeros((0, 2), np.int64))
+    most, best = 0.0, np.zeros(0, np.int64)
     for first in np.flatnonzero(thin):
         spectrum = scipy.fft.rfft2(wide[first], square, workers=1)
         match = scipy.fft.irfft2(spectrum * narrow, square, workers=1).reshape(len(streaks), -1)
@@ -134,11 +118,8 @@ def agreeing(streaks: list[Streak]) -> tuple[list[Streak], NDArray[np.int64]]:
         members = np.concatenate([[first], others[others != first]])
         if len(members) < _S.fewest_long:
             continue
-        shifts = np.stack(np.unravel_index(match[members].argmax(1), square), 1)
-        shifts = (shifts + BLOCK) % (2 * BLOCK) - BLOCK
-        shifts[0] = 0
-        most, best = rank, ([streaks[member] for member in members], shifts)
-    return best
+        most, best = rank, members
+    return [streaks[member] for member in best]
 
 
 def _streak(
@@ -169,18 +150,14 @@ def _streak(
     shorter, longer = np.sqrt(np.linalg.eigvalsh(spread))
     if piece.sum() > _S.filled * w * h and longer < _S.slender * shorter:
         return None
-    light = (bright[around] - np.float32(np.median(ground))) * cv2.dilate(piece, _NEAR)
-    light = np.clip(light / np.float32(_S.full * light.max()), 0, 1)
     inner = cv2.distanceTransform(piece, cv2.DIST_L2, 3)
     ridge = inner > _S.ridge * np.maximum(cv2.dilate(inner, _AROUND), 1)
-    row, column = ((BLOCK - side) // 2 for side in light.shape)
-    place = np.s_[row : row + light.shape[0], column : column + light.shape[1]]
-    squares = np.zeros((BLOCK, BLOCK), np.float32), np.zeros((BLOCK, BLOCK), np.uint8)
-    squares[0][place] = light / light.sum()
-    squares[1][place] = ridge
+    row, column = ((BLOCK - side) // 2 for side in piece.shape)
+    squares = np.zeros((2, BLOCK, BLOCK), np.uint8)
+    squares[:, row : row + piece.shape[0], column : column + piece.shape[1]] = piece, ridge
     return Streak(
         (left - column + BLOCK / 2, top - row + BLOCK / 2),
-        *squares,
+        squares[0],
+        squares[1],
         float(piece.sum() / max(ridge.sum(), 1)),
-        max(_S.width * float(np.median(inner[ridge])) if ridge.any() else 0.0, _S.least_width),
     )

@@ -10,9 +10,10 @@ import numpy as np
 from deshake.blind.settings import SETTINGS
 
 if TYPE_CHECKING:
+    from deshake.blind.drawn_path import Drawing
     from deshake.blind.finish import Finish
 
-__all__ = ["confidence", "two_digits"]
+__all__ = ["confidence", "drawn_confidence", "two_digits"]
 
 _S: Final = SETTINGS.trust
 
@@ -28,6 +29,11 @@ def confidence(ended: Finish) -> float:
         + _S.of_match * np.clip(ended.match, 0, _S.most_match)
     )
     return float(1 / (1 + np.exp(-log_odds)))
+
+
+def drawn_confidence(drawn: Drawing) -> float:
+    """Return the chance, 0..1, that the path of the streaks improves the photo."""
+    return float(1 / (1 + np.exp(_S.of_misfit * drawn.misfit - _S.drawn)))
 
 
 def two_digits(confidence: float) -> str:

@@ -44,8 +44,8 @@ __all__ = ["command"]
     "--tiles",
     type=FILE,
     metavar="FILE.png",
-    help="Also draw the photo with the tiles that the kernel was read from, and the local kernels "
-    "on them. For one photo.  [default: nowhere]",
+    help="Also draw the photo with the tiles, or the streaks of lights, that the kernel was read "
+    "from, and the local kernels there. For one photo.  [default: nowhere]",
 )
 @estimate_options
 @batch_options

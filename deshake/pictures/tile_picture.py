@@ -2,7 +2,8 @@
 
 The tiles are those that the estimate chooses for its final kernel, at the finest scale that the
 width of the kernel allows. A local filter, the blurred image of a point light, lies on every tile
-that kernels are fitted to.
+that kernels are fitted to. If the kernel was read from streaks of lights, the picture shows the
+streaks in place of tiles, each with its local filter beside it, at the same scale.
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ __all__ = ["tile_photo", "tile_picture"]
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Region = tuple[int, int, int, int]
-_Square = tuple[NDArray[np.float64], NDArray[np.float64]]
+Points = NDArray[np.float64]
+_Square = tuple[Points, Points]  # its upper left and its lower right corner, x and y
 
 _LONGEST = 1600  # px
 _FITTED: Colour = (255, 150, 0)
@@ -51,24 +53,27 @@ _MARGIN = 1.06  # between the farthest light and the border of its square
 _LETTER = 0.55  # width of a letter, as a share of the text's size
 
 
-class _Frame(NamedTuple):
-    """Where the corners of a scale's pixels lie in the picture: ``origin + zoom * corner``."""
+class _Marks(NamedTuple):
+    """What is drawn on the photo: rectangles, filters on dark squares, and the legend."""
 
-    origin: NDArray[np.float64]
-    zoom: NDArray[np.float64]
-
-    def corners(self, tiles: Tiles) -> list[_Square]:
-        """Return the upper left and lower right corners (x, y) of tiles in the picture."""
-        lows = tiles.corners[:, ::-1].astype(np.float64)
-        highs = lows + tiles.size
-        return [
-            (self.origin + self.zoom * low, self.origin + self.zoom * high)
-            for low, high in zip(lows, highs, strict=True)
-        ]
+    fitted: list[_Square]
+    apart: list[_Square]
+    kernel: RotationKernel
+    centres: Points
+    """Places of the filters in the frame of the kernel's camera."""
+    squares: list[_Square]
+    """Places of the filters in the picture."""
+    reach: float | None
+    """Pixels from the middle of a filter to its border; None: as the filters need."""
+    entries: list[tuple[Colour, str]]
 
 
 def tile_photo(
-    photo: Photo, kernel: RotationKernel, camera: Camera, region: Region | None = None
+    photo: Photo,
+    kernel: RotationKernel,
+    camera: Camera,
+    region: Region | None = None,
+    streaks: Points | None = None,
 ) -> Photo:
     """Draw the tiles on a photo: 8 bits, sRGB, no metadata.
 
@@ -83,6 +88,8 @@ def tile_photo(
         The photo's camera.
     region : (x, y, width, height), optional
         The part of the photo that the estimate used, by default all of it.
+    streaks : (T, 4) array, optional
+        Places of the streaks that the kernel was read from: x, y, width and height.
 
     """
     straight, pinhole = straightened(photo, camera)
@@ -92,6 +99,7 @@ def tile_photo(
         straight_kernel(kernel, camera, pinhole),
         straight_region(region, camera, pinhole),
         clipped=straight.clipped,
+        streaks=streaks,
     )
     return replace(
         photo,
@@ -111,6 +119,7 @@ def tile_picture(
     region: Region | None = None,
     *,
     clipped: Mask | None = None,
+    streaks: Points | None = None,
 ) -> Picture:
     """Draw the tiles that a kernel was estimated from, and its local filters on them.
 
@@ -126,6 +135,9 @@ def tile_picture(
         The part of the photo that the estimate used, by default all of it.
     clipped : (h, w) array of bool, optional
         Clipped pixels, which the estimate ignored.
+    streaks : (T, 4) array, optional
+        Places of the streaks that the kernel was read from: x, y, width and height in pixels of the
+        photo. Then they are drawn in place of tiles.
 
     Returns
     -------
@@ -139,36 +151,66 @@ def tile_picture(
 
     """
     height, width = grey.shape
-    x, y, w, h = region or (0, 0, width, height)
-    part = np.s_[y : y + h, x : x + w]
-    whole = kernel.camera if kernel.camera.is_uniform else camera
-    pyramid = Pyramid(
-        grey[part], whole.cropped(x, y, w, h), None if clipped is None else ~clipped[part]
-    )
-    level, scaled = _finest(pyramid, kernel)
-    fitted = planned_tiles(pyramid, level, scaled)
-    apart = planned_tiles(pyramid, level, scaled, part="apart")
-
     shrink = min(1.0, _LONGEST / max(height, width))
     size = max(round(width * shrink), 1), max(round(height * shrink), 1)
     ratio = np.array(size) / (width, height)
-    frame = _Frame(ratio * (x, y), ratio * (w, h) / scaled.camera.shape[::-1])
+    whole = kernel.camera if kernel.camera.is_uniform else camera
+    if streaks is None:
+        x, y, w, h = region or (0, 0, width, height)
+        part = np.s_[y : y + h, x : x + w]
+        usable = None if clipped is None else ~clipped[part]
+        pyramid = Pyramid(grey[part], whole.cropped(x, y, w, h), usable)
+        marks = _of_tiles(pyramid, kernel, ratio * (x, y), ratio * (w, h))
+    else:
+        marks = _of_streaks(kernel.for_camera(whole), streaks, ratio)
     text = max(9.0, 0.014 * max(size))
+    lines = _laid_out(marks.entries, text, size[0])
+    canvas = Canvas(size[0], size[1] + round((1.6 * len(lines) + 0.8) * text))
+    canvas.picture((0, 0), _display(grey, size))
+    thickness = max(1.0, 0.0015 * max(size))
+    _outline(canvas, marks.apart, _APART, thickness)
+    if not marks.kernel.is_still:
+        _draw_filters(canvas, marks)
+    _outline(canvas, marks.fitted, _FITTED, thickness)
+    for row, line in enumerate(lines):
+        _draw_legend(canvas, line, text, size[1] + (1.6 * row + 1.2) * text)
+    return canvas.finished()
+
+
+def _of_tiles(pyramid: Pyramid, kernel: RotationKernel, origin: Points, extent: Points) -> _Marks:
+    """Mark the tiles of an estimate, in a picture that shows its region at a place, so large."""
+    level, scaled = _finest(pyramid, kernel)
+    fitted = planned_tiles(pyramid, level, scaled)
+    apart = planned_tiles(pyramid, level, scaled, part="apart")
+    zoom = extent / scaled.camera.shape[::-1]
+
+    def squares(tiles: Tiles) -> list[_Square]:
+        lows = tiles.corners[:, ::-1].astype(np.float64)
+        return [(origin + zoom * low, origin + zoom * (low + tiles.size)) for low in lows]
+
     entries = [
         (_FITTED, f"{fitted.count} tiles that the kernel is fitted to"),
         (_APART, f"{apart.count} tiles kept apart to judge it"),
     ]
-    lines = _laid_out(entries, text, size[0])
-    canvas = Canvas(size[0], size[1] + round((1.6 * len(lines) + 0.8) * text))
-    canvas.picture((0, 0), _display(grey, size))
-    thickness = max(1.0, 0.0015 * max(size))
-    _outline(canvas, frame.corners(apart), _APART, thickness)
-    if not scaled.is_still:
-        _draw_filters(canvas, scaled, fitted, frame)
-    _outline(canvas, frame.corners(fitted), _FITTED, thickness)
-    for row, line in enumerate(lines):
-        _draw_legend(canvas, line, text, size[1] + (1.6 * row + 1.2) * text)
-    return canvas.finished()
+    on_tiles = squares(fitted)
+    centres = np.asarray(fitted.centres, np.float64)
+    return _Marks(on_tiles, squares(apart), scaled, centres, on_tiles, None, entries)
+
+
+def _of_streaks(kernel: RotationKernel, streaks: Points, ratio: Points) -> _Marks:
+    """Mark streaks of lights, each with a square for its filter to the right or to the left."""
+    lows, sizes = streaks[:, :2], streaks[:, 2:]
+    side = float(sizes.max())
+    middles = lows[:, 1:] + sizes[:, 1:] / 2 - side / 2
+    right, left = lows[:, :1] + sizes[:, :1], lows[:, :1] - side
+    beside = np.hstack(
+        [np.where(right + side <= kernel.camera.width, right, np.maximum(left, 0)), middles]
+    )
+    boxes = [(ratio * low, ratio * (low + size)) for low, size in zip(lows, sizes, strict=True)]
+    squares = [(ratio * low, ratio * (low + side)) for low in beside]
+    words = f"{len(streaks)} streaks of lights that the kernel is read from, and its filters beside"
+    centres: Points = lows + sizes / 2
+    return _Marks(boxes, [], kernel, centres, squares, side / 2 - 1, [(_FITTED, words)])
 
 
 def _finest(pyramid: Pyramid, kernel: RotationKernel) -> tuple[int, RotationKernel]:
@@ -188,18 +230,18 @@ def _display(grey: Image, size: tuple[int, int]) -> Picture:
     return np.dstack([codes] * 3)
 
 
-def _draw_filters(canvas: Canvas, kernel: RotationKernel, tiles: Tiles, frame: _Frame) -> None:
-    """Draw a kernel's local filters, each in the middle of its tile, all at one scale."""
-    backwards = homographies(kernel.camera, -kernel.theta)
-    offsets = displacements(backwards, tiles.centres)
+def _draw_filters(canvas: Canvas, marks: _Marks) -> None:
+    """Draw a kernel's local filters on dark squares, all at one scale."""
+    backwards = homographies(marks.kernel.camera, -marks.kernel.theta)
+    offsets = displacements(backwards, marks.centres)
     offsets -= (offsets.min(1, keepdims=True) + offsets.max(1, keepdims=True)) / 2
-    reach = max(_LEAST_REACH, _MARGIN * float(np.abs(offsets).max()))
+    reach = marks.reach or max(_LEAST_REACH, _MARGIN * float(np.abs(offsets).max()))
     ground = np.full((1, 1), _DARKENED)
-    for (low, high), moved in zip(frame.corners(tiles), offsets, strict=True):
+    for (low, high), moved in zip(marks.squares, offsets, strict=True):
         square = low, (high[0], low[1]), (low[0], high[1])
         canvas.shade(ground, square, _DARK)
         side = max(3, round(float((high - low).max())))
-        canvas.shade(point_light(moved, kernel.weights, reach, side), square, _LIGHT)
+        canvas.shade(point_light(moved, marks.kernel.weights, reach, side), square, _LIGHT)
 
 
 def _outline(canvas: Canvas, squares: list[_Square], colour: Colour, thickness: float) -> None:

@@ -167,15 +167,6 @@ class Pyramid:
         self._pictures.clear()
         self._kept.clear()
 
-    def without(self, hidden: Mask) -> Pyramid:
-        """Return the photo with more unusable pixels; `hidden` (h, w) may be of any scale."""
-        usable = self._usable[0]
-        shown = cv2.resize(
-            hidden.astype(np.uint8), self._grey.shape[::-1], interpolation=cv2.INTER_NEAREST
-        )
-        left = (shown == 0) if usable is None else usable & (shown == 0)
-        return Pyramid(self._grey, self.camera, left, is_displayed=self.is_displayed)
-
     def level_of(self, pixels: float) -> int:
         """Return the index of the finest scale with at most so many pixels."""
         return max(int(np.ceil(np.log2(max(np.prod(self.camera.shape) / pixels, 1)))), 0)

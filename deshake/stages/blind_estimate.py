@@ -103,7 +103,7 @@ def silent_estimate(photo: Photo, options: EstimateOptions, *, run: Run = Run())
     content = KernelFile(kernel, blind.confidence, provenance)
     slope, floor = noise_model(grey)
     noise = math.sqrt(slope * _MID_GREY + floor)
-    return Estimate(content, camera, notes, latent=blind.latent, noise=noise)
+    return Estimate(content, camera, notes, latent=blind.latent, noise=noise, streaks=blind.streaks)
 
 
 def warn(photo: Photo, estimate: Estimate) -> None:

@@ -40,6 +40,8 @@ class Estimate:
         The registration of the noisy photo to the blurred one, if there is a noisy one.
     scale : float
         The photometric factor of a pair, fitted together with the kernel.
+    streaks : (T, 4) array of float64, optional
+        Places of the streaks of lights that the kernel was read from, as in `BlindEstimate`.
 
     """
 
@@ -50,6 +52,7 @@ class Estimate:
     noise: float | None = None
     registration: Registration | None = None
     scale: float = 1.0
+    streaks: NDArray[np.float64] | None = None
 
     @property
     def kernel(self) -> RotationKernel:

@@ -124,7 +124,8 @@ def estimate_file(
             add_picture(latent, latent_photo(photo, estimate.latent, options.region))
         if tiles is not None:
             kernel, camera = estimate.content.kernel, estimate.camera.camera
-            add_picture(tiles, tile_photo(photo, kernel, camera, options.region))
+            drawn = tile_photo(photo, kernel, camera, options.region, estimate.streaks)
+            add_picture(tiles, drawn)
         if not keep_result:
             add(output, kernel_bytes(estimate.content), overwrite=overwrite)
     return estimate

@@ -254,3 +254,14 @@ def test_a_path_is_the_same_curve_on_another_scale() -> None:
     np.testing.assert_allclose(
         on_half.controls * grid_steps(half), path.controls * STEPS, rtol=0, atol=1e-12
     )
+
+
+@pytest.mark.parametrize("count", [12, 30])
+def test_a_path_keeps_its_curve_with_other_control_points(count) -> None:
+    path = SmoothPath.through(RotationKernel.from_path(PATH * STEPS / 5, CAMERA), CAMERA)[0]
+    other = path.with_controls(count)
+    assert other.controls.shape == (count, 3)
+    assert other.camera is path.camera
+    places, copied = (one.basis(200) @ one.controls for one in (path, other))
+    assert np.abs(copied - places).max() < 0.05 * np.ptp(places, 0).max()
+    assert path.with_controls(len(path.controls)) is path

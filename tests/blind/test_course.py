@@ -34,7 +34,7 @@ def larger(photo) -> Pyramid:
 
 @pytest.fixture(scope="module")
 def course(larger) -> Course:
-    return Course(larger, (True, True, True), None, None, any_focal=False, run=Run())
+    return Course(larger, (True, True, True), None, any_focal=False, run=Run())
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +78,7 @@ def test_wide_spectral_starts_follow_if_the_best_kernel_is_wide_or_doubtful(
 
 
 def test_a_narrow_kernel_beyond_doubt_needs_no_wide_starts(ended, shaken) -> None:
-    course = Course(shaken.pyramid, (True, True, True), None, None, any_focal=False, run=Run())
+    course = Course(shaken.pyramid, (True, True, True), None, any_focal=False, run=Run())
     course.entries = [ended.winner._replace(start=n) for n in range(4)]
     assert not course.comparison.is_wide(ended.winner)
     assert not course.may_be_wide(ended.winner)
@@ -86,7 +86,7 @@ def test_a_narrow_kernel_beyond_doubt_needs_no_wide_starts(ended, shaken) -> Non
 
 def begun(pyramid: Pyramid) -> Course:
     """Return a course whose starts have run."""
-    course = Course(pyramid, (True, True, True), None, None, any_focal=False, run=Run(1))
+    course = Course(pyramid, (True, True, True), None, any_focal=False, run=Run(1))
     course.begin(first_scales(pyramid.coarsest), Run(1), quick=False)
     course.begin_others(Run(1))
     return course
@@ -125,7 +125,7 @@ def test_fewer_starts_are_refined_if_one_is_beyond_doubt(photo, monkeypatch) -> 
 
 
 def test_a_hopeless_kernel_loses_to_a_hopeful_one(ended, shaken) -> None:
-    course = Course(shaken.pyramid, (True, True, True), None, None, any_focal=False, run=Run())
+    course = Course(shaken.pyramid, (True, True, True), None, any_focal=False, run=Run())
     kernel = ended.winner.kernel
     course.entries = [ended.winner._replace(start=n) for n in range(4)]
 
@@ -141,7 +141,7 @@ def test_a_hopeless_kernel_loses_to_a_hopeful_one(ended, shaken) -> None:
 
 
 def test_the_judge_that_preferred_a_kernel_says_what_it_is_worth(ended, shaken) -> None:
-    course = Course(shaken.pyramid, (True, True, True), None, None, any_focal=False, run=Run())
+    course = Course(shaken.pyramid, (True, True, True), None, any_focal=False, run=Run())
     course.entries = [ended.winner]
     coarser = Judge.of(shaken.pyramid, 3, [ended.winner.kernel])
     usual, other = course.finished(ended.winner), course.finished(ended.winner, coarser)
@@ -169,7 +169,7 @@ def test_the_race_ends_with_the_judge_of_the_polish(photo, monkeypatch) -> None:
 def test_spectral_starts_keep_a_bound(larger, spectral) -> None:
     widths = [entry.kernel.extent_px() for entry in spectral[::2]]
     bound = float(np.mean(widths))
-    bounded = Course(larger, (True, True, True), bound, None, any_focal=False, run=Run())
+    bounded = Course(larger, (True, True, True), bound, any_focal=False, run=Run())
     within = bounded.start_spectral(SETTINGS.spectral_start.usual, Run(1))
     assert max(widths) > bound
     assert within
@@ -178,8 +178,7 @@ def test_spectral_starts_keep_a_bound(larger, spectral) -> None:
 
 def test_a_course_adopts_the_best_kernels_of_another(larger, spectral, ended) -> None:
     course, other = (
-        Course(larger, (True, True, True), None, None, any_focal=False, run=Run(1))
-        for _ in range(2)
+        Course(larger, (True, True, True), None, any_focal=False, run=Run(1)) for _ in range(2)
     )
     course.entries = list(spectral)
     other.leaders = [ended.winner._replace(start=3, kernel=spectral[0].kernel)]

@@ -191,7 +191,9 @@ def test_nonnegative_finds_the_minimum(seed) -> None:
 def test_at_the_minimum_no_weight_wants_to_move(seed) -> None:
     a, target = problem(seed)
     gram, right = a.T @ a, a.T @ target
+    before = gram.copy()
     solution = nonnegative(gram, right, np.full(30, 1 / 30))
+    np.testing.assert_array_equal(gram, before)
     slope = gram @ solution - right
     slack = 1e-8 * np.abs(right).max()
     assert solution.min() == 0
@@ -234,7 +236,9 @@ def test_nonnegative_bears_slightly_negative_eigenvalues() -> None:
     gram = a.T @ a
     spoilt = gram - 1e-2 * gram.diagonal().max() * np.eye(30)
     assert np.linalg.eigvalsh(spoilt).min() < 0
+    before = spoilt.copy()
     solution = nonnegative(spoilt, a.T @ target, np.full(30, 1 / 30))
+    np.testing.assert_array_equal(spoilt, before)
     least = cost(gram, a.T @ target, nnls(a, target)[0])
     assert cost(gram, a.T @ target, solution) < 0.95 * least
 

@@ -13,12 +13,15 @@ import pytest
 from PIL import Image
 from skimage import data
 
+from deshake.blind.agreement import agreement
 from deshake.cli.main import main
 from deshake.files.kernel_file import CameraFile, read_kernel, write_camera
+from deshake.formats.transfer import SRGB
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.operators.shake_blur import ShakeBlur
+from tests.support.night import PATH, kernel_of, night
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -202,6 +205,26 @@ def test_the_tiles_are_drawn_on_the_photo(deshake, tmp_path):
     coloured = np.ptp(colours, axis=-1) > 100  # the photo is grey
     assert 0.01 < coloured.mean() < 0.3
     assert colours.max() > 240  # a filter's light
+
+
+def test_a_photo_by_night_shows_the_path_in_the_streaks_of_its_lamps(deshake, tmp_path):
+    true = kernel_of(PATH)
+    photo = tmp_path / "night.png"
+    codes = np.rint(65535 * SRGB.from_linear(night(true)[0])).astype(np.uint16)
+    cv2.imwrite(str(photo), np.dstack([codes] * 3))
+    write_camera(tmp_path / "c.npz", CameraFile(true.camera, "by hand"))
+    args = ("--camera", tmp_path / "c.npz", "--tiles", tmp_path / "t.png", "--json")
+    outcome = deshake("estimate-blind", photo, *args)
+    assert outcome.code == 0
+    assert json.loads(outcome.out)["confidence"] > 0.9
+    content = read_kernel(tmp_path / "night.kernel.npz")
+    assert content.provenance["estimated_by"] == "the streaks of lights"
+    assert agreement(content.kernel, true) > 0.85
+    with Image.open(tmp_path / "t.png") as picture:
+        drawn = np.asarray(picture).astype(int)[:150]
+    coloured = np.ptp(drawn, axis=-1) > 100
+    assert coloured.any()
+    assert not (coloured & (drawn[..., 2] > drawn[..., 0])).any()  # boxes around streaks, no tiles
 
 
 def test_tiles_are_drawn_on_a_sharp_raw_photo(deshake, make_dng, sharp, tmp_path):

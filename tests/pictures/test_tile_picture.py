@@ -152,3 +152,23 @@ def test_a_photo_becomes_one_of_eight_bits_through_its_lens():
 def test_a_flat_photo_has_no_tiles():
     with pytest.raises(EstimationError, match="no detail"):
         tile_photo(replace(photo_of(np.full((480, 640), 0.5, np.float32))), pan(5), CAMERA)
+
+
+def test_streaks_stand_in_place_of_tiles_each_with_its_filter_beside_it():
+    grey = np.full((480, 640), 0.1, np.float32)
+    boxes = np.array([[100.0, 80, 60, 50], [560, 300, 60, 50], [300, 200, 40, 30]])
+    picture = tile_picture(grey, CAMERA, pan(20), streaks=boxes)
+    photo = picture[:480]
+    assert not where(photo, BLUE).any()
+    assert where(picture[480:], ORANGE).any()
+    for x, y, width, height in boxes.astype(int):
+        edges = photo[y - 2 : y + 3, x : x + width], photo[y : y + height, x - 2 : x + 3]
+        assert all(
+            where(edge, ORANGE).any(0 if n == 0 else 1).all() for n, edge in enumerate(edges)
+        )
+        inside = photo[y + 4 : y + height - 4, x + 4 : x + width - 4]
+        assert np.ptp(inside) == 0  # the streak itself stays visible
+    for x in (100 + 60, 560 - 60):  # to the right, or to the left at the border
+        beside = photo[80 - 5 : 80 + 55] if x == 160 else photo[300 - 5 : 300 + 55]
+        filter_ = (beside[:, x + 3 : x + 57] > 200).all(-1)
+        assert 15 <= np.ptp(np.nonzero(filter_)[1]) <= 25  # at the scale of the photo

@@ -211,11 +211,3 @@ def test_displayed_pictures_that_are_forgotten_are_made_again(sharp) -> None:
         assert shown.at(level).camera.focal_px == pytest.approx(
             shown.camera.focal_px * shown.at(level).camera.width / shown.camera.width, rel=0.02
         )
-
-
-def test_hiding_pixels_keeps_the_tones(sharp) -> None:
-    hidden = np.zeros(sharp.shape, bool)
-    hidden[:10] = True
-    shown = of(sharp).displayed()
-    np.testing.assert_array_equal(shown.without(hidden).at(0).picture, shown.at(0).picture)
-    assert not shown.without(hidden).at(0).usable[0, 0]

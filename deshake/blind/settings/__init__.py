@@ -44,7 +44,12 @@ from deshake.blind.settings.judging import (
     TonesSettings,
     TrustSettings,
 )
-from deshake.blind.settings.lamps import DrawnPathSettings, StreaksSettings
+from deshake.blind.settings.lamps import (
+    DrawnPathSettings,
+    StreakFit,
+    StreakLightSettings,
+    StreaksSettings,
+)
 from deshake.blind.settings.paths import (
     CameraPathSettings,
     PathScales,
@@ -62,6 +67,7 @@ __all__ = [
     "PathScales",
     "Refinement",
     "SpectrumTiles",
+    "StreakFit",
     "Way",
 ]
 
@@ -88,7 +94,7 @@ class EdgesSettings:
         The paths of a camera.
     judge, kernel_comparison, tones, focal_search, agreement, spot, kernel_faults, trust
         What is thought of a kernel.
-    streaks, drawn_path
+    streaks, streak_light, drawn_path
         The streaks of lamps.
 
     """
@@ -125,6 +131,7 @@ class EdgesSettings:
     kernel_faults: KernelFaultsSettings = field(default_factory=KernelFaultsSettings)
     trust: TrustSettings = field(default_factory=TrustSettings)
     streaks: StreaksSettings = field(default_factory=StreaksSettings)
+    streak_light: StreakLightSettings = field(default_factory=StreakLightSettings)
     drawn_path: DrawnPathSettings = field(default_factory=DrawnPathSettings)
 
 

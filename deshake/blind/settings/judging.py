@@ -91,8 +91,6 @@ class KernelComparisonSettings:
         Number of tiles: the match of a scale with fewer does not count.
     widest : float
         Share of the frame's shorter side: a kernel with a larger extent cannot be right.
-    witness_worth : float
-        Margin per agreement of 1 with the streaks of lights.
 
     """
 
@@ -103,7 +101,6 @@ class KernelComparisonSettings:
     neighbours: int = 3
     fewest_tiles: int = 3
     widest: float = 0.25
-    witness_worth: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -265,6 +262,10 @@ class TrustSettings:
         Log odds per correlation of 1 of the spectra.
     most_match : float
         Correlation: a higher one counts as this, and a negative one as none.
+    drawn : float
+        Log odds of a path that explains the streaks of lights perfectly.
+    of_misfit : float
+        Log odds per unit of its misfit. Chosen for a confidence of 0.8 at the largest misfit.
 
     """
 
@@ -276,3 +277,5 @@ class TrustSettings:
     closest: float = 0.005
     of_match: float = 17.0
     most_match: float = 0.4
+    drawn: float = 4.5
+    of_misfit: float = 10.0

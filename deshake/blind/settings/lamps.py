@@ -1,10 +1,10 @@
-"""The constants of the estimate by night: the streaks of lamps, and the path that draws them."""
+"""The constants of the estimate by night: the streaks of lamps, and the path that they draw."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["DrawnPathSettings", "StreaksSettings"]
+__all__ = ["DrawnPathSettings", "StreakFit", "StreakLightSettings", "StreaksSettings"]
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,6 @@ class StreaksSettings:
         Share of its box that a spot or a surface fills.
     slender : float
         Ratio of the axes of a straight streak, which fills its box, too.
-    full : float
-        Share of the brightest light of a streak that counts as 1.
     most : int
         Streaks, at most; more of them tell no more.
     fewest, fewest_long : int
@@ -52,10 +50,6 @@ class StreaksSettings:
         Share of the length of the longest; a shorter streak lacks a part of the path.
     thick : float
         Ratio to the median thickness; a thicker one is that of a large light.
-    width : float
-        Sigma of the light across a streak, per px of thickness.
-    least_width : float
-        Px: the same sigma, at least.
 
     """
 
@@ -70,7 +64,6 @@ class StreaksSettings:
     ring: int = 3
     filled: float = 0.6
     slender: float = 2.2
-    full: float = 0.8
     most: int = 24
     fewest: int = 3
     fewest_long: int = 2
@@ -79,60 +72,142 @@ class StreaksSettings:
     shortest: float = 0.35
     long: float = 0.6
     thick: float = 1.6
-    width: float = 0.5
-    least_width: float = 0.6
+
+
+@dataclass(frozen=True)
+class StreakLightSettings:
+    """Which pixels belong to a streak (`streak_light`).
+
+    Parameters
+    ----------
+    ring : (int, int)
+        Px around the bright piece, from and to: the surroundings.
+    bright_part : float
+        Share of the surroundings: their brighter part begins here.
+    contrast : float
+        Light of a streak over that of the brighter part of the surroundings, at least.
+    least_light : float
+        Light of a streak, relative to the surroundings, at least.
+    lit : float
+        Light, relative to the surroundings, from which a pixel is clearly lit.
+    around : int
+        Px around a streak that count, too.
+    white : float
+        Light from which a pixel counts as clipped.
+
+    """
+
+    ring: tuple[int, int] = (4, 12)
+    bright_part: float = 0.75
+    contrast: float = 3.0
+    least_light: float = 0.08
+    lit: float = 0.1
+    around: int = 7
+    white: float = 0.97
+
+
+@dataclass(frozen=True)
+class StreakFit:
+    """A stage of the fit of a path to streaks.
+
+    Parameters
+    ----------
+    tolerance : float
+        Light: a larger residual counts hardly more.
+    spacing : float
+        Grid steps of the path for each control point.
+    controls : (int, int)
+        Control points, at least and at most.
+    iterations : int
+        Iterations of the descent, at most.
+    bend_price : float
+        Price of the squared bends of the control points, in grid steps.
+
+    """
+
+    tolerance: float
+    spacing: float
+    controls: tuple[int, int]
+    iterations: int
+    bend_price: float = 3e-3
 
 
 @dataclass(frozen=True)
 class DrawnPathSettings:
-    """The path that draws all streaks at once (`drawn_path`).
+    """The path that the streaks draw (`drawn_path`).
 
-    Tuned on six simulated photos by night (`docs/decisions.md`).
+    Tuned on twelve simulated photos by night (`docs/decisions.md`).
 
     Parameters
     ----------
     pixels : float
-        Pixels of the scale in which streaks are sought, at most.
-    roll : int
-        Grid steps of roll to both sides.
-    around : int
-        Px: side of the window around the ridge of a streak; its rotations may draw the streak.
-    most_places : int
-        Rotations without roll, at most; with more there is no path.
-    rounds : int
-        Fits; the first one is that of the longest streak alone.
-    nearby : int
-        Px by which a streak moves in a round, at most.
-    ridge : float
-        Share of the diagonal; it grows with the square of the roll.
-    cut : float
-        Share of the kernel's weight that is noise.
-    least_explained : float
-        Share of the energy of the streaks that one path explains, at least.
-    light : float
-        Share of the kernel's weight: rotations that hold less are discarded.
-    hidden : float
-        Px that are hidden around bright lights, per px of the extent.
-    least_hidden : int
-        Px: the same, at least.
-    most_hidden : float
-        Share of the frame that is hidden; with more there is no path.
-    bright : float
-        Light: a brighter pixel is hidden with its surroundings.
+        Pixels of the finest scale in which streaks are sought, at most.
+    scales : int
+        Scales in which streaks are sought, each half as wide as the one before, at most.
+    good : float
+        Misfit with which neither a coarser scale nor a path that bends more is tried.
+    better : float
+        Ratio of the misfits: the other scale or path is taken only if it has less than this.
+    most_misfit : float
+        Misfit of a path, at most. Streaks that are none have 0.36 and more: those of two sharp
+        photos and two others.
+    most, fewest : int
+        Streaks that the path is fitted to, at most and at least.
+    first_paths : int
+        Streaks whose shapes give first paths, at most.
+    longest : float
+        Grid steps: a longer first path is that of no lamp.
+    continued : int
+        Best first paths that go on.
+    fits : tuple of StreakFit
+        The stages.
+    flexible : StreakFit
+        A stage for paths that bend more. Straight streaks do not determine such a path.
+    outlier, least_outlier : float
+        A streak with a misfit above so many medians, and above so much, is left out.
+    samples, density, most_samples : int, float, int
+        Steps of time of a path: for the first places of the lamps; in the descent for each grid
+        step, and at most.
+    lights : (float, float, int)
+        Light of a lamp: values that are tried at first, from, to, and how many.
+    widths : tuple of float
+        Px: standard deviations of a lamp that are tried at first.
+    lights_between, widths_between : (float, float)
+        Limits of both.
+    usual_width, width_price : float
+        Px, and the price of the squared logarithm of a width over it.
+    roll_price, middle_price : float
+        Prices of the squared roll of the path, and of the squared mean of the control points, in
+        grid steps.
 
     """
 
     pixels: float = 1.2e6
-    roll: int = 4
-    around: int = 5
-    most_places: int = 300
-    rounds: int = 4
-    nearby: int = 6
-    ridge: float = 0.003
-    cut: float = 0.03
-    least_explained: float = 0.65
-    light: float = 1e-4
-    hidden: float = 0.3
-    least_hidden: int = 4
-    most_hidden: float = 0.25
-    bright: float = 0.35
+    scales: int = 2
+    good: float = 0.15
+    better: float = 0.6
+    most_misfit: float = 0.3
+    most: int = 10
+    fewest: int = 3
+    first_paths: int = 4
+    longest: float = 110.0
+    continued: int = 4
+    fits: tuple[StreakFit, ...] = (
+        StreakFit(0.4, 8.0, (5, 9), 50),
+        StreakFit(0.25, 4.0, (8, 24), 100),
+        StreakFit(0.2, 4.0, (8, 24), 120),
+    )
+    flexible: StreakFit = StreakFit(0.2, 2.5, (8, 40), 150, 1e-3)
+    outlier: float = 2.5
+    least_outlier: float = 0.15
+    samples: int = 80
+    density: float = 1.6
+    most_samples: int = 150
+    lights: tuple[float, float, int] = (8.0, 3000.0, 9)
+    widths: tuple[float, ...] = (0.8, 1.3)
+    lights_between: tuple[float, float] = (3.0, 1e5)
+    widths_between: tuple[float, float] = (0.5, 1.6)
+    usual_width: float = 0.9
+    width_price: float = 1e-2
+    roll_price: float = 1e-3
+    middle_price: float = 1e-5

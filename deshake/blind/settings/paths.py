@@ -59,6 +59,8 @@ class CameraPathSettings:
         Grid steps of a smooth path for each control point.
     least_branch : float
         Grid steps: a shorter side branch is no part of a smooth path.
+    copied : int
+        Places of a smooth path for each control point of its copy.
     degree : int
         Degree of its B-spline.
     density : float
@@ -88,6 +90,7 @@ class CameraPathSettings:
     most_controls: int = 30
     spacing: float = 2.5
     least_branch: float = 2.0
+    copied: int = 12
     degree: int = 3
     density: float = 2.0
     faint: float = 0.05
