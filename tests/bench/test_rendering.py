@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from bench.cases.night import by_night
 from bench.cases.rendering import is_rendered, render
 from bench.cases.scenes import HANDS, SCENES, Places
 from bench.cases.shakes import CASES, KINDS, Case, case_file
@@ -53,6 +54,36 @@ def test_a_case_is_the_mean_of_its_scene_over_the_path(places, tmp_path):
     assert difference < 0.3 * np.abs(photo.pixels - light)[inner].mean()
 
 
+def test_by_night_a_scene_is_dark_and_has_lamps_that_leave_streaks(places, tmp_path):
+    case = CASE._replace(name="N00", size=0.03)
+    for one in (case, case._replace(name="M00", blur=0)):
+        assert render(one, "night-tune", places, tmp_path)
+        assert one.shaken == (one.name == "N00")
+        photo = read_photo(tmp_path / one.photo)
+        assert np.median(photo.pixels) < 0.1
+        assert 1e-4 < photo.clipped.mean() < 0.1
+    assert CASE.shaken
+    assert not CASE.at_night
+
+
+def test_lamps_are_bright_spots_that_are_apart():
+    scene = np.ones((400, 600, 3), np.float32)
+    case = CASE._replace(name="N00")
+    lit = by_night(scene, case, 2)
+    assert np.array_equal(lit, by_night(scene, case, 2))
+    assert (scene == 1).all()
+    dark = np.median(lit)
+    assert 0.06 <= dark <= 0.35
+    spots, _, _, middles = cv2.connectedComponentsWithStats(
+        (lit.max(2) > 4).astype(np.uint8), connectivity=8
+    )
+    assert 4 <= spots - 1 <= 25  # label 0 is the background
+    away = np.linalg.norm(middles[1:, None] - middles[1:], axis=2)
+    assert (away + 1e3 * np.eye(spots - 1)).min() > 2 * 12
+    assert lit.max() > 10
+    assert by_night(scene[..., 0], case, 2).ndim == 2
+
+
 def test_what_is_missing_is_reported(places):
     with pytest.raises(MissingDataError, match=r"VID_20150510_204827.*--data names its folder"):
         places.check(CASE._replace(hand=1), "tune")
@@ -61,12 +92,15 @@ def test_what_is_missing_is_reported(places):
 
 
 def test_the_sets_share_no_scene_and_no_hand():
-    scenes = [
-        {name for case in cases for name in case.scene.split("+")} for cases in CASES.values()
-    ]
-    assert not scenes[0] & scenes[1]
-    assert not set(HANDS["tune"]) & set(HANDS["test"])
-    assert scenes[0] | scenes[1] <= set(SCENES)
+    scenes = {
+        split: {name for case in cases for name in case.scene.split("+")}
+        for split, cases in CASES.items()
+    }
+    assert set().union(*scenes.values()) <= set(SCENES)
+    for one in ("tune", "night-tune"):
+        for other in ("test", "night-test"):
+            assert not scenes[one] & scenes[other]
+            assert not set(HANDS[one]) & set(HANDS[other])
     names = [case.name for cases in CASES.values() for case in cases]
     assert len(names) == len(set(names))
     assert {name[0] for name in names} == set(KINDS)

@@ -25,6 +25,7 @@ from bench.cases.camera_paths import (
     moved,
     path_in,
 )
+from bench.cases.night import by_night
 from bench.cases.scenes import SCENES, Places
 from bench.cases.shakes import Case, case_file
 from bench.errors import MissingDataError
@@ -234,6 +235,8 @@ def render(case: Case, split: str, places: Places, folder: Path) -> bool:
     frame = framed(case, scene.shape, window)
     fine, over = fine_scene(scene, frame, largest_scale(case))
     del scene
+    if case.at_night:
+        fine = by_night(fine, case, over)
     folder.mkdir(parents=True, exist_ok=True)
     sharp = np.rint(255 * to_display(cut(fine, frame, over))).astype(np.uint8)
     cv2.imwrite(str(case_file(folder, case, "_sharp.png")), sharp, [cv2.IMWRITE_PNG_COMPRESSION, 1])

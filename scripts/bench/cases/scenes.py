@@ -28,7 +28,8 @@ HANDS = {
         "phone_02/gyro.txt",
     ),
 }
-"""Recordings, in the folder `gyro` of the data."""
+HANDS |= {f"night-{split}": hands for split, hands in HANDS.items()}
+"""Recordings of each set, in the folder `gyro` of the data."""
 
 
 _PLASMA = "Debian's plasma-workspace-wallpapers"

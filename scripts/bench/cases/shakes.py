@@ -1,7 +1,8 @@
 """The cases of `bench.py shakes`: photos with a known shake, and photos without one.
 
 Settings are chosen on the set `tune` and judged on the set `test`. The two share no scene and no
-recording (`bench.cases.scenes`). `bench.cases.rendering` makes the photos.
+recording (`bench.cases.scenes`). The sets `night-tune` and `night-test` are photos by night, of the
+same scenes and recordings. `bench.cases.rendering` makes the photos.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ KINDS = {
     "S": "sharp",
     "G": "soft",
     "D": "out of focus",
+    "N": "night",
+    "M": "sharp night",
 }
 """Classes of cases, by the first letter of their names."""
 
@@ -78,7 +81,12 @@ class Case(NamedTuple):
     @property
     def shaken(self) -> bool:
         """Whether the camera moved."""
-        return self.name[0] in "LOX"
+        return self.name[0] in "LOXN"
+
+    @property
+    def at_night(self) -> bool:
+        """Whether the scene is dark and has lamps."""
+        return self.name[0] in "NM"
 
     @property
     def seed(self) -> int:
@@ -221,7 +229,41 @@ TEST = [
     Case("D54", "picos", 3, 5, 90, "low"),
     Case("D55", "brushes", 1.3, 4, 90, "mid"),
 ]
-CASES = {"tune": TUNE, "test": TEST}
+NIGHT_TUNE = [
+    Case("N01", "astronaut", 0.3, 14, 92, "mid", 1 / 8, 0),
+    Case("N02", "china", 0.3, 18, 90, "mid", 1 / 4, 1),
+    Case("N03", "manmade", 0.7, 24, 92, "mid", 1 / 2, 2),
+    Case("N04", "airplane", 0.7, 16, 90, "high", 1 / 4, 0),
+    Case("N05", "glow", 1, 30, 92, "mid", 1 / 2, 1),
+    Case("N06", "stands", 1, 20, 90, "mid", 1 / 4, 2),
+    Case("N07", "friends", 1, 35, 92, "high", 1, 0),
+    Case("N08", "cups", 1, 16, 88, "mid", 1 / 4, 1),
+    Case("N09", "rocket", 0.3, 12, 92, "mid", 1 / 4, 2),
+    Case("N10", "aitzgorri", 1.2, 40, 90, "mid", 1, 1),
+    Case("N11", "ladybird", 1.2, 22, 92, "high", 1 / 2, 0),
+    Case("N12", "bridge", 1.2, 26, 90, "mid", 1 / 2, 2),
+    Case("M01", "manmade", 0.7, 0, 92, "mid"),
+    Case("M02", "stands", 1, 0, 90, "mid"),
+    Case("M03", "cups", 1, 0, 88, "mid"),
+    Case("M04", "ladybird", 1.2, 0, 92, "high"),
+]
+NIGHT_TEST = [
+    Case("N51", "coffee", 0.3, 16, 92, "mid", 1 / 8, 0),
+    Case("N52", "flower", 0.3, 12, 90, "mid", 1 / 4, 1),
+    Case("N53", "boats", 0.8, 28, 92, "mid", 1 / 2, 2),
+    Case("N54", "alps", 0.5, 18, 90, "high", 1 / 4, 0),
+    Case("N55", "canyon", 0.8, 24, 92, "mid", 1 / 2, 1),
+    Case("N56", "houses", 1, 35, 92, "high", 1, 2),
+    Case("N57", "life", 1, 20, 90, "mid", 1 / 4, 0),
+    Case("N58", "picos", 1.2, 40, 92, "mid", 1, 1),
+    Case("N59", "wine", 1, 16, 88, "mid", 1 / 4, 2),
+    Case("N60", "landing", 1.2, 26, 90, "mid", 1 / 2, 0),
+    Case("M51", "boats", 0.8, 0, 92, "mid"),
+    Case("M52", "canyon", 0.8, 0, 92, "mid"),
+    Case("M53", "life", 1, 0, 90, "mid"),
+    Case("M54", "wine", 1, 0, 88, "mid"),
+]
+CASES = {"tune": TUNE, "test": TEST, "night-tune": NIGHT_TUNE, "night-test": NIGHT_TEST}
 
 
 def case_file(folder: Path, case: Case, ending: str) -> Path:

@@ -22,7 +22,7 @@ import numpy as np
 
 from bench.cases.camera_paths import homographies
 from bench.cases.rendering import is_rendered
-from bench.cases.shakes import CASES, Case, case_file
+from bench.cases.shakes import CASES, KINDS, Case, case_file
 from bench.errors import MissingDataError
 from bench.markdown import head, row
 from bench.processes import measured
@@ -102,7 +102,8 @@ def run(args: argparse.Namespace) -> int:
                     turns.append(min(turn, 180 - turn))
         print(line, flush=True)
     print("\n" + head(["photo", *COLUMNS]))
-    for kind in ("sharp", "soft", "out of focus", "shaken"):
+    seen = {kind for kind, _ in table}
+    for kind in (*(kind for kind in KINDS.values() if kind in seen), "shaken"):
         print(row([kind, *(table[kind, column] for column in COLUMNS)]))
     low, middle, high = np.quantile(widths, (0.1, 0.5, 0.9))
     print(f"\nwidth over the true one, {len(widths)} shakes: median {middle:.2f}, ", end="")
