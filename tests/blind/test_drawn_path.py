@@ -58,6 +58,17 @@ def test_weak_lamps_and_lamps_that_clip_their_whole_streak_show_the_path(light) 
     assert agreement(drawn.kernel, kernel) > 0.8
 
 
+def test_a_path_of_many_bends_is_recovered() -> None:
+    time = np.linspace(0, 1, 200)
+    path = np.stack([9 * np.sin(19 * time), 10 * np.cos(15 * time), 2 * time], 1) / 500
+    kernel = kernel_of(path)
+    g, clipped = night(kernel)
+    drawn = drawing(pyramid_of(g, clipped))
+    assert drawn is not None
+    assert drawn.misfit < 0.1
+    assert agreement(drawn.kernel, kernel) > 0.9
+
+
 def test_the_light_of_a_streak_is_that_of_its_square(shaken) -> None:
     _, g, clipped = shaken
     scale = pyramid_of(g, clipped).at(0)
