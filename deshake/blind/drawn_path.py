@@ -221,8 +221,11 @@ def _descended(fit: _Fit, stage: StreakFit, *, roll: bool) -> _Fit:
     samples = int(np.clip(_S.density * path.length, 3 * count, _S.most_samples))
     basis = path.basis(samples)
 
+    def parts(v: Vector) -> tuple[Vector, Lamps]:
+        return v[: 3 * count].reshape(-1, 3), v[3 * count :].reshape(-1, 4)
+
     def value(v: Vector) -> tuple[float, Vector]:
-        controls, lamps = v[: 3 * count].reshape(-1, 3), v[3 * count :].reshape(-1, 4)
+        controls, lamps = parts(v)
         e, of_controls, of_lamps = energy(fit.streaks, basis, controls, lamps, stage)
         return e, np.concatenate([of_controls.ravel(), of_lamps.ravel()])
 
@@ -235,7 +238,7 @@ def _descended(fit: _Fit, stage: StreakFit, *, roll: bool) -> _Fit:
         bounds=turns * count + lamp * len(fit.streaks),
         options={"maxiter": stage.iterations},
     ).x
-    controls, lamps = end[: 3 * count].reshape(-1, 3), end[3 * count :].reshape(-1, 4)
+    controls, lamps = parts(end)
     points = basis @ controls
     misfits = [
         streak_misfit(streak, points @ streak.moves.T, lamp, stage.tolerance)[0]

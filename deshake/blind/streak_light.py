@@ -76,9 +76,9 @@ class StreakLight(NamedTuple):
 
 def light_of(streak: Streak, scale: Scale) -> StreakLight | None:
     """Return the light of a streak; None if it does not stand out from its surroundings."""
-    pixels, usable, x, y = _square(streak, scale)
+    pixels, usable, piece, (x, y) = _square(streak, scale)
     inside = np.isfinite(pixels)
-    first = _grown(_shifted_piece(streak, x, y), _S.ring[0])
+    first = _grown(piece, _S.ring[0])
     ring = _grown(first, _S.ring[1] - _S.ring[0]) & ~first & inside
     if not ring.any():
         return None
@@ -86,8 +86,7 @@ def light_of(streak: Streak, scale: Scale) -> StreakLight | None:
     spread = float(np.quantile(pixels[ring], _S.bright_part)) - ground
     lit = inside & (pixels - ground > max(_S.least_light, _S.contrast * spread))
     labels = np.asarray(cv2.connectedComponents(lit.astype(np.uint8), connectivity=8)[1])
-    own = np.isin(labels, np.unique(labels[_shifted_piece(streak, x, y) & lit]))
-    own &= lit
+    own = np.isin(labels, np.unique(labels[piece & lit]))
     if not own.any():
         return None
     counted = _grown(own, _S.around) & inside & ~(_grown(lit & ~own, 1) & ~own)
@@ -112,14 +111,15 @@ def light_of(streak: Streak, scale: Scale) -> StreakLight | None:
     )
 
 
-def _square(streak: Streak, scale: Scale) -> tuple[Image, Mask, int, int]:
-    """Cut out the square of a streak: light, usable pixels, and its place x and y in the frame.
+def _square(streak: Streak, scale: Scale) -> tuple[Image, Mask, Mask, tuple[int, int]]:
+    """Cut out the square of a streak: light, usable pixels, its bright piece, its place (x, y).
 
     Beyond the frame the light is not a number.
     """
     rows, columns = np.nonzero(streak.piece)
-    x = round(streak.centre[0] - BLOCK / 2 + columns.mean()) - SIDE // 2
-    y = round(streak.centre[1] - BLOCK / 2 + rows.mean()) - SIDE // 2
+    left, top = (round(middle - BLOCK / 2) for middle in streak.centre)
+    x = round(left + columns.mean()) - SIDE // 2
+    y = round(top + rows.mean()) - SIDE // 2
     height, width = scale.stored.shape
     part = np.s_[max(y, 0) : min(y + SIDE, height), max(x, 0) : min(x + SIDE, width)]
     place = np.s_[
@@ -131,17 +131,9 @@ def _square(streak: Streak, scale: Scale) -> tuple[Image, Mask, int, int]:
     usable = np.ones((SIDE, SIDE), bool)
     if scale.usable is not None:
         usable[place] = scale.usable[part]
-    return pixels, usable, x, y
-
-
-def _shifted_piece(streak: Streak, x: int, y: int) -> Mask:
-    """Return the piece of a streak in the square at x and y of the frame."""
-    rows, columns = np.nonzero(streak.piece)
-    rows = rows + round(streak.centre[1] - BLOCK / 2) - y
-    columns = columns + round(streak.centre[0] - BLOCK / 2) - x
     piece = np.zeros((SIDE, SIDE), bool)
-    piece[rows, columns] = True
-    return piece
+    piece[rows + top - y, columns + left - x] = True
+    return pixels, usable, piece, (x, y)
 
 
 def _grown(mask: Mask, radius: int) -> Mask:

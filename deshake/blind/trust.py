@@ -28,12 +28,17 @@ def confidence(ended: Finish) -> float:
         - _S.of_agreement * np.log10(1 + _S.closest - min(ended.agreement, 1.0))
         + _S.of_match * np.clip(ended.match, 0, _S.most_match)
     )
-    return float(1 / (1 + np.exp(-log_odds)))
+    return _chance(float(log_odds))
 
 
 def drawn_confidence(drawn: Drawing) -> float:
     """Return the chance, 0..1, that the path of the streaks improves the photo."""
-    return float(1 / (1 + np.exp(_S.of_misfit * drawn.misfit - _S.drawn)))
+    return _chance(_S.drawn - _S.of_misfit * drawn.misfit)
+
+
+def _chance(log_odds: float) -> float:
+    """Return the chance, 0..1, of something with these log odds."""
+    return float(1 / (1 + np.exp(-log_odds)))
 
 
 def two_digits(confidence: float) -> str:

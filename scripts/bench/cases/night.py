@@ -78,8 +78,12 @@ def add_lamp(
     """Add a lamp at a place (y, x)."""
     reach = int(5 * sigma) + 2
     y, x = (int(one) for one in place)
-    part = np.s_[max(y - reach, 0) : y + reach + 1, max(x - reach, 0) : x + reach + 1]
-    rows, columns = np.mgrid[: scene.shape[0], : scene.shape[1]][(slice(None), *part)]
+    height, width = scene.shape[:2]
+    part = np.s_[
+        max(y - reach, 0) : min(y + reach + 1, height),
+        max(x - reach, 0) : min(x + reach + 1, width),
+    ]
+    rows, columns = np.ogrid[part]
     far = np.hypot(rows - place[0], columns - place[1])
     spot = light * (np.exp(-0.5 * (far / sigma) ** 2) + HALO * np.exp(-far / (2 * sigma)))
     added = spot[..., None] * colour if scene.ndim == 3 else spot
