@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from deshake.errors import DeshakeError
 
-__all__ = ["check_above_zero", "check_kind"]
+__all__ = ["check_above_zero", "check_kind", "check_share"]
 
 T = TypeVar("T")
 
@@ -32,6 +32,20 @@ def check_above_zero(*, most: float = math.inf, **numbers: float | None) -> None
         if number is not None and not (math.isfinite(number) and 0 < number <= most):
             limit = "" if math.isinf(most) else f" and at most {most:g}"
             raise ValueError(f"{name} is {number!r}: it must be above 0{limit}")
+
+
+def check_share(**shares: float | None) -> None:
+    """Check that numbers are from 0 to 1; None passes.
+
+    Raises
+    ------
+    ValueError
+        If a number is not.
+
+    """
+    for name, share in shares.items():
+        if share is not None and not 0 <= share <= 1:
+            raise ValueError(f"{name} is {share!r}: it must be from 0 to 1")
 
 
 def check_kind(value: object, kind: type[T], hint: str) -> T:

@@ -6,7 +6,7 @@ import logging
 from numbers import Integral
 from typing import TYPE_CHECKING, get_args
 
-from deshake.api.arguments import check_above_zero, check_kind
+from deshake.api.arguments import check_above_zero, check_kind, check_share
 from deshake.api.cameras import chosen_camera
 from deshake.api.linear_algebra import one_linear_thread
 from deshake.api.pictures_in import NOISY_ARRAY, as_photo
@@ -43,6 +43,7 @@ def estimate_blind(
     blur_size: float | None = None,
     max_angle: float | None = None,
     region: tuple[int, int, int, int] | None = None,
+    least_confidence: float | None = None,
     uniform: bool = False,
     estimator: Estimator = "edges",
     threads: int | None = None,
@@ -66,6 +67,10 @@ def estimate_blind(
         The same as an angle: the widest shake about any axis, in degrees, above 0 up to 45.
     region : (int, int, int, int), optional
         The part of the photo to use: x, y, width and height in pixels.
+    least_confidence : float, optional
+        Confidence, 0..1, with which a kernel of "edges" is kept, whatever the photo looks like; 0
+        keeps any. By default it is 0.5, or 0.8 if the photo has the edges of a sharp one, and
+        photos that look sharp or soft get the kernel of a still camera.
     uniform : bool
         Whether to assume the same blur all over the frame.
     estimator : {"edges", "variational"}
@@ -113,6 +118,9 @@ def estimate_blind(
     if estimator not in get_args(Estimator):
         raise ValueError(f"no estimator {estimator!r}: {' or '.join(get_args(Estimator))}")
     _check_bounds(blur_size, max_angle)
+    check_share(least_confidence=least_confidence)
+    if least_confidence is not None and estimator != "edges":
+        raise ValueError("a least confidence needs the estimator 'edges'")
     if region is not None and not _is_region(region):
         raise ValueError(f"a region is x, y, width and height in pixels, not {region!r}")
     options = EstimateOptions(
@@ -120,6 +128,7 @@ def estimate_blind(
         blur_size=blur_size,
         max_angle=max_angle,
         region=region,
+        least_confidence=least_confidence,
         uniform=uniform,
         estimator=estimator,
     )
@@ -213,6 +222,7 @@ def estimate_pair(
     registration: Registration | None = None,
     blur_size: float | None = None,
     max_angle: float | None = None,
+    least_confidence: float | None = None,
     uniform: bool = False,
     search_angle: float | None = None,
     threads: int | None = None,
@@ -236,6 +246,8 @@ def estimate_pair(
         What `register` returned for the two; by default they are registered.
     blur_size, max_angle : float, optional
         Largest blur to look for, in pixels or in degrees, as for `estimate_blind`.
+    least_confidence : float, optional
+        Confidence, 0..1, with which the kernel is kept; by default 0.5.
     uniform : bool
         Whether to assume the same blur all over the frame.
     search_angle : float, optional
@@ -284,6 +296,7 @@ def estimate_pair(
     """
     _check_bounds(blur_size, max_angle)
     check_above_zero(most=_WIDEST_DEGREES, search_angle=search_angle)
+    check_share(least_confidence=least_confidence)
     if registration is not None:
         check_kind(registration, Registration, "register returns the registration of two photos")
         if camera is not None:
@@ -292,6 +305,7 @@ def estimate_pair(
         chosen_camera(camera),
         blur_size=blur_size,
         max_angle=max_angle,
+        least_confidence=least_confidence,
         uniform=uniform,
         search_angle=search_angle,
     )

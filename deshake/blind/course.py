@@ -80,12 +80,15 @@ class Course:
         self.ends: list[Entry] = []
         self.leaders: list[Entry] = []
 
-    def end(self, run: Run, *, quick: bool) -> Finish:
-        """Refine the best kernels, unless none is hopeful; return what the best one is worth."""
+    def end(self, hopeful: float, run: Run, *, quick: bool) -> Finish:
+        """Refine the best kernels, if one of them has a confidence that gives hope.
+
+        Return what the best kernel is worth.
+        """
         if quick:
             return self.finished(self.best())
-        hopeful = any(self.confidence(leader) >= _S.hopeful for leader in self.leaders)
-        return self.finish(run) if hopeful else self.finished(self.leaders[0])
+        worthwhile = any(self.confidence(leader) >= hopeful for leader in self.leaders)
+        return self.finish(run) if worthwhile else self.finished(self.leaders[0])
 
     def in_display_values(self) -> Course:
         """Return the course in the display values of the photo, before any start."""

@@ -2,11 +2,13 @@
 
 The cheapest test comes first. A photo that is sharp to the pixel needs no estimate. If small lights
 draw the path of the camera, nothing else is asked. A photo needs no full race if the finest starts
-end in a small round spot.
+end in a small round spot. A least confidence that the user gives replaces all of these tests but
+the streaks: the race goes on to its end, whatever the photo looks like.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -65,6 +67,7 @@ def estimate_kernel(
     clipped: Mask | None = None,
     blur_px: float | None = None,
     region: Region | None = None,
+    least_confidence: float | None = None,
     uniform: bool = False,
     quick: bool = False,
     any_focal: bool = False,
@@ -88,6 +91,10 @@ def estimate_kernel(
         Bound of the blur in pixels of the photo.
     region : (x, y, width, height), optional
         The part of the photo that the estimate uses; by default all of it.
+    least_confidence : float, optional
+        Confidence, 0..1, with which the kernel of "edges" is kept, whatever the photo looks like.
+        By default it is 0.5, or 0.8 if the photo has the edges of a sharp one, and photos that look
+        sharp or soft are left.
     uniform : bool
         Whether to use the uniform model: theta_Z = 0 and a very long focal length.
     quick : bool
@@ -104,9 +111,9 @@ def estimate_kernel(
     Returns
     -------
     BlindEstimate
-        The kernel, its confidence, and notes. If no kernel improves the photo, or if the photo is
-        sharp or only soft, the kernel is that of a still camera. Then a note says so, and the
-        confidence is at most 0.1.
+        The kernel, its confidence, and notes. If no kernel has the least confidence, or if the
+        photo is sharp or only soft, the kernel is that of a still camera. Then a note says so, and
+        the confidence is at most 0.1.
 
     Raises
     ------
@@ -137,14 +144,15 @@ def estimate_kernel(
         grey[part], whole.cropped(x, y, w, h), None if clipped is None else ~clipped[part]
     )
     measures = measured(pyramid)
-    if measures.surely_sharp:
+    judged = least_confidence is None
+    if judged and measures.surely_sharp:
         run.report(1.0, "the photo looks sharp")
         return _unchanged(pyramid, whole, _S.unchanged, SHARP)
     drawn = drawing(pyramid, roll=not uniform, bound=blur_px)
-    if drawn is not None:
+    if drawn is not None and drawn_confidence(drawn) >= (least_confidence or 0):
         run.report(1.0, "kernel read from the streaks of lights")
         return _read(pyramid, whole, drawn, blur_px, (x, y))
-    may_rest = measures.sharpness > _S.fairly_sharp
+    may_rest = judged and measures.sharpness > _S.fairly_sharp
     result = race(
         pyramid,
         axes=(True, True, not uniform),
@@ -153,10 +161,11 @@ def estimate_kernel(
         may_rest=may_rest,
         any_focal=any_focal,
         toned=toned and not may_rest,  # sharp drawings would take twice as long
-        evidence=measures.certain_evidence,
+        evidence=measures.certain_evidence if judged else math.inf,
+        hopeful=SETTINGS.course.hopeful if judged else 0.0,
         run=run.part(0, _S.race_share),
     )
-    estimate = _concluded(pyramid, whole, result, blur_px)
+    estimate = _concluded(pyramid, whole, result, blur_px, least_confidence)
     run.report(1.0, "kernel estimated")
     return estimate
 
@@ -177,19 +186,24 @@ def _read(
 
 
 def _concluded(
-    pyramid: Pyramid, whole: Camera, result: Finish, blur_px: float | None
+    pyramid: Pyramid,
+    whole: Camera,
+    result: Finish,
+    blur_px: float | None,
+    least_confidence: float | None = None,
 ) -> BlindEstimate:
     """Turn the result of a race into an estimate for the photo."""
     kernel = result.winner.kernel
     trust = confidence(result)
-    if result.at_rest or is_spot(kernel):
-        point = len(kernel.weights) == 1 or not kernel.extent_px() > 1
+    point = len(kernel.weights) == 1 or not kernel.extent_px() > 1
+    if point or result.at_rest or (least_confidence is None and is_spot(kernel)):
         return _unchanged(pyramid, whole, min(trust, _S.unchanged), SHARP if point else SOFT)
     notes = faults(_on_its_grid(kernel), blur_px=blur_px)
-    if trust < (_S.doubtful if looks_sharp(pyramid) else _S.even):
+    least = _usual_least(pyramid) if least_confidence is None else least_confidence
+    if trust < least:
         note = (
-            f"no estimate of the shake improves it (best confidence {two_digits(trust)}): the "
-            "photo is left as it is"
+            f"no estimate of the shake is sure enough (best confidence {two_digits(trust)}): the "
+            "photo is left as it is; --least-confidence 0 deblurs it all the same"
         )
         return _unchanged(pyramid, whole, min(trust, _S.unchanged), note)
     if FILLED in notes and trust < 1:
@@ -207,6 +221,11 @@ def _concluded(
     final = filled_path(kernel).for_camera(whole.zoomed(result.zoom))
     name, zoom, displayed = result.winner.name, result.zoom, result.displayed
     return BlindEstimate(final, trust, notes, [], latent, name, zoom, displayed)
+
+
+def _usual_least(pyramid: Pyramid) -> float:
+    """Return the confidence from which a kernel deblurs a photo, if the user gives none."""
+    return _S.doubtful if looks_sharp(pyramid) else _S.even
 
 
 def _on_its_grid(kernel: RotationKernel) -> RotationKernel:

@@ -47,6 +47,7 @@ def race(
     any_focal: bool = False,
     toned: bool = False,
     evidence: float = math.inf,
+    hopeful: float = SETTINGS.course.hopeful,
     run: Run = Run(),
 ) -> Finish:
     """Estimate a kernel from several first scales, and keep the best.
@@ -71,6 +72,8 @@ def race(
         than its light, and the starts may run there, too, if there is evidence of a shake.
     evidence : float
         Evidence that the photo is shaken: `Measures.certain_evidence` of `blur_kind`.
+    hopeful : float
+        Confidence of the best kernels of the starts from which they are refined.
     run : Run, optional
         Threads to use, and who receives the progress.
 
@@ -87,7 +90,7 @@ def race(
     courses = [course]
     if toned and evidence >= _S.little_evidence[1]:  # others would take twice as long
         courses = _in_both_tones(course, starts, quick=quick, run=run.part(0.45, 0.6))
-    finish = _ended(courses, quick=quick, run=run.part(0.6, 1.0))
+    finish = _ended(courses, hopeful, quick=quick, run=run.part(0.6, 1.0))
     run.report(1.0, "kernel estimated")
     return finish
 
@@ -143,11 +146,13 @@ def _in_both_tones(course: Course, starts: Sequence[int], run: Run, *, quick: bo
     return courses
 
 
-def _ended(courses: Sequence[Course], run: Run, *, quick: bool) -> Finish:
+def _ended(courses: Sequence[Course], hopeful: float, run: Run, *, quick: bool) -> Finish:
     """Return the end of the first course; if it is undecided, that of another that is trusted."""
-    finish = courses[0].end(quick=quick, run=run.part(0.0, 0.75))
+    finish = courses[0].end(hopeful, quick=quick, run=run.part(0.0, 0.75))
     if not quick and SETTINGS.course.hopeful <= confidence(finish) < SETTINGS.estimate.even:
         courses[0].pyramid.forget()
-        others = [course.end(quick=quick, run=run.part(0.75, 1.0)) for course in courses[1:]]
+        others = [
+            course.end(hopeful, quick=quick, run=run.part(0.75, 1.0)) for course in courses[1:]
+        ]
         finish = next((other for other in others if confidence(other) >= _S.second), finish)
     return finish

@@ -15,6 +15,7 @@ from deshake.cli.options import (
     camera_option,
     chosen_estimate,
     focal_options,
+    least_confidence_option,
     left_out,
     lens_options,
     no_stdin,
@@ -54,6 +55,7 @@ _NOT_WITH_REGISTRATION = ("camera", "focal_px", "focal_35mm", "lens", "lens_mode
 @lens_options
 @blur_options
 @uniform_option
+@least_confidence_option
 @transfer_option
 @frame_options
 @general_options

@@ -26,7 +26,7 @@ GROUPS: Final[Mapping[str, Sequence[str]]] = {
     ),
     "Estimating": (
         *("--region", "--max-angle", "--uniform", "--estimator", "--registration"),
-        *("--search-angle", "--latent", "--tiles"),
+        *("--search-angle", "--least-confidence", "--latent", "--tiles"),
     ),
     "Camera and lens": (
         *("--camera", "--focal", "--focal-px", "--focal-35mm", "--lens", "--lens-model"),

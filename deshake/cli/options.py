@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 from click.core import ParameterSource
 
-from deshake.cli.values import Number, Region
+from deshake.cli.values import Number, Region, Share
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,6 +31,7 @@ __all__ = [
     "given_by",
     "json_option",
     "kernel_argument",
+    "least_confidence_option",
     "left_out",
     "lens_options",
     "no_stdin",
@@ -244,6 +245,13 @@ region_option = click.option(
     type=Region(),
     help="Estimate from this rectangle of the photo, in pixels.  [default: all of it]",
 )
+least_confidence_option = click.option(
+    "--least-confidence",
+    type=Share(),
+    help="Deblur by any kernel of this confidence, 0 to 1, whatever the photo looks like; with 0, "
+    "always.  [default: 0.5, or 0.8 if the photo has sharp edges; photos that look sharp or soft "
+    "are left as they are]",
+)
 uniform_option = click.option(
     "--uniform",
     is_flag=True,
@@ -278,7 +286,7 @@ def chosen_estimate(
     Raises
     ------
     click.UsageError
-        If the focal length is to be estimated by an estimator that cannot.
+        If the estimator cannot estimate the focal length, or leaves no photo as it is.
     KernelFileError
         If the camera file cannot be read.
 
@@ -290,8 +298,13 @@ def chosen_estimate(
     names = [name for name in _CAMERA_CHOICES if name in choices]
     known = {name: choices.pop(name) for name in names}
     file = None if camera is None else read_camera(camera)
-    if known.get("focal") is not None and choices.get("estimator") == "variational":
-        raise click.UsageError("--focal auto needs --estimator edges.")
+    if choices.get("estimator") == "variational":
+        if known.get("focal") is not None:
+            raise click.UsageError("--focal auto needs --estimator edges.")
+        if choices.get("least_confidence") is not None:
+            if not left_out("least_confidence", "estimator"):
+                raise click.UsageError("--least-confidence needs --estimator edges.")
+            choices["least_confidence"] = None
     return EstimateOptions(camera=CameraChoice(file=file, **known), **choices)
 
 
@@ -301,6 +314,7 @@ def estimate_options(command: F) -> F:
         transfer_option,
         estimator_option,
         uniform_option,
+        least_confidence_option,
         region_option,
         blur_options,
         lens_options,

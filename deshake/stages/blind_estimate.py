@@ -86,6 +86,7 @@ def silent_estimate(photo: Photo, options: EstimateOptions, *, run: Run = Run())
             clipped=straight.clipped,
             blur_px=largest_blur(pinhole, options),
             region=straight_region(options.region, camera.camera, pinhole),
+            least_confidence=options.least_confidence,
             uniform=options.uniform,
             quick=options.preview,
             any_focal=any_focal,

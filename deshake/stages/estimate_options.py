@@ -33,6 +33,9 @@ class EstimateOptions:
         Bound of the rotation about any axis, in degrees; ignored if there is a `blur_size`.
     region : (x, y, width, height), optional
         The part of the photo that a blind estimate uses.
+    least_confidence : float, optional
+        Confidence, 0..1, with which a kernel is kept, whatever the photo looks like; by default as
+        `estimate_kernel` and `TRUSTED` say. An estimate by the variational inference keeps all.
     uniform : bool
         Whether to assume the same blur all over the frame.
     estimator : {"edges", "variational"}
@@ -50,6 +53,7 @@ class EstimateOptions:
     blur_size: float | None = None
     max_angle: float | None = None
     region: tuple[int, int, int, int] | None = None
+    least_confidence: float | None = None
     uniform: bool = False
     estimator: Estimator = "edges"
     search_angle: float | None = None
@@ -72,6 +76,8 @@ class EstimateOptions:
             options["estimator"] = self.estimator
         elif self.search_angle is not None:
             options["search_angle"] = self.search_angle
+        if self.least_confidence is not None:
+            options["least_confidence"] = self.least_confidence
         if self.preview:
             options["preview"] = True
         return options | self.camera.provenance()

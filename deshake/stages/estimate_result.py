@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["TRUSTED", "Estimate"]
 
 TRUSTED: Final = 0.5
-"""Confidence of a kernel from a pair below which the photo is left as it is."""
+"""Confidence of a kernel from a pair below which the photo is left as it is, by default."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ class Estimate:
 
     @property
     def trusted(self) -> bool:
-        """Whether the kernel of a pair is used; else it is that of a camera that stood still."""
+        """Whether the confidence of a kernel from a pair is at least 0.5."""
         return self.content.confidence >= TRUSTED
 
     def report(self) -> dict[str, Any]:

@@ -118,7 +118,8 @@ def estimate_pair(
         notes.append("the two photos were developed with different tone curves, which were matched")
     notes += fit.notes
     kernel = fit.kernel
-    if fit.confidence < TRUSTED:
+    least = TRUSTED if options.least_confidence is None else options.least_confidence
+    if fit.confidence < least:
         notes.append(
             "the two photos agree too little to find the shake (confidence "
             f"{two_digits(fit.confidence)}): the photo is left as it is; try without the noisy "

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from deshake.api.arguments import check_above_zero, check_kind
+from deshake.api.arguments import check_above_zero, check_kind, check_share
 from deshake.errors import DeshakeError
 
 
@@ -22,6 +22,14 @@ def test_other_numbers_do_not(number):
 def test_a_number_has_its_largest():
     with pytest.raises(ValueError, match="search_angle is 46: it must be above 0 and at most 45"):
         check_above_zero(most=45, search_angle=46)
+
+
+def test_shares_are_from_0_to_1():
+    check_share(least_confidence=0, other=None)
+    check_share(least_confidence=1.0)
+    for share in (-0.01, 1.01, math.nan):
+        with pytest.raises(ValueError, match=rf"least_confidence is {share}: it must be from 0"):
+            check_share(least_confidence=share)
 
 
 def test_a_thing_is_of_its_kind():

@@ -121,6 +121,8 @@ def test_a_registration_of_another_size_or_with_a_camera_is_refused(scene, camer
         ({"blur_size": -3}, "blur_size is -3"),
         ({"max_angle": 60}, "max_angle is 60: .* at most 45"),
         ({"blur_size": 5, "max_angle": 1}, "cannot both be given"),
+        ({"least_confidence": 1.5}, "least_confidence is 1.5: it must be from 0 to 1"),
+        ({"least_confidence": 0, "estimator": "variational"}, "needs the estimator 'edges'"),
         ({"region": (0, 0, 50)}, "a region is x, y, width and height"),
         ({"region": (-1, 0, 50, 50)}, "a region is x, y, width and height"),
         ({"region": (0, 0, 50.5, 50)}, "a region is x, y, width and height"),

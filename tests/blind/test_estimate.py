@@ -16,7 +16,8 @@ from deshake.blind.estimate import STILL, _concluded, estimate_kernel
 from deshake.blind.finish import Finish
 from deshake.blind.settings import SETTINGS
 from deshake.blind.sharpness import looks_sharp
-from deshake.blind.trust import confidence
+from deshake.blind.spot import is_spot
+from deshake.blind.trust import confidence, two_digits
 from deshake.errors import EstimationError
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
@@ -137,6 +138,32 @@ def test_a_sharp_photo_is_left_as_it_is(shaken) -> None:
     assert len(result.notes) == 1
     assert "left as it is" in result.notes[0]
     assert result.latent.shape == (2, *shaken.grey.shape)
+
+
+def test_the_user_says_how_sure_a_kernel_must_be(shaken) -> None:
+    sharp = np.ascontiguousarray(shaken.still)
+    given = [
+        estimate_kernel(sharp, shaken.camera, least_confidence=least, quick=True, run=Run(1))
+        for least in (0.0, 0.4)
+    ]
+    assert [result.name == STILL for result in given] == [False, True]
+    assert 0 < given[0].confidence < 0.4
+    assert given[0].kernel.extent_px() > 2
+    assert "doubtful" in given[0].notes[-1]
+    [note] = given[1].notes
+    assert f"(best confidence {two_digits(given[0].confidence)})" in note
+    assert "left as it is; --least-confidence 0 deblurs it all the same" in note
+
+
+def test_a_point_never_deblurs_a_photo(shaken) -> None:
+    pyramid = Pyramid(shaken.grey, shaken.camera)
+    spot = RotationKernel.from_path(np.diag(0.6 * grid_steps(shaken.camera)), shaken.camera)
+    point = RotationKernel.delta(shaken.camera)
+    assert is_spot(spot)
+    for kernel, least, left in ((spot, None, True), (spot, 0.0, False), (point, 0.0, True)):
+        found = Finish(Entry("start 1", 1, 0, kernel), 0.1, 0.22, 0.95, at_rest=False)
+        result = _concluded(pyramid, shaken.camera, found, None, least)
+        assert (result.name == STILL) == left
 
 
 def test_a_doubtful_kernel_never_deblurs_a_photo_with_the_edges_of_a_sharp_one(shaken) -> None:

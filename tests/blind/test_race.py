@@ -95,7 +95,7 @@ def test_another_course_ends_only_where_the_first_is_undecided(ended, pyramid) -
             self.finish = finish
             self.pyramid = pyramid
 
-        def end(self, run: Run, *, quick: bool) -> Finish:  # noqa: ARG002
+        def end(self, hopeful: float, run: Run, *, quick: bool) -> Finish:  # noqa: ARG002
             ran.append(self.finish)
             return self.finish
 
@@ -106,10 +106,10 @@ def test_another_course_ends_only_where_the_first_is_undecided(ended, pyramid) -
         (hopeless, trusted, hopeless, False),
     ):
         ran.clear()
-        assert _ended([Course(first), Course(other)], Run(1), quick=False) is kept
+        assert _ended([Course(first), Course(other)], 0.15, Run(1), quick=False) is kept
         assert ran == ([first, other] if both else [first])
-    assert _ended([Course(undecided)], Run(1), quick=False) is undecided
-    assert _ended([Course(undecided), Course(trusted)], Run(1), quick=True) is undecided
+    assert _ended([Course(undecided)], 0.15, Run(1), quick=False) is undecided
+    assert _ended([Course(undecided), Course(trusted)], 0.15, Run(1), quick=True) is undecided
 
 
 def test_it_stops_early_for_a_sharp_photo(still) -> None:
@@ -129,6 +129,8 @@ def test_it_stops_after_the_starts_if_none_of_them_is_hopeful(grainy, shaken) ->
         for blurred, said in steps.items()
     }
     assert steps[True] - steps[False] == {"refinement"}
+    refined = race(grainy, may_rest=False, hopeful=0.0, run=Run(1))
+    assert any(entry in refined.winner.name for entry in ("refined", "polished", "path"))
     assert confidence(ends[False]) < SETTINGS.course.hopeful
     assert not ends[False].at_rest
     assert confidence(ends[True]) > 0.9

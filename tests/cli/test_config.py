@@ -350,3 +350,13 @@ def test_a_typed_option_cancels_contrary_ones_in_all_commands(
     chessboard = ("calibrate", *photos, "--chessboard", "--board", "7x5", "--json")
     assert deshake(*own, *chessboard).code == 0
     assert deshake(*own, *chessboard, "--focal-px", 150).code == 2
+
+
+def test_a_typed_estimator_cancels_a_least_confidence_of_the_file(
+    deshake, config, sharp_photo, tmp_path
+):
+    args = ("fix", sharp_photo("a.png"), "-o", tmp_path / "b.png", "--dry-run")
+    path = config("[fix]\nleast-confidence = 0.3\n")
+    variational = ("--estimator", "variational")
+    assert deshake("--config", path, *args, *variational).code == 0
+    assert deshake("--config", path, *args, *variational, "--least-confidence", 0.3).code == 2

@@ -295,6 +295,42 @@ def test_a_pair_estimates_no_focal_length(deshake, pair):
     assert "--focal does not go with --noisy" in outcome.err
 
 
+def test_a_least_confidence_of_nothing_deblurs_a_photo_that_looks_sharp(
+    deshake, sharp_photo, tmp_path
+):
+    photo, kernel = sharp_photo("a.jpg"), tmp_path / "a.kernel.npz"
+    assert deshake("estimate-blind", photo, *EDGES).code == 0
+    assert read_kernel(kernel).kernel.is_still
+    outcome = deshake("estimate-blind", photo, *EDGES, "--least-confidence", "0%", "--overwrite")
+    assert outcome.code == 0
+    assert "the estimate of the shake is doubtful" in outcome.err
+    content = read_kernel(kernel)
+    assert not content.kernel.is_still
+    assert content.provenance["options"]["least_confidence"] == 0
+    out = tmp_path / "a.deshaken.jpg"
+    args = (*EDGES, "--least-confidence", 0)
+    assert deshake("fix", photo, *args).code == 0
+    assert deshake("deblur", photo, kernel, "-o", tmp_path / "b.jpg").code == 0
+    assert (tmp_path / "b.jpg").read_bytes() == out.read_bytes() != photo.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        (("--least-confidence", 2), "'2' is not a share: a number from 0 to 1"),
+        (
+            ("--least-confidence", 0, "--estimator", "variational"),
+            "--least-confidence needs --estimator edges",
+        ),
+    ],
+)
+def test_a_least_confidence_is_a_share_for_edges(deshake, shaken, args, said):
+    outcome = deshake("estimate-blind", shaken("a.png"), *args)
+    assert outcome.code == 2
+    assert said in outcome.err
+    assert outcome.out == ""
+
+
 def test_the_variational_estimator_does_not_estimate_a_focal_length(deshake, shaken):
     args = ("--focal", "auto", "--estimator", "variational")
     outcome = deshake("estimate-blind", shaken("a.png"), *args)

@@ -38,4 +38,5 @@ def test_provenance_has_what_differs_from_the_default():
     assert EstimateOptions(camera=CameraChoice(lens_model="X")).provenance() == plain | {
         "lens": "X"
     }
+    assert EstimateOptions(least_confidence=0.0).provenance() == plain | {"least_confidence": 0}
     assert EstimateOptions(preview=True).provenance() == plain | {"preview": True}

@@ -102,6 +102,14 @@ def test_where_the_photos_agree_badly_the_photo_is_left_as_it_is(pair):
     assert not estimate.report()["trusted"]
     assert estimate.content.kernel.extent_px() == 0
     assert any("is left as it is" in note for note in estimate.notes)
+    insisting = options(uniform=True, least_confidence=0.0)
+    kept = estimate_pair(
+        blurred, noisy.with_pixels(other), insisting, registration=known, run=Run(1)
+    )
+    assert kept.confidence == estimate.confidence
+    assert not kept.trusted
+    assert kept.content.kernel.extent_px() > 1
+    assert not any("is left as it is" in note for note in kept.notes)
 
 
 def test_the_kernel_file_has_its_provenance(pair, tmp_path):
