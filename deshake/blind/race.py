@@ -1,8 +1,9 @@
 """The race: kernels from several starts; the best are refined, and one is kept (`course`).
 
 A camera may have given the photo a tone curve. Then its blur may suit display values better than
-linear light (`tones`). So the starts may run there, too, and the race goes on in the tones that
-suit the best kernel. If its end is undecided, it goes on in the other tones, too.
+linear light (`tones`). So the starts of edges may run there, too, and the race goes on in the tones
+that suit the best kernel. If its end is undecided, it goes on in the other tones, too. Only then do
+the other starts run in display values.
 
 The race stops early in three cases. The two finest starts run first; if both end in a small round
 spot, the photo was not shaken. If the blur of the photo hardly depends on the direction
@@ -133,9 +134,7 @@ def _in_both_tones(course: Course, starts: Sequence[int], run: Run, *, quick: bo
     worse = shown.score(course.leaders) < score - _S.display_doubt
     if worse and course.confidence(course.leaders[0]) >= SETTINGS.estimate.even:
         return [course]
-    shown.begin(starts, run.part(0.0, 0.6), quick=quick)
-    if not quick:
-        shown.begin_others(run.part(0.6, 1.0))
+    shown.begin(starts, run, quick=quick)
     shown.adopt(course)
     best = shown.leaders[0]
     better = shown.score([best]) > score + _S.display_worth and gains_in_display_values(
@@ -148,11 +147,13 @@ def _in_both_tones(course: Course, starts: Sequence[int], run: Run, *, quick: bo
 
 def _ended(courses: Sequence[Course], hopeful: float, run: Run, *, quick: bool) -> Finish:
     """Return the end of the first course; if it is undecided, that of another that is trusted."""
-    finish = courses[0].end(hopeful, quick=quick, run=run.part(0.0, 0.75))
+    finish = courses[0].end(hopeful, quick=quick, run=run.part(0.0, 0.7))
     if not quick and SETTINGS.course.hopeful <= confidence(finish) < SETTINGS.estimate.even:
         courses[0].pyramid.forget()
-        others = [
-            course.end(hopeful, quick=quick, run=run.part(0.75, 1.0)) for course in courses[1:]
-        ]
-        finish = next((other for other in others if confidence(other) >= _S.second), finish)
+        for other in courses[1:]:
+            if other.pyramid.is_displayed:
+                other.begin_others(run.part(0.7, 0.8))
+            second = other.end(hopeful, quick=quick, run=run.part(0.8, 1.0))
+            if confidence(second) >= _S.second:
+                return second
     return finish

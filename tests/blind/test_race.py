@@ -65,10 +65,12 @@ def test_the_uniform_model_has_no_focal_length(shake) -> None:
 
 
 @pytest.mark.parametrize("quick", [False, True])
-def test_a_blur_of_display_values_is_found_in_them(photo, quick) -> None:
+def test_a_blur_of_display_values_is_found_in_them(photo, ran, quick) -> None:
     light = Pyramid(np.square(np.clip(photo.grey, 0, 1)), photo.camera)
     found = race(light, toned=True, quick=quick)
     assert found.displayed
+    starts = first_scales(light.coarsest)
+    assert ran == (starts * 2 if quick else [*starts, "others", *starts])
     assert agreement(found.winner.kernel, photo.kernel) > 0.9
     assert not race(light, quick=True).displayed
     little = SETTINGS.race.little_evidence[1]
@@ -88,26 +90,29 @@ def test_another_course_ends_only_where_the_first_is_undecided(ended, pyramid) -
     hopeless = ended._replace(margin=-0.2, match=0.0, agreement=0.5)
     assert SETTINGS.course.hopeful < confidence(undecided) < SETTINGS.estimate.even
     assert confidence(hopeless) < SETTINGS.course.hopeful
-    ran: list[Finish] = []
+    ran: list[Finish | str] = []
 
     class Course:
         def __init__(self, finish: Finish) -> None:
             self.finish = finish
-            self.pyramid = pyramid
+            self.pyramid = pyramid.displayed() if finish.displayed else pyramid
+
+        def begin_others(self, run: Run) -> None:  # noqa: ARG002
+            ran.append("others")
 
         def end(self, hopeful: float, run: Run, *, quick: bool) -> Finish:  # noqa: ARG002
             ran.append(self.finish)
             return self.finish
 
-    for first, other, kept, both in (
-        (undecided, trusted, trusted, True),
-        (undecided, hopeless, undecided, True),
-        (trusted, hopeless, trusted, False),
-        (hopeless, trusted, hopeless, False),
+    for first, other, kept, then in (
+        (undecided, trusted, trusted, ["others", trusted]),
+        (undecided, hopeless, undecided, [hopeless]),
+        (trusted, hopeless, trusted, []),
+        (hopeless, trusted, hopeless, []),
     ):
         ran.clear()
         assert _ended([Course(first), Course(other)], 0.15, Run(1), quick=False) is kept
-        assert ran == ([first, other] if both else [first])
+        assert ran == [first, *then]
     assert _ended([Course(undecided)], 0.15, Run(1), quick=False) is undecided
     assert _ended([Course(undecided), Course(trusted)], 0.15, Run(1), quick=True) is undecided
 
