@@ -117,10 +117,10 @@ def _shaken_quarters(pyramid: Pyramid) -> BlurKind | None:
         if len(shakes) + left < _S.quarters:
             return None
         place = np.s_[y : y + height, x : x + width]
-        usable = None if scale.usable is None else scale.usable[place]
+        clipped = None if scale.clipped is None else scale.clipped[place]
         camera = scale.camera.cropped(x, y, width, height)
         with contextlib.suppress(EstimationError):  # a quarter without texture
-            shake = _clear_shake(Pyramid(scale.picture[place], camera, usable))
+            shake = _clear_shake(Pyramid(scale.picture[place], camera, clipped))
             if shake is not None and shake.width_px is not None:
                 wide = shake.width_px * RATIO**level
                 shakes.append(replace(shake, certain=False, width_px=wide))

@@ -51,13 +51,13 @@ def edge_spread(pyramid: Pyramid) -> EdgeSpread | None:
         size, corners = _S.tile, chosen(pyramid, 0, _S.tile, _S.tiles, width=_S.longest_edges)
     places = [np.s_[y : y + size, x : x + size] for y, x in corners]
     blocks = [np.sqrt(np.clip(scale.picture[place], 0, 1)) for place in places]
-    usable = [None if scale.usable is None else scale.usable[place] for place in places]
+    clipped = [None if scale.clipped is None else scale.clipped[place] for place in places]
     noise = float(np.median([noise_level(block) for block in blocks])) if blocks else 0.0
-    points = [_edges(block, mask, noise) for block, mask in zip(blocks, usable, strict=True)]
+    points = [_edges(block, mask, noise) for block, mask in zip(blocks, clipped, strict=True)]
     return _ellipse(np.concatenate(points)) if points else None
 
 
-def _edges(block: Image, usable: NDArray[np.bool_] | None, noise: float) -> Points:
+def _edges(block: Image, clipped: NDArray[np.bool_] | None, noise: float) -> Points:
     """Return the angle of each edge pixel's normal and the squared ratio of its slopes, (N, 2)."""
     fine, coarse = _gradients(block, _S.fine), _gradients(block, _S.coarse)
     slope = length_of(*coarse)
@@ -74,9 +74,8 @@ def _edges(block: Image, usable: NDArray[np.bool_] | None, noise: float) -> Poin
     )
     least = max(_S.above_noise * noise / (math.sqrt(8 * math.pi) * _S.coarse**2), _S.least_slope)
     edge = straight & (slope >= before) & (slope > after) & (slope > least)
-    if usable is not None:
-        clipped = (~usable).astype(np.uint8)
-        edge &= cv2.dilate(clipped, np.ones((_S.clear, _S.clear), np.uint8)) == 0
+    if clipped is not None:
+        edge &= cv2.dilate(clipped.astype(np.uint8), np.ones((_S.clear, _S.clear), np.uint8)) == 0
     margin = math.ceil(3 * _S.coarse)
     inner = np.zeros_like(edge)
     inner[margin:-margin, margin:-margin] = True

@@ -136,13 +136,12 @@ def estimate_kernel(
     x, y, w, h = region or (0, 0, width, height)
     check_size(h, w, 1.0 if blur_px is None else blur_px)
     part = np.s_[y : y + h, x : x + w]
-    if clipped is not None and not (~clipped[part]).mean() > _S.least_usable:
+    if clipped is not None and not 1 - clipped[part].mean() > _S.least_usable:
         msg = "nearly all pixels are clipped: there is no detail to estimate the shake from"
         raise EstimationError(msg, hint="name a part with detail: --region X,Y,W,H")
     whole = Camera.uniform(height, width) if uniform else camera
-    pyramid = Pyramid(
-        grey[part], whole.cropped(x, y, w, h), None if clipped is None else ~clipped[part]
-    )
+    camera_of_part = whole.cropped(x, y, w, h)
+    pyramid = Pyramid(grey[part], camera_of_part, None if clipped is None else clipped[part])
     measures = measured(pyramid)
     judged = least_confidence is None
     if judged and measures.surely_sharp:

@@ -90,7 +90,7 @@ def _spectra(pyramid: Pyramid, level: int) -> tuple[Spectrum, Spectrum]:
     tiles = []
     for y, x in corners:
         place = np.s_[y : y + _S.tile, x : x + _S.tile]
-        if scale.usable is None or (~scale.usable[place]).mean() <= _S.most_clipped:
+        if scale.clipped is None or scale.clipped[place].mean() <= _S.most_clipped:
             tiles.append(picture[place])
     if not tiles:
         return np.zeros((0, 0, 0)), np.zeros(0)

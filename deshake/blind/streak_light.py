@@ -76,7 +76,7 @@ class StreakLight(NamedTuple):
 
 def light_of(streak: Streak, scale: Scale) -> StreakLight | None:
     """Return the light of a streak; None if it does not stand out from its surroundings."""
-    pixels, usable, piece, (x, y) = _square(streak, scale)
+    pixels, clipped, piece, (x, y) = _square(streak, scale)
     inside = np.isfinite(pixels)
     first = _grown(piece, _S.ring[0])
     ring = _grown(first, _S.ring[1] - _S.ring[0]) & ~first & inside
@@ -104,7 +104,7 @@ def light_of(streak: Streak, scale: Scale) -> StreakLight | None:
         (left, top),
         light[part].astype(np.float64),
         counted[part],
-        (~usable | (pixels >= _S.white))[part],
+        (clipped | (pixels >= _S.white))[part],
         1 - ground,
         moves,
         not (own & (edge | _grown(~inside, 1))).any(),
@@ -112,7 +112,7 @@ def light_of(streak: Streak, scale: Scale) -> StreakLight | None:
 
 
 def _square(streak: Streak, scale: Scale) -> tuple[Image, Mask, Mask, tuple[int, int]]:
-    """Cut out the square of a streak: light, usable pixels, its bright piece, its place (x, y).
+    """Cut out the square of a streak: light, clipped pixels, its bright piece, its place (x, y).
 
     Beyond the frame the light is not a number.
     """
@@ -128,12 +128,12 @@ def _square(streak: Streak, scale: Scale) -> tuple[Image, Mask, Mask, tuple[int,
     ]
     pixels = np.full((SIDE, SIDE), np.nan, np.float32)
     pixels[place] = scale.piece(part)
-    usable = np.ones((SIDE, SIDE), bool)
-    if scale.usable is not None:
-        usable[place] = scale.usable[part]
+    clipped = np.zeros((SIDE, SIDE), bool)
+    if scale.clipped is not None:
+        clipped[place] = scale.clipped[part]
     piece = np.zeros((SIDE, SIDE), bool)
     piece[rows + top - y, columns + left - x] = True
-    return pixels, usable, piece, (x, y)
+    return pixels, clipped, piece, (x, y)
 
 
 def _grown(mask: Mask, radius: int) -> Mask:

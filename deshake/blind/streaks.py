@@ -59,8 +59,8 @@ class Streak(NamedTuple):
 def find_streaks(scale: Scale) -> list[Streak]:
     """Find the streaks in one scale of a photo, ordered by peak times threshold."""
     bright = scale.picture
-    if scale.usable is not None:  # clipped pixels count as at least 1
-        bright = np.where(scale.usable, bright, np.maximum(bright, 1)).astype(np.float32)
+    if scale.clipped is not None:  # clipped pixels count as at least 1
+        bright = np.where(scale.clipped, np.maximum(bright, 1), bright).astype(np.float32)
     bright = np.asarray(cv2.medianBlur(np.ascontiguousarray(bright), 3), np.float32)
     taken = np.zeros(bright.shape, bool)
     streaks: list[tuple[float, Streak]] = []

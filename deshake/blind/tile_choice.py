@@ -138,9 +138,9 @@ def _edges(scale: Scale) -> _Edges:
     """Measure the gradients of a picture."""
     picture = scale.picture
     gx, gy = _gradients(picture, 1.0)
-    if scale.usable is not None:
-        gx *= scale.usable
-        gy *= scale.usable
+    if scale.clipped is not None:
+        gx[scale.clipped] = 0
+        gy[scale.clipped] = 0
     length = length_of(gx, gy)
     noise = max(noise_level(picture), _S.least_noise * float(length.mean()), 1e-9)
     slopes = [_gradients(picture, sigma) for sigma in _S.focus_sigmas]
@@ -171,8 +171,8 @@ def _maps(scale: Scale, edges: _Edges, window: int) -> Iterator[Image]:
     yield gx * gy
     yield gy * gy
     clipped = np.zeros_like(gx)
-    if scale.usable is not None:
-        clipped[~scale.usable] = 1
+    if scale.clipped is not None:
+        clipped[scale.clipped] = 1
     yield clipped
     for angle in np.arange(_S.directions, dtype=np.float32) * np.float32(np.pi / _S.directions):
         for across, down in edges.slopes:

@@ -199,7 +199,7 @@ class Tiles:
         return np.outer(taper, taper)
 
     def _cut(self, scale: Scale) -> tuple[Image, Image]:
-        """Return blocks of the photo, and of its usable pixels within the frame."""
+        """Return blocks of the photo, and of its known pixels within the frame."""
         height, width = self._frame
         steps = np.arange(self.block) - self.first
         known = self._in_frame()
@@ -207,8 +207,8 @@ class Tiles:
         for p, (top, left) in enumerate(self.corners):
             place = np.ix_(np.clip(top + steps, 0, height - 1), np.clip(left + steps, 0, width - 1))
             g[p] = scale.piece(place)
-            if scale.usable is not None:
-                known[p] *= scale.usable[place]
+            if scale.clipped is not None:
+                known[p][scale.clipped[place]] = 0
         g *= np.float32(scale.contrast)
         return g, known
 

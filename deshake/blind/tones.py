@@ -58,7 +58,7 @@ def suits_display_values(
     """
     try:
         check_size(grey.shape[0], grey.shape[1], 1.0)
-        light = Pyramid(grey, kernel.camera, None if clipped is None else ~clipped)
+        light = Pyramid(grey, kernel.camera, clipped)
         shown = light.displayed()
     except EstimationError:  # the photo is too small, or flat
         return False

@@ -158,8 +158,8 @@ def tile_picture(
     if streaks is None:
         x, y, w, h = region or (0, 0, width, height)
         part = np.s_[y : y + h, x : x + w]
-        usable = None if clipped is None else ~clipped[part]
-        pyramid = Pyramid(grey[part], whole.cropped(x, y, w, h), usable)
+        hidden = None if clipped is None else clipped[part]
+        pyramid = Pyramid(grey[part], whole.cropped(x, y, w, h), hidden)
         marks = _of_tiles(pyramid, kernel, ratio * (x, y), ratio * (w, h))
     else:
         marks = _of_streaks(kernel.for_camera(whole), streaks, ratio)

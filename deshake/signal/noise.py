@@ -8,11 +8,16 @@ is one of the usual estimates, for reduced copies of a photo.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from deshake.operators.planes import channels_first
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 __all__ = [
     "coarse_noise",
@@ -44,7 +49,12 @@ _LEAST_TONE = 0.004  # display values: least noise, about the rounding to 8 bits
 _LEAST = 1e-7  # least variance: rounding mid greys to 8 bits gives a few times this
 
 
-def noise_level(picture: Image, where: Mask | None = None) -> float:
+def noise_level(
+    picture: Image,
+    where: Mask | None = None,
+    *,
+    tones: Callable[[Image], Image] = np.asarray,
+) -> float:
     """Estimate the standard deviation of white noise (Immerkaer 1996, with the median).
 
     Exactly flat parts, such as a black sky, give no noise and are ignored.
@@ -55,16 +65,19 @@ def noise_level(picture: Image, where: Mask | None = None) -> float:
         The picture. Only six strips of a large one are measured.
     where : (h, w) array of bool, optional
         Pixels to use; by default all.
+    tones : callable, keyword-only
+        Tone curve that the picture gets before; by default none.
 
     """
     if where is None and picture.size > _MOST_PIXELS:
         rows = max(_MOST_PIXELS // _STRIPS // picture.shape[1], 3)
         tops = np.linspace(0, picture.shape[0] - rows, _STRIPS).astype(int)
+        strips = [tones(picture[t : t + rows]) for t in tops]
         rough = np.concatenate(
-            [cv2.filter2D(picture[t : t + rows], -1, _SECOND_DIFFERENCES)[1:-1] for t in tops]
+            [cv2.filter2D(strip, -1, _SECOND_DIFFERENCES)[1:-1] for strip in strips]
         )
     else:
-        rough = cv2.filter2D(picture, -1, _SECOND_DIFFERENCES)
+        rough = cv2.filter2D(tones(picture), -1, _SECOND_DIFFERENCES)
     sizes = np.abs(rough if where is None else rough[where])
     sizes = sizes[sizes > 0]
     return float(np.median(sizes)) / _MEDIAN if sizes.size else 0.0

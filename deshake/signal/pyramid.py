@@ -7,6 +7,7 @@ absolute.
 
 from __future__ import annotations
 
+import math
 from copy import copy
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake.errors import EstimationError
+from deshake.operators.strips import bands
 from deshake.signal.noise import noise_level
 
 if TYPE_CHECKING:
@@ -34,10 +36,12 @@ RATIO = 2**0.5
 _COARSEST_SIDE = 48  # px: shorter side of the coarsest scale, about
 _ROUNDING = 1e-9  # tolerance of logarithms
 _CONTRAST = 0.1  # rms gradient of the scaled picture, reduced to `_CONTRAST_SIDE`
+_BAND = 16  # rows of a reduced picture that are made at a time
+_LEAST_PART = 1e-3  # of a pixel that counts in a reduced one, as in OpenCV
 _CONTRAST_SIDE = 100  # px: longer side
 _CONTRAST_FROM = 800  # px: longer side of the scale that the contrast is measured on
 _LEAST_CONTRAST = 1e-4  # rms gradient on 0..1: less means that the photo is flat
-_USABLE = 0.5  # share of usable pixels from which a reduced pixel is usable
+_CLIPPED = 0.5  # share of clipped pixels from which a reduced pixel is clipped
 
 
 class Scale(NamedTuple):
@@ -49,8 +53,8 @@ class Scale(NamedTuple):
         Luminance in the tones of the scale, or in linear light if `is_light` is set.
     camera : Camera
         The camera of a photo of this size.
-    usable : (h, w) array of bool, optional
-        Pixels that are not clipped.
+    clipped : (h, w) array of bool, optional
+        Clipped pixels, if there are any.
     contrast : float
         Factor that gives the picture the contrast of all pyramids.
     is_light : bool
@@ -60,7 +64,7 @@ class Scale(NamedTuple):
 
     stored: Image
     camera: Camera
-    usable: Mask | None
+    clipped: Mask | None
     contrast: float
     is_light: bool = False
 
@@ -86,8 +90,8 @@ class Pyramid:
         Luminance in linear light, 0..1.
     camera : Camera
         Its camera.
-    usable : (h, w) array of bool, optional
-        Pixels that are not clipped; by default all.
+    clipped : (h, w) array of bool, optional
+        Clipped pixels; by default none. The array is kept, and not changed.
     is_displayed : bool, keyword-only
         Whether the scales are in the root of the light, which approximates display values.
 
@@ -102,15 +106,15 @@ class Pyramid:
         self,
         grey: Image,
         camera: Camera,
-        usable: Mask | None = None,
+        clipped: Mask | None = None,
         *,
         is_displayed: bool = False,
     ) -> None:
         self.camera = camera
         self.is_displayed = is_displayed
         self._grey = grey
-        usable_all = usable is None or bool(usable.all())
-        self._usable: dict[int, Mask | None] = {0: None if usable_all else usable}
+        none_clipped = clipped is None or not clipped.any()
+        self._clipped: dict[int, Mask | None] = {0: None if none_clipped else clipped}
         self._pictures: dict[int, Image] = {}
         self._cameras: dict[int, Camera] = {0: camera}
         self._kept: dict[Hashable, Any] = {}
@@ -136,9 +140,7 @@ class Pyramid:
 
     def noise(self, level: int) -> float:
         """Return the standard deviation of a scale's noise, in the contrast of the pyramid."""
-        return self.kept(
-            ("noise", level), lambda: noise_level(self._picture(level)) * self._contrast
-        )
+        return self.kept(("noise", level), lambda: self._measured_noise(level) * self._contrast)
 
     def kept(self, key: Hashable, make: Callable[[], T]) -> T:
         """Return the value of a key; it is computed at the first request."""
@@ -159,7 +161,7 @@ class Pyramid:
     def displayed(self) -> Pyramid:
         """Return the photo in the root of its light, which approximates display values."""
         other = Pyramid(self._grey, self.camera, is_displayed=True)
-        other._usable = self._usable
+        other._clipped = self._clipped
         return other
 
     def forget(self) -> None:
@@ -176,24 +178,33 @@ class Pyramid:
         if level == 0:
             return root(self._grey) if self.is_displayed else self._grey
         if level not in self._pictures:
-            finer = self._picture(max(level - 2, 0))
-            self._pictures[level] = reduced(finer, self._size(level))
+            if self.is_displayed and level <= 2:
+                self._pictures[level] = reduced_in_bands(self._grey, self._size(level), root)
+            else:
+                finer = self._picture(max(level - 2, 0))
+                self._pictures[level] = reduced(finer, self._size(level))
         return self._pictures[level]
 
     def _mask(self, level: int) -> Mask | None:
-        """Return the usable pixels of a scale."""
-        if level not in self._usable:
+        """Return the clipped pixels of a scale."""
+        if level not in self._clipped:
             source = self._mask(max(level - 2, 0))
-            self._usable[level] = (
+            self._clipped[level] = (
                 None
                 if source is None
-                else reduced(source.astype(np.float32), self._size(level)) > _USABLE
+                else reduced_in_bands(source, self._size(level), as_numbers) >= _CLIPPED
             )
-        return self._usable[level]
+        return self._clipped[level]
 
     def _size(self, level: int) -> list[int]:
         """Return height and width of a scale."""
         return [max(round(n / RATIO**level), 1) for n in self.camera.shape]
+
+    def _measured_noise(self, level: int) -> float:
+        """Return the standard deviation of a scale's noise, in its own contrast."""
+        if level == 0 and self.is_displayed:
+            return noise_level(self._grey, tones=root)
+        return noise_level(self._picture(level))
 
     def _measured_contrast(self) -> float:
         shrink = max(max(self.camera.shape) / _CONTRAST_FROM, 1)
@@ -223,6 +234,30 @@ def contrast_factor(picture: Image) -> float:
         msg = "there is no detail to estimate the shake from"
         raise EstimationError(msg, hint="the photo is all of one colour, or nearly so")
     return _CONTRAST / contrast
+
+
+def as_numbers(mask: Mask) -> Image:
+    """Return 1 where a mask is set, and 0 elsewhere."""
+    return mask.astype(np.float32)
+
+
+def reduced_in_bands(
+    pixels: NDArray[Any], shape: Sequence[int], values: Callable[[NDArray[Any]], Image]
+) -> Image:
+    """Average the values of pixels (h, w) to a smaller shape.
+
+    A large photo has only the values of a band of rows in memory at a time.
+    """
+    height, ratio = len(pixels), len(pixels) / shape[0]
+    result = np.empty(shape, np.float32)
+    for band in bands(shape[0], _BAND):
+        edges = np.arange(band.start, band.stop + 1) * ratio
+        rows = np.arange(int(edges[0]), min(math.ceil(edges[-1]), height))
+        parts = np.minimum(edges[1:, None], rows + 1) - np.maximum(edges[:-1, None], rows)
+        shares = np.where(parts > _LEAST_PART, parts / ratio, 0).astype(np.float32)
+        narrow = reduced(values(pixels[rows[0] : rows[-1] + 1]), [len(rows), shape[1]])
+        result[band] = shares @ narrow
+    return result
 
 
 def reduced(picture: Image, shape: Sequence[int]) -> Image:

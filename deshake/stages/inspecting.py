@@ -102,7 +102,7 @@ def _blur(photo: Photo) -> BlurKind:
     camera = camera_for(photo, CameraChoice())[0].camera
     try:
         check_size(*photo.shape, 1.0)
-        return blur_kind(Pyramid(photo.pixels, camera, ~photo.clipped))
+        return blur_kind(Pyramid(photo.pixels, camera, photo.clipped))
     except DeshakeError as error:
         error.file = error.file or str(photo.source)
         raise

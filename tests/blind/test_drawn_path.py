@@ -21,7 +21,7 @@ from tests.support.night import CAMERA, HEIGHT, LAMPS, PATH, WIDTH, kernel_of, n
 
 def pyramid_of(g, clipped):
     height, width = g.shape
-    return Pyramid(g, Camera.from_focal(1.25 * width, height, width), ~clipped)
+    return Pyramid(g, Camera.from_focal(1.25 * width, height, width), clipped)
 
 
 @pytest.fixture(scope="module")

@@ -9,9 +9,9 @@ from deshake.geometry.camera import Camera
 from deshake.signal.pyramid import Pyramid
 
 
-def of(grey: np.ndarray, usable: np.ndarray | None = None) -> Pyramid:
+def of(grey: np.ndarray, clipped: np.ndarray | None = None) -> Pyramid:
     camera = Camera.from_focal(600.0, *grey.shape)
-    return Pyramid(np.ascontiguousarray(grey, np.float32), camera, usable)
+    return Pyramid(np.ascontiguousarray(grey, np.float32), camera, clipped)
 
 
 @pytest.fixture(scope="module")
@@ -47,4 +47,4 @@ def test_sharp_edges_have_no_spread(polygons) -> None:
 def test_a_photo_without_edges_has_no_spread(polygons) -> None:
     noise = 0.3 + 0.02 * np.random.default_rng(0).normal(size=(200, 200))
     assert edge_spread(of(noise)) is None
-    assert edge_spread(of(polygons, np.zeros(polygons.shape, bool))) is None
+    assert edge_spread(of(polygons, np.ones(polygons.shape, bool))) is None

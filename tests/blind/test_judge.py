@@ -25,9 +25,9 @@ def kernels(shaken) -> dict[str, RotationKernel]:
     }
 
 
-def margins(grey, shaken, kernels, *names: str, usable=None, level=0) -> dict[str, float]:
+def margins(grey, shaken, kernels, *names: str, clipped=None, level=0) -> dict[str, float]:
     """Judge a photo's kernels of some names; all have room."""
-    judge = Judge.of(Pyramid(grey, shaken.camera, usable), level, list(kernels.values()))
+    judge = Judge.of(Pyramid(grey, shaken.camera, clipped), level, list(kernels.values()))
     return {name: judge.margin(kernels[name]) for name in names}
 
 
@@ -93,9 +93,9 @@ def test_where_the_camera_pointed_hardly_counts(shaken, kernels) -> None:
 def test_clipped_pixels_are_left_out(shaken, kernels, plain) -> None:
     spoilt = shaken.grey.copy()
     spoilt[100:120, 100:140] = 1.0
-    usable = np.ones(spoilt.shape, bool)
-    usable[99:121, 99:141] = False
-    by_kernel = margins(spoilt, shaken, kernels, "true", "short", usable=usable)
+    clipped = np.zeros(spoilt.shape, bool)
+    clipped[99:121, 99:141] = True
+    by_kernel = margins(spoilt, shaken, kernels, "true", "short", clipped=clipped)
     assert by_kernel["true"] > by_kernel["short"] > 0
     assert by_kernel["true"] == pytest.approx(plain["true"], abs=0.08)
 

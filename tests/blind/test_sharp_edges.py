@@ -128,10 +128,10 @@ def test_strong_edges_are_worth_their_price_and_split_ones_those_of_the_picture(
 
 
 def test_latent_edges_fill_in_unknown_pixels(shaken) -> None:
-    usable = np.ones(shaken.grey.shape, bool)
-    usable[40:46, 40:50] = False
-    spoilt = np.where(usable, shaken.grey, np.float32(1))
-    scale = shaken.pyramid.at(0)._replace(stored=spoilt, usable=usable)
+    clipped = np.zeros(shaken.grey.shape, bool)
+    clipped[40:46, 40:50] = True
+    spoilt = np.where(clipped, np.float32(1), shaken.grey)
+    scale = shaken.pyramid.at(0)._replace(stored=spoilt, clipped=clipped)
     tiles = Tiles(scale, CORNERS, SIZE, reach(shaken.camera, shaken.kernel.theta))
     tiles.bind(shaken.kernel)
     picture, _, _ = l0_picture(tiles, LAM)

@@ -12,8 +12,8 @@ from deshake.signal.pyramid import Pyramid
 PHOTOS = {"coffee": data.coffee, "motorcycle": lambda: data.stereo_motorcycle()[0]}
 
 
-def of(grey: np.ndarray, usable: np.ndarray | None = None) -> Pyramid:
-    return Pyramid(grey.astype(np.float32), Camera.from_focal(400.0, *grey.shape), usable)
+def of(grey: np.ndarray, clipped: np.ndarray | None = None) -> Pyramid:
+    return Pyramid(grey.astype(np.float32), Camera.from_focal(400.0, *grey.shape), clipped)
 
 
 @pytest.fixture(scope="module", params=PHOTOS)

@@ -61,5 +61,5 @@ def test_a_fit_is_certain_if_a_scale_has_enough_tiles(photo) -> None:
 
 def test_clipped_tiles_do_not_count(photo) -> None:
     camera = Camera.from_focal(600.0, *photo.shape)
-    pyramid = Pyramid(photo, camera, np.zeros(photo.shape, bool))
+    pyramid = Pyramid(photo, camera, np.ones(photo.shape, bool))
     assert directed_blur(pyramid) == DirectedBlur(0.0, 0.0, 0.0, certain=False)

@@ -14,8 +14,8 @@ from deshake.signal.pyramid import Pyramid
 SIZE = 40
 
 
-def of(grey: np.ndarray, usable: np.ndarray | None = None) -> Pyramid:
-    return Pyramid(grey.astype(np.float32), Camera.from_focal(300.0, *grey.shape), usable)
+def of(grey: np.ndarray, clipped: np.ndarray | None = None) -> Pyramid:
+    return Pyramid(grey.astype(np.float32), Camera.from_focal(300.0, *grey.shape), clipped)
 
 
 def texture(height: int, width: int, cell: int = 10, seed: int = 0) -> np.ndarray:
@@ -77,7 +77,7 @@ def test_a_choice_does_not_depend_on_the_choices_before(photograph) -> None:
     pyramid = of(photograph, np.random.default_rng(0).random(photograph.shape) > 0.01)
     for level, size in ((0, SIZE), (1, SIZE), (0, 30), (2, 30)):
         for way in ways:
-            fresh = of(photograph, pyramid.at(0).usable)
+            fresh = of(photograph, pyramid.at(0).clipped)
             choice = chosen(pyramid, level, size, 8, **way)
             assert choice == chosen(fresh, level, size, 8, **way)
 
@@ -135,9 +135,9 @@ def test_out_of_focus_tiles_are_avoided() -> None:
 
 def test_clipped_tiles_are_avoided() -> None:
     grey = texture(300, 400)
-    usable = np.ones(grey.shape, bool)
-    usable[:, 200:] = np.random.default_rng(0).random((300, 200)) > 0.5
-    places = middles(chosen(of(grey, usable), 0, SIZE, 8, width=6.0))
+    clipped = np.zeros(grey.shape, bool)
+    clipped[:, 200:] = np.random.default_rng(0).random((300, 200)) <= 0.5
+    places = middles(chosen(of(grey, clipped), 0, SIZE, 8, width=6.0))
     assert (places[:, 1] < 200 + SIZE / 2).all()
 
 

@@ -25,8 +25,8 @@ class Case:
     exact: np.ndarray  # the middles as the exact warps blur them
 
 
-def cut(picture: np.ndarray, camera: Camera, far: int, usable=None, corners=CORNERS) -> Tiles:
-    return Tiles(Scale(picture, camera, usable, 1.0), corners, SIZE, far)
+def cut(picture: np.ndarray, camera: Camera, far: int, clipped=None, corners=CORNERS) -> Tiles:
+    return Tiles(Scale(picture, camera, clipped, 1.0), corners, SIZE, far)
 
 
 def middles(picture: np.ndarray) -> np.ndarray:
@@ -83,10 +83,10 @@ def test_the_blur_within_a_tile_is_that_of_the_exact_warps(shake, focal, path, o
 @pytest.fixture(scope="module")
 def tiles(shaken) -> Tiles:
     """Tiles of the shaken photo, the first half of them with clipped pixels."""
-    usable = np.ones(shaken.grey.shape, bool)
-    usable[36:44, 40:52] = False
-    usable[70:76, 130:150] = False
-    tiles = cut(shaken.grey, shaken.camera, reach(shaken.camera, shaken.kernel.theta), usable)
+    clipped = np.zeros(shaken.grey.shape, bool)
+    clipped[36:44, 40:52] = True
+    clipped[70:76, 130:150] = True
+    tiles = cut(shaken.grey, shaken.camera, reach(shaken.camera, shaken.kernel.theta), clipped)
     tiles.bind(shaken.kernel)
     return tiles
 

@@ -137,6 +137,13 @@ def test_a_part_of_a_large_picture_gives_its_noise() -> None:
     assert noise_level(white((300_000, 4), 0.05)) == pytest.approx(0.05, rel=0.1)
 
 
+@pytest.mark.parametrize("shape", [(200, 260), (1100, 900)])
+def test_the_noise_level_in_other_tones_is_that_of_their_picture(shape) -> None:
+    light = np.square(white(shape, 0.05) + np.float32(0.5))
+    assert noise_level(light, tones=np.sqrt) == noise_level(np.sqrt(light))
+    assert noise_level(light, tones=np.sqrt) == pytest.approx(0.05, rel=0.02)
+
+
 def test_only_the_pixels_asked_for_count() -> None:
     picture = white((120, 160), 0.03)
     picture[:, :90] *= 10

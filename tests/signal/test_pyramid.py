@@ -1,16 +1,18 @@
 from __future__ import annotations
 
+import tracemalloc
+
 import cv2
 import numpy as np
 import pytest
 
 from deshake.errors import EstimationError
 from deshake.geometry.camera import Camera
-from deshake.signal.pyramid import RATIO, Pyramid
+from deshake.signal.pyramid import RATIO, Pyramid, reduced, reduced_in_bands, root
 
 
-def of(grey: np.ndarray, usable: np.ndarray | None = None) -> Pyramid:
-    return Pyramid(grey, Camera.from_focal(300.0, *grey.shape), usable)
+def of(grey: np.ndarray, clipped: np.ndarray | None = None) -> Pyramid:
+    return Pyramid(grey, Camera.from_focal(300.0, *grey.shape), clipped)
 
 
 def test_the_first_scale_is_the_photo(sharp) -> None:
@@ -18,7 +20,7 @@ def test_the_first_scale_is_the_photo(sharp) -> None:
     scale = pyramid.at(0)
     assert scale.picture is sharp
     assert scale.camera is pyramid.camera
-    assert scale.usable is None
+    assert scale.clipped is None
 
 
 def test_each_scale_is_smaller_by_the_root_of_two(sharp) -> None:
@@ -92,26 +94,26 @@ def test_flat_photos_are_refused() -> None:
         assert error.value.hint
 
 
-def test_pixels_are_usable_where_half_of_what_they_show_is(sharp) -> None:
-    usable = np.ones(sharp.shape, bool)
-    usable[40:80, 60:100] = False
-    usable[120, 160] = False  # a quarter of a pixel of half the size
-    usable[140:142, 180:183] = False
-    pyramid = of(sharp, usable)
-    assert pyramid.at(0).usable is usable
-    half = usable.copy().reshape(100, 2, 130, 2).mean((1, 3)) > 0.5
-    assert not half[70, 90]
-    assert half[60, 80]
-    np.testing.assert_array_equal(pyramid.at(2).usable, half)
+def test_pixels_are_clipped_where_half_of_what_they_show_is(sharp) -> None:
+    clipped = np.zeros(sharp.shape, bool)
+    clipped[40:80, 60:100] = True
+    clipped[120, 160] = True  # a quarter of a pixel of half the size
+    clipped[140:142, 180:183] = True
+    pyramid = of(sharp, clipped)
+    assert pyramid.at(0).clipped is clipped
+    half = clipped.reshape(100, 2, 130, 2).mean((1, 3)) >= 0.5
+    assert half[70, 90]
+    assert not half[60, 80]
+    np.testing.assert_array_equal(pyramid.at(2).clipped, half)
     for level in range(pyramid.coarsest + 1):
-        share = pyramid.at(level).usable.mean()
-        assert share == pytest.approx(usable.mean(), abs=0.02)
+        share = pyramid.at(level).clipped.mean()
+        assert share == pytest.approx(clipped.mean(), abs=0.02)
 
 
-def test_where_all_is_usable_no_mask_is_kept(sharp) -> None:
-    pyramid = of(sharp, np.ones(sharp.shape, bool))
-    assert pyramid.at(0).usable is None
-    assert pyramid.at(3).usable is None
+def test_where_nothing_is_clipped_no_mask_is_kept(sharp) -> None:
+    pyramid = of(sharp, np.zeros(sharp.shape, bool))
+    assert pyramid.at(0).clipped is None
+    assert pyramid.at(3).clipped is None
 
 
 def test_what_was_made_of_a_photo_is_kept_under_its_key(sharp) -> None:
@@ -161,28 +163,28 @@ def test_noise_is_in_the_contrast_of_the_pyramid(sharp) -> None:
 
 
 def test_displayed_pictures_have_the_root_of_the_light(sharp) -> None:
-    usable = np.ones(sharp.shape, bool)
-    usable[:20] = False
-    pyramid = of(2 * sharp - 0.1, usable)  # light below 0 and above 1 counts as black and white
+    clipped = np.zeros(sharp.shape, bool)
+    clipped[:20] = True
+    pyramid = of(2 * sharp - 0.1, clipped)  # light below 0 and above 1 counts as black and white
     shown = pyramid.displayed()
     wanted = np.sqrt(np.clip(2 * sharp - 0.1, 0, 1))
     np.testing.assert_array_equal(shown.at(0).picture, wanted)
     assert shown.at(0).picture.dtype == np.float32
-    np.testing.assert_array_equal(shown.at(0).usable, usable)
+    np.testing.assert_array_equal(shown.at(0).clipped, clipped)
     assert shown.camera is pyramid.camera
     assert not np.array_equal(shown.at(2).picture, np.sqrt(np.clip(pyramid.at(2).picture, 0, 1)))
 
 
-def test_both_kinds_of_tones_have_the_same_usable_pixels(sharp) -> None:
-    usable = np.ones(sharp.shape, bool)
-    usable[:21, :33] = False
-    pyramid = of(sharp, usable)
+def test_both_kinds_of_tones_have_the_same_clipped_pixels(sharp) -> None:
+    clipped = np.zeros(sharp.shape, bool)
+    clipped[:21, :33] = True
+    pyramid = of(sharp, clipped)
     early = pyramid.displayed()
     for level in (1, 2, 5):
-        assert pyramid.at(level).usable is early.at(level).usable
-        assert pyramid.displayed().at(level).usable is early.at(level).usable
-        assert not early.at(level).usable[0, 0]
-        assert early.at(level).usable[-1, -1]
+        assert pyramid.at(level).clipped is early.at(level).clipped
+        assert pyramid.displayed().at(level).clipped is early.at(level).clipped
+        assert early.at(level).clipped[0, 0]
+        assert not early.at(level).clipped[-1, -1]
 
 
 def test_a_piece_is_that_of_the_picture_in_either_tones(sharp) -> None:
@@ -211,3 +213,34 @@ def test_displayed_pictures_that_are_forgotten_are_made_again(sharp) -> None:
         assert shown.at(level).camera.focal_px == pytest.approx(
             shown.camera.focal_px * shown.at(level).camera.width / shown.camera.width, rel=0.02
         )
+
+
+@pytest.mark.parametrize("shape", [(200, 260), (141, 184), (100, 130), (67, 259), (1, 1)])
+def test_in_bands_a_pixel_is_the_mean_over_its_area(sharp, shape) -> None:
+    ends = [np.linspace(0, n, m + 1) for n, m in zip(sharp.shape, shape, strict=True)]
+    down, across = (
+        np.clip(np.minimum(end[1:, None], p + 1) - np.maximum(end[:-1, None], p), 0, 1)
+        for end, p in zip(ends, map(np.arange, sharp.shape), strict=True)
+    )
+    light = 2 * sharp - np.float32(0.1)
+    mean = down @ np.sqrt(np.clip(light, 0, 1)) @ across.T * np.prod(shape) / sharp.size
+    ours = reduced_in_bands(light, shape, root)
+    assert ours.dtype == np.float32
+    np.testing.assert_allclose(ours, mean, atol=1e-3)
+    np.testing.assert_allclose(ours, reduced(root(light), shape), atol=1e-3)
+
+
+def test_display_values_of_a_large_photo_are_never_whole_in_memory() -> None:
+    light = np.random.default_rng(0).random((2400, 3000), np.float32)
+    shown = of(light, light > 0.9).displayed()
+    shown.forget()
+    tracemalloc.start()
+    try:
+        assert shown.noise(0) > 0
+        for level in (1, 2):
+            shown.at(level)
+            shown.forget()
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 1.25 * light.nbytes  # two pictures of half the pixels, and a mask
