@@ -56,8 +56,6 @@ class Drawing(NamedTuple):
     ----------
     kernel : RotationKernel
         The path, for the camera of the photo, centred.
-    level : int
-        Index of the scale of the streaks.
     misfit : float
         Median over the streaks of the light that the path does not explain, as a share of their
         area: 0 is a perfect fit.
@@ -67,7 +65,6 @@ class Drawing(NamedTuple):
     """
 
     kernel: RotationKernel
-    level: int
     misfit: float
     boxes: Vector
 
@@ -116,7 +113,7 @@ def drawing(pyramid: Pyramid, *, roll: bool = True, bound: float | None = None) 
         if bound is not None and kernel.extent_px() > bound:
             continue
         if best is None or fit.misfit < _S.better * best.misfit:
-            best = Drawing(kernel, level, fit.misfit, _boxes(fit.streaks, scale, pyramid))
+            best = Drawing(kernel, fit.misfit, _boxes(fit.streaks, scale, pyramid))
     return best
 
 
