@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from deshake.blind.candidate import Axes
+    from deshake.blind.kernel_comparison import Comparison
     from deshake.signal.pyramid import Pyramid
 
 __all__ = ["race"]
@@ -136,24 +137,33 @@ def _in_both_tones(course: Course, starts: Sequence[int], run: Run, *, quick: bo
         return [course]
     shown.begin(starts, run, quick=quick)
     shown.adopt(course)
-    best = shown.leaders[0]
-    better = shown.score([best]) > score + _S.display_worth and gains_in_display_values(
-        course.comparison, shown.comparison, best
-    )
+    better = _is_better(shown, course.comparison, score)
     courses = [shown, course] if better else [course, shown]
     courses[1].pyramid.forget()
     return courses
 
 
+def _is_better(shown: Course, light: Comparison, score: float) -> bool:
+    """Return whether the best kernel suits display values, and exceeds a score in linear light."""
+    best = shown.leaders[0]
+    return shown.score([best]) > score + _S.display_worth and gains_in_display_values(
+        light, shown.comparison, best
+    )
+
+
 def _ended(courses: Sequence[Course], hopeful: float, run: Run, *, quick: bool) -> Finish:
     """Return the end of the first course; if it is undecided, that of another that is trusted."""
+    first, score = courses[0].comparison, courses[0].score(courses[0].leaders)
     finish = courses[0].end(hopeful, quick=quick, run=run.part(0.0, 0.7))
     if not quick and SETTINGS.course.hopeful <= confidence(finish) < SETTINGS.estimate.even:
         courses[0].pyramid.forget()
         for other in courses[1:]:
+            least = _S.second
             if other.pyramid.is_displayed:
                 other.begin_others(run.part(0.7, 0.8))
+                if _is_better(other, first, score):
+                    least = SETTINGS.estimate.even
             second = other.end(hopeful, quick=quick, run=run.part(0.8, 1.0))
-            if confidence(second) >= _S.second:
+            if confidence(second) >= least:
                 return second
     return finish

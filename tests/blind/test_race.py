@@ -16,6 +16,9 @@ from deshake.run import Run
 from deshake.signal.pyramid import Pyramid
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from deshake.blind.entry import Entry
     from deshake.blind.finish import Finish
 
 pytestmark = pytest.mark.long
@@ -84,7 +87,7 @@ def test_a_blur_of_light_is_found_in_light(shaken, ended) -> None:
     assert found[1:] == ended[1:]
 
 
-def test_another_course_ends_only_where_the_first_is_undecided(ended, pyramid) -> None:
+def test_another_course_ends_only_where_the_first_is_undecided(ended, pyramid, monkeypatch) -> None:
     undecided = ended._replace(margin=0.0, match=0.1, agreement=0.96)
     trusted = ended._replace(margin=0.1, match=0.3, agreement=0.98, displayed=True)
     hopeless = ended._replace(margin=-0.2, match=0.0, agreement=0.5)
@@ -93,9 +96,15 @@ def test_another_course_ends_only_where_the_first_is_undecided(ended, pyramid) -
     ran: list[Finish | str] = []
 
     class Course:
-        def __init__(self, finish: Finish) -> None:
+        comparison, leaders = None, (None,)
+
+        def __init__(self, finish: Finish, score: float = 0.0) -> None:
             self.finish = finish
+            self.best = score
             self.pyramid = pyramid.displayed() if finish.displayed else pyramid
+
+        def score(self, entries: Sequence[Entry | None]) -> float:  # noqa: ARG002
+            return self.best
 
         def begin_others(self, run: Run) -> None:  # noqa: ARG002
             ran.append("others")
@@ -113,6 +122,18 @@ def test_another_course_ends_only_where_the_first_is_undecided(ended, pyramid) -
         ran.clear()
         assert _ended([Course(first), Course(other)], 0.15, Run(1), quick=False) is kept
         assert ran == [first, *then]
+    even, second = SETTINGS.estimate.even, SETTINGS.race.second
+    doubtful = next(
+        end
+        for end in (
+            trusted._replace(margin=margin, match=0.1) for margin in np.arange(-0.1, 0.1, 1e-3)
+        )
+        if even <= confidence(end) < second
+    )
+    monkeypatch.setattr("deshake.blind.race.gains_in_display_values", lambda *_: True)
+    for score, kept in ((0.0, undecided), (0.1, doubtful)):  # of the best start in display values
+        courses = [Course(undecided), Course(doubtful, score)]
+        assert _ended(courses, 0.15, Run(1), quick=False) is kept
     assert _ended([Course(undecided)], 0.15, Run(1), quick=False) is undecided
     assert _ended([Course(undecided), Course(trusted)], 0.15, Run(1), quick=True) is undecided
 
