@@ -103,10 +103,10 @@ def test_another_course_ends_only_where_the_first_is_undecided(ended, pyramid, m
             self.best = score
             self.pyramid = pyramid.displayed() if finish.displayed else pyramid
 
-        def score(self, entries: Sequence[Entry | None]) -> float:  # noqa: ARG002
+        def score(self, _: Sequence[Entry | None]) -> float:
             return self.best
 
-        def begin_others(self, run: Run) -> None:  # noqa: ARG002
+        def begin_others(self, _: Run) -> None:
             ran.append("others")
 
         def end(self, hopeful: float, run: Run, *, quick: bool) -> Finish:  # noqa: ARG002

@@ -74,7 +74,7 @@ def test_a_choice_does_not_depend_on_the_choices_before(photograph) -> None:
         for allowed in (lambda x, _: x > 0.5, None, lambda _, y: y > 0.5, lambda x, _: x > 9)
         for focus in (4.0, 0.0)
     ]
-    pyramid = of(photograph, np.random.default_rng(0).random(photograph.shape) > 0.01)
+    pyramid = of(photograph, np.random.default_rng(0).random(photograph.shape) <= 0.01)
     for level, size in ((0, SIZE), (1, SIZE), (0, 30), (2, 30)):
         for way in ways:
             fresh = of(photograph, pyramid.at(0).clipped)

@@ -273,7 +273,8 @@ class RaceSettings:
     display_worth : float
         Margin: least gain of the score of the starts that justifies display values.
     second : float
-        Confidence: the kernel of the other tones needs as much, if that of the first is undecided.
+        Confidence: the kernel of the other tones needs as much, if that of the first is undecided;
+        in display values even odds are enough, if they explain the photo better.
         Two attempts succeed by chance more often than one. A real photo (court) has 0.59, a sharp
         drawing (S06) 0.54.
 
