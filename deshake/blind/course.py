@@ -117,17 +117,32 @@ class Course:
         if quick:
             self.leaders = self._leaders()
         else:
-            self._end_starts(self.entries)
+            self._end_starts()
 
     def begin_others(self, run: Run) -> None:
         """Run the starts that do not begin with edges, unless those left no doubt."""
+        self.begin_wide(run.part(0.0, 0.25))
+        self.begin_spectral(run.part(0.25, 1.0))
+
+    def begin_wide(self, run: Run, least_match: float = -1.0) -> None:
+        """Run the starts of very wide shakes, unless there is no doubt.
+
+        Those whose smooth paths match less take no part.
+        """
+        if not self.leaders or not self.sure:
+            self.start_wide(run, least_match)
+            self._end_starts()
+
+    def begin_spectral(self, run: Run) -> None:
+        """Run the starts that the spectra give, unless there is no doubt."""
         if self.sure:
             return
-        wide = self.start_wide(run.part(0.0, 0.25))
         usual, wider = SETTINGS.spectral_start.usual, SETTINGS.spectral_start.wide
-        self._end_starts([*wide, *self.start_spectral(usual, run.part(0.25, 0.6))])
+        self.start_spectral(usual, run.part(0.0, 0.5))
+        self._end_starts()
         if self.may_be_wide(self.leaders[0]):
-            self._end_starts(self.start_spectral(wider, run.part(0.6, 1.0)))
+            self.start_spectral(wider, run.part(0.5, 1.0))
+            self._end_starts()
 
     def score(self, entries: Sequence[Entry]) -> float:
         """Return the highest score of kernels."""
@@ -138,16 +153,26 @@ class Course:
         for _, new in reported(self._started, starts, run, "starts"):
             self.entries += new
 
-    def start_wide(self, run: Run) -> list[Entry]:
-        """Estimate kernels of very wide shakes; keep and return those that match best."""
+    def start_wide(self, run: Run, least_match: float) -> list[Entry]:
+        """Estimate kernels of very wide shakes; keep and return those whose paths match best.
+
+        The path of each takes part, too, refined without roll.
+        """
         starts = [
             Entry(f"wide start {n}, scale {level}", _OF_WIDE - n, level, kernel)
             for n, (level, kernel) in enumerate(wide_starts(self.pyramid, self.axes, run))
             if self.bound is None or kernel.extent_px() <= self.bound
         ]
         wide = [entry for entry in starts if entry.width > _S.least_width * RATIO**entry.level]
-        matches = self.comparison.matches(wide)
-        taken = [wide[n] for n in np.argsort(-matches, kind="stable")[: _S.wide]]
+        paths = self._matched(wide)
+        matches = self.comparison.matches(paths)
+        ranked = np.argsort(-matches, kind="stable")[: _S.wide]
+        best = [paths[n] for n in ranked if matches[n] >= least_match]
+        flat = (self.axes[0], self.axes[1], False)
+        jobs = [(path, _S.refinement, flat) for path in best]
+        self.entries += all_refined(self.pyramid, jobs, self.comparison.run.silent())
+        starts_of_best = {path.start for path in best}
+        taken = [entry for entry in wide if entry.start in starts_of_best]
         self.entries += taken
         return taken
 
@@ -228,12 +253,13 @@ class Course:
         best = self._ranked(self.entries)[0]
         return best.zoomed(self._focus([best]))
 
-    def _end_starts(self, new: Sequence[Entry]) -> None:
+    def _end_starts(self) -> None:
         """Keep the last kernels of new starts, and find the best kernels of all.
 
         Smooth paths through those of edges take part.
         """
-        ends = last_of_starts(new)
+        known = {end.start for end in self.ends}
+        ends = last_of_starts([entry for entry in self.entries if entry.start not in known])
         self.ends += ends
         self.entries += self._matched(_of_edges(ends))
         self.leaders = self._leaders()

@@ -1,9 +1,9 @@
 """The race: kernels from several starts; the best are refined, and one is kept (`course`).
 
 A camera may have given the photo a tone curve. Then its blur may suit display values better than
-linear light (`tones`). So the starts of edges may run there, too, and the race goes on in the tones
-that suit the best kernel. If its end is undecided, it goes on in the other tones, too. Only then do
-the other starts run in display values.
+linear light (`tones`). So the starts of edges and those of very wide shakes may run there, too, and
+the race goes on in the tones that suit the best kernel. If its end is undecided, it goes on in the
+other tones, too. Only then do the starts that the spectra give run in display values.
 
 The race stops early in three cases. The two finest starts run first; if both end in a small round
 spot, the photo was not shaken. If the blur of the photo hardly depends on the direction
@@ -127,15 +127,22 @@ def _begun(
 def _in_both_tones(course: Course, starts: Sequence[int], run: Run, *, quick: bool) -> list[Course]:
     """Return a course and the one in display values, the one with the better starts first.
 
-    There is only the first if its best kernel is trusted, and display values explain it worse.
+    There is only the first if its best kernel is beyond doubt, and display values explain it worse.
+    If it is trusted, a kernel of a very wide shake may show that display values are better.
     """
     course.pyramid.forget()  # at most one course has its scales in memory
     shown = course.in_display_values()
-    score = course.score(course.leaders)
+    leader, score = course.leaders[0], course.score(course.leaders)
     worse = shown.score(course.leaders) < score - _S.display_doubt
-    if worse and course.confidence(course.leaders[0]) >= SETTINGS.estimate.even:
+    trusted = worse and course.confidence(leader) >= SETTINGS.estimate.even
+    if trusted and (course.sure or quick):
         return [course]
-    shown.begin(starts, run, quick=quick)
+    if not quick:
+        least = course.comparison.match(leader) if trusted else -1.0
+        shown.begin_wide(run.part(0.0, 0.2), least)
+    if trusted and not (shown.leaders and _is_better(shown, course.comparison, score)):
+        return [course]
+    shown.begin(starts, run.part(0.2, 1.0), quick=quick)
     shown.adopt(course)
     better = _is_better(shown, course.comparison, score)
     courses = [shown, course] if better else [course, shown]
@@ -160,7 +167,7 @@ def _ended(courses: Sequence[Course], hopeful: float, run: Run, *, quick: bool) 
         for other in courses[1:]:
             least = _S.second
             if other.pyramid.is_displayed:
-                other.begin_others(run.part(0.7, 0.8))
+                other.begin_spectral(run.part(0.7, 0.8))
                 if _is_better(other, first, score):
                     least = SETTINGS.estimate.even
             second = other.end(hopeful, quick=quick, run=run.part(0.8, 1.0))

@@ -2,36 +2,55 @@
 
 A candidate's kernel grows from a point. If the shake is as wide as a tenth of the frame, the first
 scales are too small for that: the kernel grows until it is as wide as the frame. Here the kernel
-has a fixed room from the beginning, a disk, and the frame is a single tile. So every edge counts,
-also those near the border. One filter serves for the whole frame. The roll follows in the race.
+has a fixed room from the beginning, a square, and the frame is one periodic picture. So every edge
+counts, also those near the border. One filter serves for the whole frame, and each step takes a few
+Fourier transforms. The roll follows in the race.
+
+Two steps alternate, from coarse to fine. The latent picture S has few edges (`sharp_edges`), and
+black pixels are common in it [1]: a blur makes the darkest pixel of a patch brighter. So the
+darkest pixel of each patch becomes black if it is dark already. The kernel w is that of the least
+squares between the edges of S and those of the photo g, which has a closed form:
+
+    w = F^-1( sum conj(F D S) F D g / (sum |F D S|^2 + gamma) )
+
+Its small values and small pieces are noise. Each start succeeds on some photos only. The starts
+differ in scale, room and price of an edge, and they are cheap.
+
+References
+----------
+.. [1] F. Wen, R. Ying, Y. Liu, P. Liu and T.-K. Truong, "A simple local minimal intensity prior
+   and an improved algorithm for blind image deblurring", IEEE Transactions on Circuits and Systems
+   for Video Technology 31, 2021, https://doi.org/10.1109/TCSVT.2020.3034137
+
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+import cv2
 import numpy as np
+import scipy.fft
 from numpy.typing import NDArray
 
-from deshake.blind.candidate import edge_floor, first_kernel
-from deshake.blind.kernel_step import RotationGrid, fitted_weights
 from deshake.blind.settings import SETTINGS
-from deshake.blind.sharp_edges import latent_edges
-from deshake.blind.tiles import Tiles
-from deshake.blind.trimming import heaviest
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.operators.strips import in_order
+from deshake.operators.transforms import power_of, squared_responses
+from deshake.signal.gradients import adjoint_differences, differences, strong
 from deshake.signal.pyramid import RATIO
 
 if TYPE_CHECKING:
     from deshake.blind.candidate import Axes
+    from deshake.blind.settings import WideWay
     from deshake.run import Run
     from deshake.signal.pyramid import Pyramid, Scale
 
 __all__ = ["wide_starts"]
 
-Indices = NDArray[np.int64]
+Image = NDArray[np.float32]
+Spectrum = NDArray[np.complex64]
 
 _S: Final = SETTINGS.wide_start
 
@@ -54,58 +73,159 @@ def wide_starts(pyramid: Pyramid, axes: Axes, run: Run) -> list[tuple[int, Rotat
         The scale of each estimate, and the kernel for the camera of the photo, centred.
 
     """
-    levels = [
-        level
-        for level in range(pyramid.coarsest + 1)
-        if _S.sides[0] <= min(pyramid.camera_at(level).shape) <= _S.sides[1]
-    ]
-    jobs = [(level, last) for level in levels for last in _S.last]
+    shorter = min(pyramid.camera.shape)
+    levels = [round(np.log(shorter / way.side) / np.log(RATIO)) for way in _S.ways]
+    jobs = [(level, way) for level, way in zip(levels, _S.ways, strict=True) if level >= 0]
     work = in_order(lambda job: _estimated(pyramid, *job, axes), jobs, run)
     return [(level, kernel) for (level, _), kernel in work]
 
 
-def _estimated(pyramid: Pyramid, level: int, last: float, axes: Axes) -> RotationKernel:
+def _estimated(pyramid: Pyramid, level: int, way: WideWay, axes: Axes) -> RotationKernel:
     """Estimate a kernel from coarse to fine; the last scale is `level`."""
-    scales = 1 + int(np.log(_S.reach / _S.least_reach) / np.log(RATIO))
-    prices = iter(np.geomspace(_S.first, last, scales * _S.iterations))
-    kernel = first_kernel(pyramid.camera_at(level + scales - 1), (axes[0], axes[1], False))
-    for coarser in reversed(range(scales)):
-        scale = pyramid.at(level + coarser)
-        half = int(np.ceil(_S.reach / RATIO**coarser))
-        indices = _disk(half, axes)
-        steps = grid_steps(scale.camera)
-        tile = _whole_frame(scale, half)
-        grid = RotationGrid(tile, indices, steps)
-        weights = _weights_at(indices, kernel.for_camera(scale.camera).resampled(steps))
-        floor = edge_floor(pyramid, level + coarser)
-        for _ in range(_S.iterations):
-            tile.bind(RotationKernel.from_indices(indices, weights, steps, scale.camera))
-            fit = grid.equations(latent_edges(tile, max(next(prices), floor), "l0"))
-            weights = fitted_weights(fit, indices, weights, cut=_S.cut)
-        kernel = RotationKernel.from_indices(indices, weights, steps, scale.camera)
-        kernel = heaviest(kernel, _S.light).centred()
-    return kernel.for_camera(pyramid.camera)
+    scales = 1 + round(np.log(way.reach / _S.least_reach) / np.log(RATIO))
+    prices = np.geomspace(way.first, way.last, scales * _S.iterations)
+    darks = np.linspace(_S.dark, 0, len(prices), endpoint=False)
+    contrast = _S.contrast / float(pyramid.at(level).picture.std())
+    kernel = np.zeros((3, 3), np.float32)
+    kernel[1, 1:] = 0.5
+    for n in range(scales):
+        coarser = scales - 1 - n
+        reach = int(np.ceil(way.reach / RATIO**coarser))
+        kernel = _resized(kernel, reach, first=n == 0)
+        frame = _Frame(pyramid.at(level + coarser), reach, contrast)
+        for i in range(n * _S.iterations, (n + 1) * _S.iterations):
+            across, down = frame.edges(kernel, float(prices[i]), float(darks[i]))
+            kernel = _cleaned(frame.fitted(across, down, reach), axes, otherwise=kernel)
+    return _of_camera(kernel, pyramid.at(level), pyramid)
 
 
-def _whole_frame(scale: Scale, half: int) -> Tiles:
-    """Return one square tile around the frame; the pixels beyond the frame are unknown."""
-    height, width = scale.camera.shape
-    side = max(height, width) // 2 * 2
-    return Tiles(scale, [((height - side) // 2, (width - side) // 2)], side, half + 1)
+class _Frame:
+    """The picture of a scale as one periodic picture.
+
+    Beyond the right and the lower border the picture turns smoothly into that at the opposite one.
+    """
+
+    def __init__(self, scale: Scale, reach: int, contrast: float) -> None:
+        self.shape = scale.camera.shape
+        h, w = self.shape
+        rows, columns = (scipy.fft.next_fast_len(n + 2 * reach, real=True) for n in self.shape)
+        picture = np.empty((rows, columns), np.float32)
+        np.multiply(scale.picture, np.float32(contrast), out=picture[:h, :w])
+        picture[:h, w:] = _between(picture[:h, w - 1 : w], picture[:h, :1], columns - w, axis=1)
+        picture[h:] = _between(picture[h - 1 : h], picture[:1], rows - h, axis=0)
+        self.picture = picture
+        self.data = _spectrum(picture)
+        self.gradients = [_spectrum(part) for part in differences(picture)]
+        along_rows, along_columns = squared_responses(rows, columns)
+        self.squared_response = along_rows[:, None] + along_columns
+
+    def edges(self, kernel: Image, price: float, dark: float) -> tuple[Image, Image]:
+        """Return the edges of the latent picture that explains the photo, within the frame."""
+        H = _spectrum(_placed(kernel, self.picture.shape))
+        data, power = np.conj(H) * self.data, power_of(H)
+        latent, beta = self.picture, 2 * price
+        while beta < _S.beta_max:
+            across, down = strong(*differences(self._darkened(latent, dark)), price / beta)
+            spectrum = _spectrum(adjoint_differences(across, down))
+            spectrum *= np.float32(beta)
+            spectrum += data
+            spectrum /= power + np.float32(beta) * self.squared_response
+            latent = _inverse(spectrum, latent.shape)
+            beta *= _S.growth
+        across, down = strong(*differences(latent), 2 * price / beta)
+        for part in (across, down):
+            part[self.shape[0] - 1 :] = 0
+            part[:, self.shape[1] - 1 :] = 0
+        return across, down
+
+    def fitted(self, across: Image, down: Image, reach: int) -> Image:
+        """Return the kernel of the least squares of edges, (2 reach + 1, 2 reach + 1)."""
+        F_across, F_down = _spectrum(across), _spectrum(down)
+        matched: Spectrum = np.conj(F_across)
+        matched *= self.gradients[0]
+        matched += np.conj(F_down) * self.gradients[1]
+        matched /= power_of(F_across) + power_of(F_down) + np.float32(_S.ridge)
+        kernel = np.roll(_inverse(matched, across.shape), (reach, reach), (0, 1))
+        return kernel[: 2 * reach + 1, : 2 * reach + 1]
+
+    def _darkened(self, latent: Image, dark: float) -> Image:
+        """Make the darkest pixel of each patch black, if it is darker than `dark`."""
+        side = max(int(_S.patch * sum(self.shape) / 2), _S.least_patch)
+        rows, columns = (n // side for n in self.shape)
+        patches = latent[: rows * side, : columns * side].reshape(rows, side, columns, side)
+        flat = patches.transpose(0, 2, 1, 3).reshape(rows, columns, -1)
+        darkest = flat.argmin(2)
+        found = np.take_along_axis(flat, darkest[..., None], 2)[..., 0] < dark
+        y = (np.arange(rows)[:, None] * side + darkest // side)[found]
+        x = (np.arange(columns) * side + darkest % side)[found]
+        darkened = latent.copy()
+        darkened[y, x] = 0
+        return darkened
 
 
-def _disk(radius: int, axes: Axes) -> Indices:
-    """Return the rotations about X and Y within a radius, in grid steps, (K, 3)."""
-    along = [np.arange(-radius, radius + 1) if axis else np.zeros(1, int) for axis in axes[:2]]
-    tilt, pan = (grid.ravel() for grid in np.meshgrid(*along, indexing="ij"))
-    within = tilt**2 + pan**2 <= (radius + 0.5) ** 2
-    indices: Indices = np.stack([tilt, pan, np.zeros_like(pan)], 1)[within]
-    return indices
+def _spectrum(picture: Image) -> Spectrum:
+    """Transform a picture."""
+    spectrum: Spectrum = scipy.fft.rfft2(picture)
+    return spectrum
 
 
-def _weights_at(indices: Indices, kernel: RotationKernel) -> NDArray[np.float64]:
-    """Return the weights of a kernel at rotations of its grid; others are discarded."""
-    held = {tuple(at): w for at, w in zip(kernel.indices.tolist(), kernel.weights, strict=True)}
-    weights = np.array([held.get(tuple(at), 0.0) for at in indices.tolist()])
-    normed: NDArray[np.float64] = weights / weights.sum()
-    return normed
+def _inverse(spectrum: Spectrum, shape: tuple[int, ...]) -> Image:
+    """Transform a spectrum back to a picture of a shape."""
+    picture: Image = scipy.fft.irfft2(spectrum, s=shape)
+    return picture
+
+
+def _between(one: Image, other: Image, count: int, axis: int) -> Image:
+    """Return `count` rows or columns that lead from one to another."""
+    share = (np.arange(count, dtype=np.float32) + 1) / np.float32(count + 1)
+    share = np.expand_dims(share, 1 - axis)
+    return (1 - share) * one + share * other
+
+
+def _placed(kernel: Image, shape: tuple[int, ...]) -> Image:
+    """Place a kernel in a picture of a shape, its centre at the first pixel."""
+    reach = len(kernel) // 2
+    picture = np.zeros(shape, np.float32)
+    picture[: len(kernel), : len(kernel)] = kernel
+    return np.roll(picture, (-reach, -reach), (0, 1))
+
+
+def _resized(kernel: Image, reach: int, *, first: bool) -> Image:
+    """Resample a kernel to the room of the next scale; the first one has its room added."""
+    if first:
+        return np.pad(kernel, reach - 1)
+    side = 2 * reach + 1
+    finer = cv2.resize(kernel, (side, side), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(finer / finer.sum(), np.float32)
+
+
+def _cleaned(kernel: Image, axes: Axes, otherwise: Image) -> Image:
+    """Discard small values and small pieces, and centre the kernel; its sum is 1."""
+    reach = len(kernel) // 2
+    kernel = np.where(kernel < _S.cut * kernel.max(), 0, kernel)
+    for axis in (0, 1):
+        if not axes[axis]:  # a turn about X moves the picture up and down
+            outside = np.arange(-reach, reach + 1) != 0
+            kernel[outside if axis == 0 else np.s_[:], outside if axis else np.s_[:]] = 0
+    count, pieces = cv2.connectedComponents((kernel > 0).astype(np.uint8), connectivity=8)
+    light = np.bincount(pieces.ravel(), kernel.ravel(), count)
+    kernel = np.where((light < _S.least_piece * light.sum())[pieces], 0, kernel)
+    total = kernel.sum()
+    if not total > 0:
+        return otherwise
+    kernel /= total
+    steps = np.arange(-reach, reach + 1)
+    centre = [-round(float(kernel.sum(1 - axis) @ steps)) for axis in (0, 1)]
+    return np.roll(kernel, centre, (0, 1)).astype(np.float32)
+
+
+def _of_camera(kernel: Image, scale: Scale, pyramid: Pyramid) -> RotationKernel:
+    """Turn a filter of a scale into rotations about X and Y, for the camera of the photo."""
+    reach = len(kernel) // 2
+    y, x = np.nonzero(kernel)
+    steps = grid_steps(scale.camera)
+    # light moves by (x, y): the picture is read at (-x, -y); a turn about X moves it up
+    moves = np.stack([y - reach, reach - x, np.zeros_like(x)], 1)
+    indices = np.rint(moves / (scale.camera.focal_px * steps)).astype(np.int64)
+    own = RotationKernel.from_indices(indices, kernel[y, x], steps, scale.camera)
+    return own.centred().for_camera(pyramid.camera)

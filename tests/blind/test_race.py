@@ -7,7 +7,7 @@ import pytest
 
 from deshake.blind.agreement import agreement
 from deshake.blind.course import first_scales
-from deshake.blind.race import _ended, race
+from deshake.blind.race import _ended, _in_both_tones, race
 from deshake.blind.settings import SETTINGS
 from deshake.blind.spot import is_spot
 from deshake.blind.trust import confidence
@@ -106,15 +106,15 @@ def test_another_course_ends_only_where_the_first_is_undecided(ended, pyramid, m
         def score(self, _: Sequence[Entry | None]) -> float:
             return self.best
 
-        def begin_others(self, _: Run) -> None:
-            ran.append("others")
+        def begin_spectral(self, _: Run) -> None:
+            ran.append("spectral")
 
         def end(self, hopeful: float, run: Run, *, quick: bool) -> Finish:  # noqa: ARG002
             ran.append(self.finish)
             return self.finish
 
     for first, other, kept, then in (
-        (undecided, trusted, trusted, ["others", trusted]),
+        (undecided, trusted, trusted, ["spectral", trusted]),
         (undecided, hopeless, undecided, [hopeless]),
         (trusted, hopeless, trusted, []),
         (hopeless, trusted, hopeless, []),
@@ -136,6 +136,57 @@ def test_another_course_ends_only_where_the_first_is_undecided(ended, pyramid, m
         assert _ended(courses, 0.15, Run(1), quick=False) is kept
     assert _ended([Course(undecided)], 0.15, Run(1), quick=False) is undecided
     assert _ended([Course(undecided), Course(trusted)], 0.15, Run(1), quick=True) is undecided
+
+
+@pytest.mark.parametrize(
+    ("case", "least", "both"),
+    [
+        ((0.9, 0.1, False), None, False),  # beyond doubt, and worse in display values
+        ((0.6, 0.1, False), 0.25, False),  # trusted and worse: a very wide shake must be better
+        ((0.6, 0.1, True), 0.25, True),
+        ((0.3, 0.1, False), -1.0, True),  # not trusted
+        ((0.9, 0.2, False), -1.0, True),  # not worse in display values
+    ],
+)
+def test_very_wide_shakes_may_show_that_display_values_are_better(
+    pyramid, monkeypatch, case, least, both
+) -> None:
+    chance, shown_score, better = case  # of the leader; of display values; of very wide shakes
+    log: list[str | float] = []
+
+    class Course:
+        leaders = ("leader",)
+        sure = chance >= SETTINGS.estimate.doubtful
+
+        def __init__(self, score: float) -> None:
+            self.best, self.pyramid, self.comparison = score, pyramid, self
+
+        def in_display_values(self) -> Course:
+            return Course(shown_score)
+
+        def match(self, _: str) -> float:
+            return 0.25
+
+        def score(self, _: Sequence[str]) -> float:
+            return self.best
+
+        def confidence(self, _: str) -> float:
+            return chance
+
+        def begin_wide(self, _: Run, least_match: float) -> None:
+            log.append(least_match)
+
+        def begin(self, _: Sequence[int], __: Run, *, quick: bool) -> None:
+            log.append("edges" if not quick else "quick")
+
+        def adopt(self, _: Course) -> None:
+            log.append("adopted")
+
+    monkeypatch.setattr("deshake.blind.race._is_better", lambda *_: better)
+    courses = _in_both_tones(Course(0.2), [1], Run(1), quick=False)
+    assert len(courses) == 1 + both
+    expected = [] if least is None else [least]
+    assert log == expected + ["edges", "adopted"] * both
 
 
 def test_it_stops_early_for_a_sharp_photo(still) -> None:

@@ -14,6 +14,7 @@ from deshake.blind.settings.candidates import (
     Refinement,
     Way,
     WideStartSettings,
+    WideWay,
 )
 from deshake.blind.settings.choosing_tiles import (
     Budget,
@@ -69,6 +70,7 @@ __all__ = [
     "SpectrumTiles",
     "StreakFit",
     "Way",
+    "WideWay",
 ]
 
 

@@ -15,6 +15,7 @@ __all__ = [
     "Refinement",
     "Way",
     "WideStartSettings",
+    "WideWay",
 ]
 
 
@@ -140,38 +141,75 @@ class Refinement:
 
 
 @dataclass(frozen=True)
-class WideStartSettings:
-    """Kernels of very wide shakes (`wide_start`).
-
-    Tuned on photos of 6 MP shaken by 120 px, and of 0.6 MP by 100 to 140 px.
+class WideWay:
+    """One start of a very wide shake.
 
     Parameters
     ----------
-    reach, least_reach : float
-        Px: radius of the kernel's room at the last scale, and at the first one.
-    sides : (int, int)
-        Px: least and largest shorter side of the frame at the last scale.
-    first : float
-        Squared contrast of the pyramid: price of an edge in the first iteration.
-    last : (float, float)
-        The same in the last iteration; the second for photos of low contrast.
-    iterations : int
-        Iterations at each scale.
-    cut : float
-        Share of the kernel's weight: smaller weights that hold less together are noise.
-    light : float
-        Share of the kernel's weight: rotations that hold less are discarded.
+    side : int
+        Px: shorter side of the frame at the last scale, about.
+    reach : int
+        Px of the last scale: the kernel's room, from its centre.
+    first, last : float
+        Squared contrast: price of an edge in the first iteration, and in the last one.
 
     """
 
-    reach: int = 15
-    least_reach: float = 2.5
-    sides: tuple[int, int] = (110, 300)
-    first: float = 0.1
-    last: tuple[float, float] = (2e-3, 2e-2)
+    side: int
+    reach: int
+    first: float
+    last: float
+
+
+@dataclass(frozen=True)
+class WideStartSettings:
+    """Kernels of very wide shakes (`wide_start`).
+
+    The ways are five of 72 that were tried on three real photos shaken by a tenth of the frame.
+
+    Parameters
+    ----------
+    ways : tuple of WideWay
+        The starts. In small photos the finest scales are missing.
+    least_reach : float
+        Px: reach of the kernel's room at the first scale, about.
+    iterations : int
+        Iterations at each scale.
+    contrast : float
+        Standard deviation of the frame: its picture is scaled to it.
+    dark : float
+        On the scale of that picture: a darker pixel may be black. It falls to 0.
+    patch, least_patch : float, int
+        Side of a patch with a dark pixel: over the mean side of the frame, and least px.
+    beta_max, growth : float
+        Largest weight of the split gradients, and its factor from step to step.
+    ridge : float
+        Squared contrast: what the least squares of the kernel add to the power of the edges.
+    cut : float
+        Share of the kernel's largest value: smaller ones are noise.
+    least_piece : float
+        Share of the kernel's light: a piece with less is noise.
+
+    """
+
+    ways: tuple[WideWay, ...] = (
+        WideWay(135, 12, 0.025, 1e-3),
+        WideWay(135, 12, 0.075, 2.5e-3),
+        WideWay(190, 12, 0.025, 1e-3),
+        WideWay(190, 20, 0.025, 1e-3),
+        WideWay(270, 20, 0.025, 1e-3),
+    )
+    least_reach: float = 3.0
     iterations: int = 5
-    cut: float = 0.03
-    light: float = 1e-4
+    contrast: float = 0.25
+    dark: float = 0.1
+    patch: float = 0.025
+    least_patch: int = 4
+    beta_max: float = 1e3
+    growth: float = 2.0
+    ridge: float = 2.0
+    cut: float = 0.05
+    least_piece: float = 0.05
 
 
 @dataclass(frozen=True)
