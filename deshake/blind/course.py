@@ -127,7 +127,7 @@ class Course:
     def begin_wide(self, run: Run, least_match: float = -1.0) -> None:
         """Run the starts of very wide shakes, unless there is no doubt.
 
-        Those whose smooth paths match less take no part.
+        Those whose smooth paths match less than `least_match` take no part.
         """
         if not self.leaders or not self.sure:
             self.start_wide(run, least_match)

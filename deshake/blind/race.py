@@ -134,13 +134,13 @@ def _in_both_tones(course: Course, starts: Sequence[int], run: Run, *, quick: bo
     shown = course.in_display_values()
     leader, score = course.leaders[0], course.score(course.leaders)
     worse = shown.score(course.leaders) < score - _S.display_doubt
-    trusted = worse and course.confidence(leader) >= SETTINGS.estimate.even
-    if trusted and (course.sure or quick):
+    in_light = worse and course.confidence(leader) >= SETTINGS.estimate.even
+    if in_light and (course.sure or quick):
         return [course]
     if not quick:
-        least = course.comparison.match(leader) if trusted else -1.0
+        least = course.comparison.match(leader) if in_light else -1.0
         shown.begin_wide(run.part(0.0, 0.2), least)
-    if trusted and not (shown.leaders and _is_better(shown, course.comparison, score)):
+    if in_light and not (shown.leaders and _is_better(shown, course.comparison, score)):
         return [course]
     shown.begin(starts, run.part(0.2, 1.0), quick=quick)
     shown.adopt(course)

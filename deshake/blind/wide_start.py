@@ -14,13 +14,14 @@ squares between the edges of S and those of the photo g, which has a closed form
     w = F^-1( sum conj(F D S) F D g / (sum |F D S|^2 + gamma) )
 
 Its small values and small pieces are noise. Each start succeeds on some photos only. The starts
-differ in scale, room and price of an edge, and they are cheap.
+differ in scale, room and price of an edge, and they are cheap. Clipped pixels count like others,
+because a periodic picture has no gaps; the race judges the kernels without them.
 
 References
 ----------
 .. [1] F. Wen, R. Ying, Y. Liu, P. Liu and T.-K. Truong, "A simple local minimal intensity prior
    and an improved algorithm for blind image deblurring", IEEE Transactions on Circuits and Systems
-   for Video Technology 31, 2021, https://doi.org/10.1109/TCSVT.2020.3034137
+   for Video Technology 31, 2021, https://arxiv.org/abs/1906.06642
 
 """
 
