@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from deshake.geometry.camera import Camera
     from deshake.signal.pyramid import Pyramid
 
-__all__ = ["Candidate", "edge_floor", "first_kernel", "refined"]
+__all__ = ["Candidate", "edge_floor", "refined"]
 
 Axes = tuple[bool, bool, bool]
 
@@ -101,7 +101,7 @@ class Candidate:
         scale = self.pyramid.at(self.level)
         first = self._kernel is None
         self._kernel = (
-            first_kernel(scale.camera, self.axes) if first else self._carried(scale.camera)
+            _first_kernel(scale.camera, self.axes) if first else self._carried(scale.camera)
         )
         floor = edge_floor(self.pyramid, self.level, self.way.noise)
         self._cut_tiles()
@@ -249,7 +249,7 @@ def _keys(kernel: RotationKernel) -> NDArray[np.int64]:
     return keys
 
 
-def first_kernel(camera: Camera, axes: Axes) -> RotationKernel:
+def _first_kernel(camera: Camera, axes: Axes) -> RotationKernel:
     """Return a small cube: half of the weight at rest, half beside it, to break the symmetry."""
     halves = [n if axis else 0 for n, axis in zip(_S.start_half, axes, strict=True)]
     grids = np.meshgrid(*(np.arange(-n, n + 1) for n in halves), indexing="ij")

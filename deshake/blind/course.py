@@ -129,7 +129,7 @@ class Course:
 
         Those whose smooth paths match less than `least_match` take no part.
         """
-        if not self.leaders or not self.sure:
+        if not self.sure:
             self.start_wide(run, least_match)
             self._end_starts()
 
@@ -153,8 +153,8 @@ class Course:
         for _, new in reported(self._started, starts, run, "starts"):
             self.entries += new
 
-    def start_wide(self, run: Run, least_match: float) -> list[Entry]:
-        """Estimate kernels of very wide shakes; keep and return those whose paths match best.
+    def start_wide(self, run: Run, least_match: float) -> None:
+        """Estimate kernels of very wide shakes; keep those whose paths match best.
 
         The path of each takes part, too, refined without roll.
         """
@@ -168,13 +168,10 @@ class Course:
         matches = self.comparison.matches(paths)
         ranked = np.argsort(-matches, kind="stable")[: _S.wide]
         best = [paths[n] for n in ranked if matches[n] >= least_match]
-        flat = (self.axes[0], self.axes[1], False)
-        jobs = [(path, _S.refinement, flat) for path in best]
-        self.entries += all_refined(self.pyramid, jobs, self.comparison.run.silent())
-        starts_of_best = {path.start for path in best}
-        taken = [entry for entry in wide if entry.start in starts_of_best]
-        self.entries += taken
-        return taken
+        jobs = [(path, _S.refinement, self._flat) for path in best]
+        self.entries += all_refined(self.pyramid, jobs, self.comparison.run)
+        taken = {path.start for path in best}
+        self.entries += [entry for entry in wide if entry.start in taken]
 
     def start_spectral(self, scales: PathScales, run: Run) -> list[Entry]:
         """Find paths by the spectra; keep and return distinct ones that match best.
@@ -218,7 +215,9 @@ class Course:
 
     @property
     def sure(self) -> bool:
-        """Whether the best kernel of the starts is beyond doubt."""
+        """Whether there are starts, and their best kernel is beyond doubt."""
+        if not self.leaders:
+            return False
         return self.confidence(self.leaders[0]) >= SETTINGS.estimate.doubtful
 
     def may_be_wide(self, leader: Entry) -> bool:
@@ -300,6 +299,11 @@ class Course:
             self.entries = _zoomed(self.entries, ratio)
         return ratio
 
+    @property
+    def _flat(self) -> Axes:
+        """The axes without roll."""
+        return self.axes[0], self.axes[1], False
+
     def _contenders(self, starts: set[int]) -> list[Entry]:
         """Return the kernels that may win.
 
@@ -324,8 +328,7 @@ class Course:
         """Refine kernels, with roll and without."""
         uniform = self.pyramid.camera.is_uniform
         ways = (_S.refinement, _S.uniform_refinement) if uniform else (_S.refinement,)
-        flat = (self.axes[0], self.axes[1], False)
-        all_axes = (self.axes, flat) if self.axes[2] else (self.axes,)
+        all_axes = (self.axes, self._flat) if self.axes[2] else (self.axes,)
         jobs = [(entry, how, axes) for axes in all_axes for entry in entries for how in ways]
         return all_refined(self.pyramid, jobs, run)
 

@@ -87,13 +87,11 @@ def _estimated(pyramid: Pyramid, level: int, way: WideWay, axes: Axes) -> Rotati
     prices = np.geomspace(way.first, way.last, scales * _S.iterations)
     darks = np.linspace(_S.dark, 0, len(prices), endpoint=False)
     contrast = _S.contrast / float(pyramid.at(level).picture.std())
-    kernel = np.zeros((3, 3), np.float32)
-    kernel[1, 1:] = 0.5
-    for n in range(scales):
-        coarser = scales - 1 - n
-        reach = int(np.ceil(way.reach / RATIO**coarser))
-        kernel = _resized(kernel, reach, first=n == 0)
-        frame = _Frame(pyramid.at(level + coarser), reach, contrast)
+    reaches = [int(np.ceil(way.reach / RATIO**coarser)) for coarser in reversed(range(scales))]
+    kernel = _first_kernel(reaches[0])
+    for n, reach in enumerate(reaches):
+        kernel = _resized(kernel, reach)
+        frame = _Frame(pyramid.at(level + scales - 1 - n), reach, contrast)
         for i in range(n * _S.iterations, (n + 1) * _S.iterations):
             across, down = frame.edges(kernel, float(prices[i]), float(darks[i]))
             kernel = _cleaned(frame.fitted(across, down, reach), axes, otherwise=kernel)
@@ -191,10 +189,15 @@ def _placed(kernel: Image, shape: tuple[int, ...]) -> Image:
     return np.roll(picture, (-reach, -reach), (0, 1))
 
 
-def _resized(kernel: Image, reach: int, *, first: bool) -> Image:
-    """Resample a kernel to the room of the next scale; the first one has its room added."""
-    if first:
-        return np.pad(kernel, reach - 1)
+def _first_kernel(reach: int) -> Image:
+    """Return a kernel with half of the light at rest and half beside it, to break the symmetry."""
+    kernel = np.zeros((2 * reach + 1, 2 * reach + 1), np.float32)
+    kernel[reach, reach : reach + 2] = 0.5
+    return kernel
+
+
+def _resized(kernel: Image, reach: int) -> Image:
+    """Resample a kernel to the room of a scale; its sum is 1."""
     side = 2 * reach + 1
     finer = cv2.resize(kernel, (side, side), interpolation=cv2.INTER_LINEAR)
     return np.asarray(finer / finer.sum(), np.float32)
@@ -204,10 +207,11 @@ def _cleaned(kernel: Image, axes: Axes, otherwise: Image) -> Image:
     """Discard small values and small pieces, and centre the kernel; its sum is 1."""
     reach = len(kernel) // 2
     kernel = np.where(kernel < _S.cut * kernel.max(), 0, kernel)
-    for axis in (0, 1):
-        if not axes[axis]:  # a turn about X moves the picture up and down
-            outside = np.arange(-reach, reach + 1) != 0
-            kernel[outside if axis == 0 else np.s_[:], outside if axis else np.s_[:]] = 0
+    steps = np.arange(-reach, reach + 1)
+    if not axes[0]:  # a turn about X moves the picture up and down
+        kernel[steps != 0] = 0
+    if not axes[1]:
+        kernel[:, steps != 0] = 0
     count, pieces = cv2.connectedComponents((kernel > 0).astype(np.uint8), connectivity=8)
     light = np.bincount(pieces.ravel(), kernel.ravel(), count)
     kernel = np.where((light < _S.least_piece * light.sum())[pieces], 0, kernel)
@@ -215,7 +219,6 @@ def _cleaned(kernel: Image, axes: Axes, otherwise: Image) -> Image:
     if not total > 0:
         return otherwise
     kernel /= total
-    steps = np.arange(-reach, reach + 1)
     centre = [-round(float(kernel.sum(1 - axis) @ steps)) for axis in (0, 1)]
     return np.roll(kernel, centre, (0, 1)).astype(np.float32)
 

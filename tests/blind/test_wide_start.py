@@ -68,13 +68,13 @@ def rough_edges(frame):
 
 def test_a_known_wide_shake_is_recovered(wide, starts) -> None:
     assert [level for level, _ in starts] == [1, 1, 0, 0]
-    assert max(agreement(kernel, wide.kernel) for _, kernel in starts) > 0.9
+    assert max(agreement(kernel, wide.kernel) for _, kernel in starts) > 0.95
 
 
 def test_the_kernel_is_not_the_reflection_of_the_true_one(wide, starts) -> None:
     reflected = replace(wide.kernel, theta=-wide.kernel.theta)
     best = max((kernel for _, kernel in starts), key=lambda one: agreement(one, wide.kernel))
-    assert agreement(best, wide.kernel) > agreement(best, reflected) + 0.05
+    assert agreement(best, wide.kernel) > agreement(best, reflected) + 0.15
 
 
 def test_kernels_are_centred_without_roll_and_belong_to_the_photo(wide, starts) -> None:
@@ -98,7 +98,7 @@ def test_a_camera_that_turns_about_one_axis_moves_along_a_line(wide, still) -> N
     for kernel in kernels:
         assert np.ptp(kernel.theta[:, still]) < 1e-2 * kernel.steps[still]
     other = 1 - still
-    assert max(np.ptp(one.theta[:, other]) for one in kernels) > 4 * kernels[0].steps[other]
+    assert max(np.ptp(one.theta[:, other]) for one in kernels) > 10 * kernels[0].steps[other]
 
 
 def test_a_tiny_photo_has_none(wide) -> None:
