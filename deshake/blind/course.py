@@ -10,10 +10,15 @@ The score of the comparison then ranks the kernels, on tiles that no candidate u
 more, and ranked again. The best kernels of two starts are polished (`polish`).
 
 Every second start carries its kernel as a thin path from scale to scale. Wide shakes often
-succeed in only one of the two ways. If the best kernel of these starts is beyond doubt, no others
-run, and fewer kernels are refined. Otherwise very wide shakes have starts of their own
-(`wide_start`). Other starts need no latent picture: they are the paths that match the spectra best
-(`spectral_start`). The spectra cannot tell a path from its reflection, so both take part.
+succeed in only one of the two ways. Very wide shakes have starts of their own (`wide_start`). If
+the best kernel of the other starts is beyond doubt, these take part only if one of them is much
+wider and better: the other kernel may be a part of it. Then fewer kernels are refined, and no other
+starts run. Otherwise further starts need no latent picture: they are the paths that match the
+spectra best (`spectral_start`). The spectra cannot tell a path from its reflection, so both take
+part.
+
+A tiny photo has few tiles. There the wide starts see more than the other ones, and always take
+part.
 """
 
 from __future__ import annotations
@@ -125,13 +130,25 @@ class Course:
         self.begin_spectral(run.part(0.25, 1.0))
 
     def begin_wide(self, run: Run, least_match: float = -1.0) -> None:
-        """Run the starts of very wide shakes, unless there is no doubt.
+        """Run the starts of very wide shakes; those that match less than `least_match` are out.
 
-        Those whose smooth paths match less than `least_match` take no part.
+        If the best kernel so far is beyond doubt, only those that are much wider run, and they are
+        out, too, unless one of them is better. In a tiny photo all of them take part.
         """
-        if not self.sure:
-            self.start_wide(run, least_match)
-            self._end_starts()
+        before = self.entries, self.ends, self.leaders
+        leader = self.leaders[0] if self.sure and not self._is_tiny else None
+        if leader is not None:
+            least_match = _S.wide_share * self.comparison.match(leader)
+        wide, paths = self._wide(run, least_match, leader)
+        jobs = [(path, _S.refinement, self._flat) for path in paths]
+        if leader is not None or self._is_tiny:  # else they push other kernels out
+            jobs += [(self._suited(entry), _S.refinement, self._flat) for entry in wide]
+        refined = all_refined(self.pyramid, jobs, self.comparison.run)
+        paths, kernels = refined[: len(wide)], refined[len(wide) :]
+        self.entries = [*self.entries, *paths, *wide, *kernels]
+        self._end_starts()
+        if leader is not None and not _OF_SPECTRA < self.leaders[0].start <= _OF_WIDE:
+            self.entries, self.ends, self.leaders = before
 
     def begin_spectral(self, run: Run) -> None:
         """Run the starts that the spectra give, unless there is no doubt."""
@@ -153,25 +170,30 @@ class Course:
         for _, new in reported(self._started, starts, run, "starts"):
             self.entries += new
 
-    def start_wide(self, run: Run, least_match: float) -> None:
-        """Estimate kernels of very wide shakes; keep those whose paths match best.
+    def _wide(
+        self, run: Run, least_match: float, narrow: Entry | None
+    ) -> tuple[list[Entry], list[Entry]]:
+        """Estimate kernels of very wide shakes; return those whose paths match best, and the paths.
 
-        The path of each takes part, too, refined without roll.
+        If a narrow kernel is given, all are much wider.
         """
-        starts = [
+        wide = [
             Entry(f"wide start {n}, scale {level}", _OF_WIDE - n, level, kernel)
             for n, (level, kernel) in enumerate(wide_starts(self.pyramid, self.axes, run))
             if self.bound is None or kernel.extent_px() <= self.bound
         ]
-        wide = [entry for entry in starts if entry.width > _S.least_width * RATIO**entry.level]
+        wide = [entry for entry in wide if entry.width > _S.least_width * RATIO**entry.level]
+        if narrow is not None:
+            wide = [entry for entry in wide if self.comparison.is_much_wider(entry, narrow)]
         paths = self._matched(wide)
         matches = self.comparison.matches(paths)
         ranked = np.argsort(-matches, kind="stable")[: _S.wide]
-        best = [paths[n] for n in ranked if matches[n] >= least_match]
-        jobs = [(path, _S.refinement, self._flat) for path in best]
-        self.entries += all_refined(self.pyramid, jobs, self.comparison.run)
-        taken = {path.start for path in best}
-        self.entries += [entry for entry in wide if entry.start in taken]
+        kept = [n for n in ranked if matches[n] >= least_match]
+        return [wide[n] for n in kept], [paths[n] for n in kept]
+
+    def _suited(self, entry: Entry) -> Entry:
+        """Take a kernel for one of the scale that suits it, if that is finer than its own."""
+        return entry._replace(level=min(entry.level, self.comparison.level(entry)))
 
     def start_spectral(self, scales: PathScales, run: Run) -> list[Entry]:
         """Find paths by the spectra; keep and return distinct ones that match best.
@@ -203,8 +225,7 @@ class Course:
         for n, (level, path) in enumerate(starts):
             kernel = path.kernel(self.pyramid.camera)
             name = f"spectral start {n}, scale {level}"
-            entry = Entry(name, lowest - 1 - 2 * n, level, kernel)
-            entry = entry._replace(level=min(level, self.comparison.level(entry)))
+            entry = self._suited(Entry(name, lowest - 1 - 2 * n, level, kernel))
             if self.bound is None or kernel.extent_px() <= self.bound:
                 yield entry, path
 
@@ -259,30 +280,29 @@ class Course:
         """
         known = {end.start for end in self.ends}
         ends = last_of_starts([entry for entry in self.entries if entry.start not in known])
-        self.ends += ends
+        self.ends = [*self.ends, *ends]
         self.entries += self._matched(_of_edges(ends))
         self.leaders = self._leaders()
 
     def _leaders(self) -> list[Entry]:
         """Return the best kernels of the best starts."""
-        return best_of_starts(self._ranked(self.entries))[: _S.refined]
+        return self._best_of_starts(self.entries)[: _S.refined]
 
     def finish(self, run: Run) -> Finish:
         """Refine the kernels of the best starts, keep them, too; return what the best is worth.
 
         If the best of them is beyond doubt, fewer are refined and polished.
         """
-        count, lines = (_S.refined_if_sure, 1) if self.sure else (_S.refined, _S.polished)
+        count = _S.refined_if_sure if self.sure else _S.refined
+        lines = 1 if self.sure and not self._is_tiny else _S.polished
         leaders = self.leaders[:count]
         starts = {entry.start for entry in leaders}
         ends = _zoomed(self.ends, self._focus(leaders))
         taken = [end for end in ends if end.start in starts]
         taken = [end for end in taken if not is_spot(end.kernel)] or taken
         self.entries += self._refined(taken, run.part(0.0, 0.5))
-        best = best_of_starts(self._ranked(self._contenders(starts)))
-        self.entries += self._matched(best[:count])
-        ranked = self._ranked(self._contenders(starts))
-        best = best_of_starts(ranked)[:lines]
+        self.entries += self._matched(self._best_of_starts(self._contenders(starts))[:count])
+        best = self._best_of_starts(self._contenders(starts))[:lines]
         ratio = self._focus(best)
         best, ends = _zoomed(best, ratio), _zoomed(ends, ratio)
         polish = run.part(0.5, 1.0)
@@ -298,6 +318,11 @@ class Course:
             self.pyramid = self.comparison.pyramid
             self.entries = _zoomed(self.entries, ratio)
         return ratio
+
+    @property
+    def _is_tiny(self) -> bool:
+        """Whether some wide start ends at the size of the photo, where it sees more than tiles."""
+        return min(self.pyramid.camera.shape) <= _S.tiny
 
     @property
     def _flat(self) -> Axes:
@@ -317,6 +342,10 @@ class Course:
         """Sort kernels by their scores, the best first."""
         scores = self.comparison.scores(entries)
         return [entries[i] for i in np.argsort(-scores, kind="stable")]
+
+    def _best_of_starts(self, entries: Sequence[Entry]) -> list[Entry]:
+        """Return the best kernel of every start, the best first."""
+        return self.comparison.foremost(best_of_starts(self._ranked(entries)))
 
     def _matched(self, entries: Sequence[Entry]) -> list[Entry]:
         """Fit a smooth path through each kernel to the spectra of the photo."""

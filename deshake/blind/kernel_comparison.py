@@ -60,7 +60,7 @@ class Comparison:
         self._judges: dict[int, Judge] = {}
         self._spectra: dict[tuple[int, Part, int], SpectralMatch] = {}
         self._making = Lock()
-        self._matches: dict[RotationKernel, float] = {}
+        self._matches: dict[tuple[RotationKernel, int], float] = {}
         self._paths: dict[RotationKernel, RotationKernel] = {}
         self._scores: dict[tuple[Judge, RotationKernel], float] = {}
 
@@ -98,30 +98,79 @@ class Comparison:
         """Return whether a kernel is so wide that its scale has too few tiles for a match."""
         return self.level(entry) > self._last_matched
 
+    def is_much_wider(self, wide: Entry, narrow: Entry) -> bool:
+        """Return whether a kernel is about twice as wide as another, or wider."""
+        return self.level(wide) >= self.level(narrow) + _S.coarser
+
     def judge(self, entry: Entry) -> Judge:
         """Return the judge at the scale of a kernel."""
         level = self.level(entry)
         self._make_room(level, [entry])
         return self._judges[level]
 
-    def _score(self, entry: Entry, judge: Judge) -> float:
+    def foremost(self, ranked: Sequence[Entry]) -> list[Entry]:
+        """Move the best kernel to the front, where pairs are compared at one scale.
+
+        Scores of different scales cannot be compared: at a fine scale, a fragment of a wide kernel
+        may score higher than the whole kernel does at its own, coarser scale. So a kernel that is
+        about twice as wide as another is better if it matches better and scores higher at its own
+        scale.
+
+        Parameters
+        ----------
+        ranked : sequence of Entry
+            Kernels, those of the highest scores first.
+
+        Returns
+        -------
+        list of Entry
+            The same kernels, the best first.
+
+        """
+        best = 0
+        for n in range(1, len(ranked)):
+            if self._exceeds(ranked[n], ranked[best]):
+                best = n
+        return [*ranked[best : best + 1], *ranked[:best], *ranked[best + 1 :]]
+
+    def _exceeds(self, wide: Entry, narrow: Entry) -> bool:
+        """Return whether a kernel is much wider than another, and better at its scale."""
+        level = self.level(wide)
+        if not self.is_much_wider(wide, narrow) or self.hopeless(wide):
+            return False
+        if self.match(wide) <= self.match(narrow, level):
+            return False
+        self._make_room(level, [wide, narrow])
+        judge = self._judges[level]
+        return self._score(wide, judge, level) > self._score(narrow, judge, level)
+
+    def _score(self, entry: Entry, judge: Judge, level: int | None = None) -> float:
         score = entry.margin(judge) + _S.sharpening_worth * judge.sharpening(entry.kernel)
-        return score + _S.match_worth * self.match(entry)
+        return score + self._match_worth * self.match(entry, level)
+
+    @cached_property
+    def _match_worth(self) -> float:
+        """What a match of 1 is worth; it is less if the frame holds few tiles."""
+        tiles = SETTINGS.spectral_match.tiles
+        held = min(np.prod(self.pyramid.camera.shape) / tiles.size**2, tiles.count)
+        return float(_S.match_worth * (1 + _S.scarce / tiles.count) / (1 + _S.scarce / held))
 
     def matches(self, entries: Sequence[Entry]) -> Scores:
         """Return the matches of kernels."""
         return np.array([match for _, match in in_order(self.match, entries, self.run)])
 
-    def match(self, entry: Entry) -> float:
+    def match(self, entry: Entry, level: int | None = None) -> float:
         """Return the match of a kernel, -1..1, on tiles that no kernel was fitted to.
 
         It is the mean over the scale of the kernel and the scales next to it. At finer scales the
         kernel is wider, and so are the tiles. Coarser scales with too few tiles do not count: on a
-        single tile, a wrong kernel can match by chance.
+        single tile, a wrong kernel can match by chance. `level` is another scale in place of that
+        of the kernel.
         """
-        if entry.kernel not in self._matches:
-            self._matches[entry.kernel] = self._match(entry.kernel, self.level(entry))
-        return self._matches[entry.kernel]
+        key = entry.kernel, self.level(entry) if level is None else level
+        if key not in self._matches:
+            self._matches[key] = self._match(*key)
+        return self._matches[key]
 
     def zoomed_matches(self, entry: Entry, ratios: Scores) -> Scores:
         """Return the matches of a kernel for focal lengths `ratios` times as long."""

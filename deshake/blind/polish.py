@@ -76,7 +76,9 @@ def polished(
     lines = [_Line(comparison, entry, others[entry.start], axes) for entry in best]
     first, *rest = run.parts([len(lines), *[1] * (_S.rounds - 1)])
     _advance(comparison, lines, first)
-    leader = lines[int(np.argmax(comparison.scores([line.best for line in lines])))]
+    ranked = np.argsort(-comparison.scores([line.best for line in lines]), kind="stable")
+    best_of_all = comparison.foremost([lines[i].best for i in ranked])[0]
+    leader = next(line for line in lines if line.best is best_of_all)
     for part in rest:
         _advance(comparison, [leader], part)
     ordered = [leader, *(line for line in lines if line is not leader)]

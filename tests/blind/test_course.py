@@ -92,7 +92,16 @@ def begun(pyramid: Pyramid) -> Course:
     return course
 
 
-def test_a_start_of_edges_beyond_doubt_needs_no_others(photo) -> None:
+@pytest.fixture(scope="module")
+def wider(shake):
+    """A photo of 330 x 440 pixels, which is not tiny."""
+    path = np.array([[0.0, -8, -3], [3, -2, 0], [-1, 3, 1], [2, 9, 3]])
+    return shake(Camera.from_focal(440.0, 330, 440), path=path)
+
+
+def test_a_start_of_edges_beyond_doubt_needs_no_others(wider) -> None:
+    photo = wider
+    assert min(photo.camera.shape) > SETTINGS.course.tiny
     course = begun(photo.pyramid)
     assert course.sure
     assert course.confidence(course.leaders[0]) >= SETTINGS.estimate.doubtful
@@ -101,6 +110,95 @@ def test_a_start_of_edges_beyond_doubt_needs_no_others(photo) -> None:
     assert {path.name for path in course.entries if path.name.endswith("path")} == {
         f"{end.name}, path" for end in course.ends if not is_spot(end.kernel)
     }
+
+
+def test_beyond_doubt_wide_starts_take_part_if_one_of_them_is_better(wider, monkeypatch) -> None:
+    true = Entry("true", -3, 0, wider.kernel)
+    rough = Entry("rough", 2, 0, replace(wider.kernel, theta=0.6 * wider.kernel.theta))
+    point = true._replace(kernel=RotationKernel.delta(wider.camera))
+    course = Course(wider.pyramid, (True, True, True), None, any_focal=False, run=Run(1))
+    course.entries, course.ends, course.leaders = [rough], [rough], [rough]
+    shares: list[float] = []
+    narrows: list[Entry | None] = []
+
+    def begin_wide(rival: Entry) -> None:
+        def wide(
+            _: Course, __: Run, least: float, narrow: Entry | None
+        ) -> tuple[list[Entry], list[Entry]]:
+            shares.append(least)
+            narrows.append(narrow)
+            return [rival], [rival._replace(name="path")]
+
+        monkeypatch.setattr(Course, "_wide", wide)
+        course.begin_wide(Run(1))
+
+    monkeypatch.setattr(Course, "sure", property(lambda _: True))
+    begin_wide(point)
+    assert course.entries == course.ends == course.leaders == [rough]
+    begin_wide(true)
+    assert course.leaders[0].start == true.start
+    assert {rough, true} < set(course.entries)
+    assert [end.start for end in course.ends] == [rough.start, true.start]
+    assert "refined" in course.ends[1].name
+    assert shares == pytest.approx([0.8 * course.comparison.match(rough)] * 2)
+    monkeypatch.setattr(Course, "sure", property(lambda _: False))
+    last = true._replace(start=-4)
+    begin_wide(last)
+    assert shares[-1] == -1
+    assert narrows == [rough, rough, None]
+    assert course.ends[2] == last
+    assert sum("refined" in entry.name for entry in course.entries if entry.start == -4) == 1
+
+
+def test_wide_starts_match_enough_and_may_have_to_be_much_wider(shake) -> None:
+    path = np.array([[-6.0, -9.6, 0], [-6.0, 4.0, 0], [-2.0, 8.0, 0], [8.0, 9.6, 0]])
+    photo = shake(Camera.from_focal(240.0, 200, 240), path=3 * path)  # 57 px
+    course = Course(photo.pyramid, (True, True, True), None, any_focal=False, run=Run(1))
+    known, paths = course._wide(Run(1), -1.0, None)
+    assert len({entry.start for entry in known}) == SETTINGS.course.wide
+    assert [entry.start for entry in known] == [entry.start for entry in paths]
+    narrow = known[0]._replace(kernel=replace(photo.kernel, theta=photo.kernel.theta / 8))
+    wide, _ = course._wide(Run(1), -1.0, narrow)
+    assert wide
+    assert all(course.comparison.is_much_wider(entry, narrow) for entry in wide)
+    assert course._wide(Run(1), -1.0, wide[0]) == ([], [])
+    matches = [course.comparison.match(entry) for entry in paths]
+    assert matches == sorted(matches, reverse=True)
+    enough, _ = course._wide(Run(1), matches[1], None)
+    assert [entry.start for entry in enough] == [entry.start for entry in known[:2]]
+    assert course._wide(Run(1), 1.0, None) == ([], [])
+
+
+def test_in_a_tiny_photo_wide_starts_always_take_part(photo) -> None:
+    assert min(photo.camera.shape) <= SETTINGS.course.tiny
+    course = begun(photo.pyramid)
+    assert course.sure
+    wide = [entry for entry in course.entries if entry.start < 0]
+    assert wide
+    assert all(entry.name.startswith("wide start") for entry in wide)
+    kept = {entry.start for entry in wide}
+    assert len(kept) <= SETTINGS.course.wide
+    assert kept < {end.start for end in course.ends}
+    for start in kept:
+        own = [entry.name for entry in wide if entry.start == start]
+        assert sum("refined" in name for name in own) >= 2  # the path and the kernel
+
+
+@pytest.mark.parametrize(("name", "lines"), [("photo", 2), ("wider", 1)])
+def test_the_kernels_of_a_tiny_photo_are_polished_as_if_in_doubt(
+    request, monkeypatch, name, lines
+) -> None:
+    counts: list[int] = []
+
+    def counted(comparison: Any, best: list[Entry], *arguments: Any) -> list[Polished]:
+        counts.append(len(best))
+        return polished(comparison, best, *arguments)
+
+    monkeypatch.setattr("deshake.blind.course.polished", counted)
+    course = begun(request.getfixturevalue(name).pyramid)
+    assert course.sure
+    course.finish(Run(1))
+    assert counts == [lines]
 
 
 def test_starts_of_edges_in_doubt_are_followed_by_others(grainy) -> None:

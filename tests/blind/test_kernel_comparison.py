@@ -11,6 +11,7 @@ from deshake.blind.settings import SETTINGS
 from deshake.blind.spectral_match import SpectralMatch
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
+from deshake.signal.pyramid import Pyramid
 
 
 @pytest.fixture(scope="module")
@@ -89,9 +90,69 @@ def test_margin_sharpness_and_spectra_count(entries, pyramid) -> None:
     true = entries[0]
     judge = comparison.judge(true)
     match = comparison.match(true)
-    score = true.margin(judge) + 0.15 * judge.sharpening(true.kernel) + 0.7 * match
+    height, width = pyramid.camera.shape
+    tiles = height * width / 128**2
+    assert 1 < tiles < 24
+    worth = 0.7 * (1 + 15 / 24) / (1 + 15 / tiles)
+    score = true.margin(judge) + 0.15 * judge.sharpening(true.kernel) + worth * match
     assert 0 < match < 1
     assert comparison.scores(entries[:1])[0] == pytest.approx(score)
+
+
+def test_a_match_counts_less_in_a_small_frame(pyramid) -> None:
+    random = np.random.default_rng(0)
+    pictures = [random.random(shape, np.float32) for shape in ((128, 128), (512, 512), (800, 900))]
+    worths = [
+        Comparison(Pyramid(one, Camera.from_focal(600.0, *one.shape)))._match_worth
+        for one in pictures
+    ]
+    assert worths[0] == pytest.approx(0.7 * (1 + 15 / 24) / 16)
+    assert worths[0] < Comparison(pyramid)._match_worth < worths[1] < worths[2]
+    assert worths[2] == pytest.approx(0.7)
+
+
+@pytest.fixture(scope="module")
+def pair(shake):
+    """A photo of a camera that rested most of the time and then went far, and two kernels.
+
+    They are the kernel, and the part of it where the camera rested.
+    """
+    time = np.linspace(0, 1, 120)
+    rest = np.stack([3 * np.sin(9 * time), 8 * time - 4 + 1.5 * np.cos(13 * time), 0 * time], 1)
+    away = rest[-1] + np.linspace(0, 1, 40)[:, None] * [21.0, 70, 0]
+    photo = shake(Camera.from_focal(600.0, 480, 600), path=np.concatenate([rest, away]))
+    part = RotationKernel.from_path(rest * photo.kernel.steps, photo.camera).centred()
+    pyramid = photo.pyramid
+    return pyramid, Entry("whole", 0, 0, photo.kernel), Entry("part", 1, 0, part)
+
+
+def test_a_wide_kernel_is_compared_with_a_part_of_it_at_its_own_scale(pair) -> None:
+    pyramid, whole, part = pair
+    comparison = Comparison(pyramid)
+    assert comparison.level(whole) > comparison.level(part)
+    scores = comparison.scores([whole, part])
+    assert scores[0] < scores[1]  # that of the part is the score of a finer scale
+    assert comparison.foremost([part, whole]) == [whole, part]
+
+
+def test_a_wide_kernel_that_is_wrong_stays_behind(pair) -> None:
+    pyramid, whole, part = pair
+    comparison = Comparison(pyramid)
+    kernel = whole.kernel
+    turned = whole._replace(name="turned", kernel=replace(kernel, theta=kernel.theta[:, [1, 0, 2]]))
+    vast = whole._replace(name="vast", kernel=replace(kernel, theta=3 * kernel.theta))
+    assert comparison.hopeless(vast)
+    assert comparison.level(turned) > comparison.level(part)
+    ranked = [part, turned, vast]
+    assert comparison.foremost(ranked) == ranked
+    assert comparison.foremost([part, turned, whole, vast]) == [whole, part, turned, vast]
+
+
+def test_kernels_of_one_scale_stay_in_their_order(entries, pyramid) -> None:
+    comparison = Comparison(pyramid)
+    assert comparison.foremost(entries[:2]) == entries[:2]
+    assert comparison.foremost(entries[1::-1]) == entries[1::-1]
+    assert comparison.foremost([]) == []
 
 
 def test_a_path_through_a_kernel_matches_the_spectra_better(entries, pyramid) -> None:

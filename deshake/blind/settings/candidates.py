@@ -254,6 +254,10 @@ class CourseSettings:
         Number of starts: with fewer, every scale is a first scale.
     wide : int
         Largest number of wide starts in the race.
+    wide_share : float
+        Share of the match of the best kernel, if it is beyond doubt: wide starts match as much.
+    tiny : int
+        Px: in photos whose shorter side is at most as long, wide starts always take part.
     spectral : int
         Number of spectral starts in the race, and of their reflections.
     alike : float
@@ -266,7 +270,8 @@ class CourseSettings:
         Number of starts whose last kernels are refined, and matched to the spectra again; the
         second if the best kernel of the starts is beyond doubt.
     polished : int
-        Number of starts whose best kernel is polished, unless one is beyond doubt: then it is one.
+        Number of starts whose best kernel is polished. It is one if that is beyond doubt, and the
+        photo is not tiny.
     hopeful : float
         Confidence: if no start has a kernel with as much, none is refined, and the race ends. Of 34
         photos of the set `tune`, those with less are left as they are after a full race, too; the
@@ -280,6 +285,8 @@ class CourseSettings:
     coarsest_start: int = 11
     fewest_starts: int = 4
     wide: int = 3
+    wide_share: float = 0.8
+    tiny: int = 320
     spectral: int = 4
     alike: float = 0.9
     least_width: float = 10.0
