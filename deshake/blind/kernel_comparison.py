@@ -150,9 +150,10 @@ class Comparison:
 
     @cached_property
     def _match_worth(self) -> float:
-        """What a match of 1 is worth; it is less if the frame holds few tiles."""
+        """What a match of 1 is worth; it is less if the frame holds few tiles, three at least."""
         tiles = SETTINGS.spectral_match.tiles
-        held = min(np.prod(self.pyramid.camera.shape) / tiles.size**2, tiles.count)
+        held = np.prod(self.pyramid.camera.shape) / tiles.size**2
+        held = np.clip(held, _S.fewest_tiles, tiles.count)
         return float(_S.match_worth * (1 + _S.scarce / tiles.count) / (1 + _S.scarce / held))
 
     def matches(self, entries: Sequence[Entry]) -> Scores:

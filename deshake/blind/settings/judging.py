@@ -87,8 +87,9 @@ class KernelComparisonSettings:
         Margin per correlation of 1 of the spectra.
     scarce : float
         Number of tiles n: in a frame that holds n others, the match counts by 1 / (1 + scarce / n),
-        relative to a frame that holds all tiles that are wanted. Tuned on 16 photos of Levin et al.
-        and X01 of `tune`; no other small photo of the set changes.
+        relative to a frame that holds all tiles that are wanted. A smaller frame counts as one that
+        holds `fewest_tiles`. Tuned on 16 photos of Levin et al. and X01 of `tune`; no other small
+        photo of the set changes.
     coarser : int
         Number of scales: a kernel that is judged so many scales coarser than another is much wider.
         With 1, a photo of Köhler et al. (1_10) got a kernel with a likeness of .83 in place of .94.
