@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
+from deshake.blind.descent import descent
 from deshake.blind.settings import SETTINGS
 from deshake.blind.trimming import heaviest, strongest
 from deshake.geometry.kernel import RotationKernel
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
     from deshake.geometry.camera import Camera
 
-__all__ = ["SmoothPath", "filled_path", "thinned"]
+__all__ = ["SmoothPath", "filled_path", "price_of_bends", "thinned"]
 
 Points = NDArray[np.float64]
 
@@ -146,6 +147,29 @@ class SmoothPath(NamedTuple):
         ratio = grid_steps(self.camera) / grid_steps(camera)
         return SmoothPath(self.controls * ratio, camera)
 
+    def settled(self, kernel: RotationKernel) -> SmoothPath:
+        """Move the path to where its density is that of a kernel, as far as a thin path can.
+
+        The path of `through` cuts corners, and where strokes of a kernel touch, it may join parts
+        that the camera passed at different times. The squared difference of the two densities,
+        each smoothed by a Gaussian, falls by a descent, first with a wide Gaussian.
+
+        Parameters
+        ----------
+        kernel : RotationKernel
+            The kernel that the path was drawn through.
+
+        """
+        reduced = kernel.for_camera(self.camera).resampled(grid_steps(self.camera))
+        reduced = strongest(reduced, _S.most_settled)
+        places = (reduced.theta - reduced.centroid) / reduced.steps
+        places[:, np.ptp(self.controls, axis=0) == 0] = 0
+        basis = self.basis(int(np.clip(_S.density * self.length, *_S.settled_places)))
+        controls = self.controls
+        for width in _S.settled_widths:
+            controls = _settled(controls, basis, places, reduced.weights, width)
+        return self._replace(controls=controls)
+
     def with_controls(self, count: int) -> SmoothPath:
         """Return nearly the same curve by another number of control points."""
         if count == len(self.controls):
@@ -168,6 +192,26 @@ class SmoothPath(NamedTuple):
         return _on_grid(curve - curve.mean(0), np.full(count, 1 / count), rest)
 
 
+def price_of_bends(controls: Points, price: Points | float, change: Points) -> float:
+    """Return the price of the bends of control points, and add its gradient to another one.
+
+    Parameters
+    ----------
+    controls : (n, d) array
+        The control points.
+    price : float or (d,) array
+        Price of a squared second difference.
+    change : (n, d) array
+        Receives the gradient.
+
+    """
+    bends = np.diff(controls, 2, axis=0)
+    change[:-2] += 2 * price * bends
+    change[1:-1] -= 4 * price * bends
+    change[2:] += 2 * price * bends
+    return float((np.square(bends) * price).sum())
+
+
 def _controls(places: Points, duration: Points, count: int) -> Points:
     """Fit the control points of a curve to places (m, 3), by the time that each of them lasts."""
     basis = _spline(np.cumsum(duration) - duration / 2, count)
@@ -176,6 +220,35 @@ def _controls(places: Points, duration: Points, count: int) -> Points:
     normal = pull @ basis + _S.stiffness * bends.T @ bends + _S.least_pull * np.eye(count)
     controls: Points = np.linalg.solve(normal, pull @ places).astype(np.float64)
     return controls
+
+
+def _settled(
+    controls: Points, basis: Points, places: Points, weights: Points, width: float
+) -> Points:
+    """Minimise the squared difference of two densities that are smoothed by Gaussians of a width.
+
+    One is that of a curve, with as much weight at each of its places; the other is that of a kernel
+    with weights at places. Bends have a price.
+    """
+    share = 1 / len(basis)
+    own = weights @ np.exp(cdist(places, places, "sqeuclidean") * (-0.25 / width**2)) @ weights
+    price = _S.settled_stiffness * own / len(controls)
+
+    def objective(flattened: Points) -> tuple[float, Points]:
+        moved = flattened.reshape(controls.shape)
+        curve = basis @ moved
+        curve -= curve.mean(0)
+        among = np.exp(cdist(curve, curve, "sqeuclidean") * (-0.25 / width**2)) * share**2
+        across = np.exp(cdist(curve, places, "sqeuclidean") * (-0.25 / width**2)) * weights * share
+        slope = across.sum(1)[:, None] * curve - across @ places
+        slope -= among.sum(1)[:, None] * curve - among @ curve
+        slope -= slope.mean(0)
+        change = basis.T @ slope / width**2
+        bends = price_of_bends(moved, price, change)
+        value = among.sum() - 2 * across.sum() + own + bends
+        return float(value / own), change.ravel() / own
+
+    return descent(objective, controls, _S.settling)[1]
 
 
 def _spline(time: Points, controls: int) -> Points:

@@ -25,7 +25,8 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from deshake.blind.camera_path import SmoothPath
+from deshake.blind.camera_path import SmoothPath, price_of_bends
+from deshake.blind.descent import descent
 from deshake.blind.settings import SETTINGS
 from deshake.blind.streak_light import SIDE, StreakLight, light_of
 from deshake.blind.streaks import agreeing, find_streaks
@@ -208,8 +209,6 @@ def _without_others(fit: _Fit) -> _Fit:
 
 def _descended(fit: _Fit, stage: StreakFit, *, roll: bool) -> _Fit:
     """Descend to the path and the lamps that fit best."""
-    from scipy.optimize import minimize  # noqa: PLC0415 - slow to import, and only estimates need it
-
     path = fit.path.with_controls(max(_controls(fit.path, stage), len(fit.path.controls)))
     count = len(path.controls)
     free, lights, widths = (-np.inf, np.inf), _S.lights_between, _S.widths_between
@@ -227,14 +226,8 @@ def _descended(fit: _Fit, stage: StreakFit, *, roll: bool) -> _Fit:
         return e, np.concatenate([of_controls.ravel(), of_lamps.ravel()])
 
     first = np.concatenate([path.controls.ravel(), fit.lamps.ravel()])
-    end: Vector = minimize(
-        value,
-        first,
-        jac=True,
-        method="L-BFGS-B",
-        bounds=turns * count + lamp * len(fit.streaks),
-        options={"maxiter": stage.iterations},
-    ).x
+    bounds = turns * count + lamp * len(fit.streaks)
+    end = descent(value, first, stage.iterations, bounds)[1]
     controls, lamps = parts(end)
     points = basis @ controls
     misfits = [
@@ -289,12 +282,8 @@ def energy(
     value += _S.roll_price * float((roll**2).mean())
     of_points[:, 2] += 2 * _S.roll_price / len(roll) * roll
     of_controls = basis.T @ of_points
-    bends = controls[2:] - 2 * controls[1:-1] + controls[:-2]
-    value += stage.bend_price * float((bends**2).mean())
-    pull = 2 * stage.bend_price / bends.size * bends
-    of_controls[2:] += pull
-    of_controls[1:-1] -= 2 * pull
-    of_controls[:-2] += pull
+    bends = np.size(controls[2:])
+    value += price_of_bends(controls, stage.bend_price / bends, of_controls)
     middle = controls.mean(0)  # the lamps say where they are, and the path begins at no place
     value += _S.middle_price * float(middle @ middle)
     of_controls += 2 * _S.middle_price / len(controls) * middle

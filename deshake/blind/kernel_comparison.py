@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from deshake.blind.judge import Judge
 from deshake.blind.settings import SETTINGS, SpectrumTiles
-from deshake.blind.spectral_match import SpectralMatch
+from deshake.blind.spectral_match import SpectralMatch, traced
 from deshake.blind.spot import is_spot
 from deshake.operators.strips import in_order
 from deshake.run import Run
@@ -198,6 +198,21 @@ class Comparison:
             spectra = self._spectra_at(self.level(entry), "fitted")
             self._paths[entry.kernel] = spectra.fitted(entry.kernel)
         return entry._replace(name=f"{entry.name}, path", kernel=self._paths[entry.kernel])
+
+    def traced(self, entry: Entry) -> list[Entry]:
+        """Draw smooth paths closely along a kernel, and fit them to the spectra of some scales.
+
+        There are none at the size of the photo, which has no finer scales. There are none for a
+        kernel that is wide for the frame, either: its tiles cover most of the frame, and a wrong
+        path that is fitted to them matches the others, too.
+        """
+        level = self.level(entry)
+        if level == 0 or self.is_wide(entry):
+            return []
+        finest = max(level - SETTINGS.spectral_match.finer, 0)
+        scales = [self._spectra_at(n, "fitted", level - n) for n in range(finest, level + 1)]
+        name = f"{entry.name}, traced"
+        return [entry._replace(name=name, kernel=one) for one in traced(scales, entry.kernel)]
 
     def weighed(self, entry: Entry) -> Entry:
         """Fit the weights of a kernel to the spectra of the photo."""

@@ -4,6 +4,10 @@ Refinement alone gets stuck: a kernel that is too wide gives a latent picture th
 sharp, and the two fit each other. Reduced to a thin path, or to a smooth path that matches the
 spectra of the photo, a kernel that is nearly right leaves this state and comes nearer to the truth;
 a wrong one seldom gains.
+
+Last, paths are traced closely along the best kernel, and moved to where they match the spectra of
+finer scales, too. The spectra of one scale come from few tiles, and a path of many control points
+would fit their noise.
 """
 
 from __future__ import annotations
@@ -74,12 +78,14 @@ def polished(
     """
     others = {source.start: source for source in sources}
     lines = [_Line(comparison, entry, others[entry.start], axes) for entry in best]
-    first, *rest = run.parts([len(lines), *[1] * (_S.rounds - 1)])
+    first, *rest = run.parts([len(lines), *[1] * (_S.rounds - 1 + _S.tracings)])
     _advance(comparison, lines, first)
     ranked = np.argsort(-comparison.scores([line.best for line in lines]), kind="stable")
     best_of_all = comparison.foremost([lines[i].best for i in ranked])[0]
     leader = next(line for line in lines if line.best is best_of_all)
-    for part in rest:
+    for n, part in enumerate(rest, 1):
+        if n == _S.rounds:
+            leader.trace()
         _advance(comparison, [leader], part)
     ordered = [leader, *(line for line in lines if line is not leader)]
     return [Polished(line.best, line.judge) for line in ordered]
@@ -110,16 +116,23 @@ class _Line:
         self.source: Entry | None = source
         self.score = float(_scores(comparison, [(self, entry)])[0])
         self.rises = True
+        self.tracing = False
+
+    def trace(self) -> None:
+        """Go over to paths that are traced closely along the kernel."""
+        self.rises = self.tracing = True
 
     def ways(self) -> list[Callable[[], list[Entry]]]:
         """Return the ways to kernels that may be better; none depends on another."""
+        if self.tracing:
+            return [self._traced]
         ways = [self._thin, self._smooth, self._weighed]
         return ways if self.source is None else [partial(self._from, self.source), *ways]
 
     def take(self, scored: Sequence[tuple[float, Entry]]) -> None:
         """Replace the kernel by the best of others, if its score is higher."""
         self.source = None
-        score, entry = max(scored, key=lambda one: one[0])
+        score, entry = max(scored, key=lambda one: one[0], default=(self.score, self.best))
         self.rises = score > self.score
         if self.rises:
             self.best, self.score = entry._replace(name=self.name), score
@@ -132,6 +145,11 @@ class _Line:
     def _smooth(self) -> list[Entry]:
         smooth = self.comparison.matched(self.best)
         return [smooth.refined(self.comparison.pyramid, _S.smooth, self.axes), smooth]
+
+    def _traced(self) -> list[Entry]:
+        paths = self.comparison.traced(self.best)
+        last = [path.refined(self.comparison.pyramid, _S.smooth, self.axes) for path in paths[-1:]]
+        return [*paths, *last]
 
     def _weighed(self) -> list[Entry]:
         return [self.comparison.weighed(self.best)]

@@ -25,7 +25,8 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from deshake.blind.camera_path import SmoothPath
+from deshake.blind.camera_path import SmoothPath, price_of_bends
+from deshake.blind.descent import descent
 from deshake.blind.fluctuations import Fluctuations, box_filtered
 from deshake.blind.settings import SETTINGS, SpectrumTiles
 from deshake.blind.tile_choice import covering
@@ -36,13 +37,13 @@ from deshake.operators.bilinear import bilinear_taps, gathering_matrix, splat
 from deshake.operators.transforms import power_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Sequence
 
     from deshake.blind.tile_plan import Part
     from deshake.geometry.kernel import RotationKernel
     from deshake.signal.pyramid import Pyramid
 
-__all__ = ["SpectralMatch"]
+__all__ = ["SpectralMatch", "descended", "traced"]
 
 Image = NDArray[np.float32]
 Spectrum = NDArray[np.complex64]
@@ -120,9 +121,9 @@ class SpectralMatch:
         paths = SmoothPath.through(kernel, self.camera, _S.evenness)
         if not paths:
             return kernel
-        begun = [self.descended(path, _S.first_iterations) for path in paths]
+        begun = [descended([self], path, _S.first_iterations) for path in paths]
         best = max(begun, key=lambda one: one[0])[1]
-        return self.descended(best, _S.iterations)[1].kernel(kernel.camera)
+        return descended([self], best, _S.iterations)[1].kernel(kernel.camera)
 
     def weighed(self, kernel: RotationKernel) -> RotationKernel:
         """Fit the weights of a kernel's rotations, without a smooth path.
@@ -155,7 +156,7 @@ class SpectralMatch:
             gradient = matrix @ change.ravel()
             return -match, -2 / total * roots * (gradient - weights @ gradient)
 
-        _, roots = _minimum(objective, np.sqrt(own.weights), _S.weight_iterations)
+        _, roots = descent(objective, np.sqrt(own.weights), _S.weight_iterations)
         weights = roots**2 / (roots @ roots)
         return heaviest(replace(own, weights=weights), _S.light).centred().for_camera(kernel.camera)
 
@@ -163,71 +164,34 @@ class SpectralMatch:
         """Return the correlation for a path on the grid of the scale."""
         return self._expected(self._filters(_basis(path) @ path.controls)[0]).match
 
-    def descended(self, path: SmoothPath, iterations: int) -> tuple[float, SmoothPath]:
-        """Move a path on the grid of the scale to where it matches better.
-
-        Parameters
-        ----------
-        path : SmoothPath
-            The path. An axis about which it does not turn stays so.
-        iterations : int
-            Iterations of the descent.
-
-        Returns
-        -------
-        match : float
-            The correlation, less a price of bends.
-        path : SmoothPath
-            The end of the descent.
-
-        """
-        basis = _basis(path)
-        flat = np.ptp(path.controls, axis=0) == 0
-        stiffness = _S.bending * np.square(self._slopes).mean((0, 1))
-
-        def objective(flattened: Points) -> tuple[float, Points]:
-            controls = flattened.reshape(path.controls.shape)
-            match, gradient = self._along(basis @ controls)
-            bends = np.diff(controls, 2, axis=0)
-            value = float((np.square(bends) * stiffness).sum()) - match
-            change = basis.T @ -gradient
-            change[:-2] += 2 * stiffness * bends
-            change[1:-1] -= 4 * stiffness * bends
-            change[2:] += 2 * stiffness * bends
-            change[:, flat] = 0
-            return value, change.ravel()
-
-        value, end = _minimum(objective, path.controls.ravel(), iterations)
-        return -value, path._replace(controls=end.reshape(path.controls.shape))
-
     def tracks(self, path: SmoothPath, count: int) -> Points:
         """Return how a path moves the centres of the tiles (P, T, 2) about their means, in px."""
         rotations = path.basis(count) @ path.controls
-        moved: Points = np.einsum("pij,tj->pti", self._slopes, rotations)
+        moved: Points = np.einsum("pij,tj->pti", self.slopes, rotations)
         moved -= moved.mean(1, keepdims=True)
         return moved
 
     @cached_property
-    def _slopes(self) -> Points:
+    def slopes(self) -> Points:
         """How a tile's centre moves (P, 2, 3), in pixels per grid step about each axis."""
         steps = grid_steps(self.camera)
         turned = displacements(homographies(self.camera, np.diag(steps)), self.centres)
         return np.swapaxes(turned, 1, 2)
 
-    def _along(self, rotations: Points) -> tuple[float, Points]:
+    def of_rotations(self, rotations: Points) -> tuple[float, Points]:
         """Return the correlation of a path (T, 3) in grid steps, and its gradient (T, 3)."""
         filters, moved = self._filters(rotations)
         match, change = self._correlation(filters)
         across, down = _gradient_at(change, moved)
-        gradient = np.einsum("pt,pj->tj", across, self._slopes[:, 0])
-        gradient += np.einsum("pt,pj->tj", down, self._slopes[:, 1])
+        gradient = np.einsum("pt,pj->tj", across, self.slopes[:, 0])
+        gradient += np.einsum("pt,pj->tj", down, self.slopes[:, 1])
         gradient -= gradient.mean(0)
         return match, gradient / len(rotations)
 
     def _filters(self, rotations: Points) -> tuple[Image, Points]:
         """Return the filters (P, N, N) of a path (T, 3) in grid steps, and its tracks (P, T, 2)."""
         count = len(rotations)
-        moved = np.einsum("pij,tj->pti", self._slopes, rotations - rotations.mean(0))
+        moved = np.einsum("pij,tj->pti", self.slopes, rotations - rotations.mean(0))
         return splat(moved, np.full(count, 1 / count), (self.size, self.size)), moved
 
     def _correlation(self, filters: Image) -> tuple[float, Image]:
@@ -253,6 +217,73 @@ class SpectralMatch:
         return _Expected(spectra, power, fluctuations, length, match)
 
 
+def descended(
+    scales: Sequence[SpectralMatch], path: SmoothPath, iterations: int
+) -> tuple[float, SmoothPath]:
+    """Move a path to where it matches the spectra of one or more scales better.
+
+    Parameters
+    ----------
+    scales : sequence of SpectralMatch
+        The scales; the path is on the grid of the last one.
+    path : SmoothPath
+        The path. An axis about which it does not turn stays so.
+    iterations : int
+        Iterations of the descent.
+
+    Returns
+    -------
+    match : float
+        The mean correlation, less a price of bends.
+    path : SmoothPath
+        The end of the descent.
+
+    """
+    basis = _basis(path)
+    flat = np.ptp(path.controls, axis=0) == 0
+    ratios = [grid_steps(path.camera) / grid_steps(one.camera) for one in scales]
+    stiffness = _S.bending * np.square(scales[-1].slopes).mean((0, 1))
+
+    def objective(flattened: Points) -> tuple[float, Points]:
+        controls = flattened.reshape(path.controls.shape)
+        match, change = 0.0, np.zeros_like(controls)
+        for one, ratio in zip(scales, ratios, strict=True):
+            value, gradient = one.of_rotations(basis @ (controls * ratio))
+            match += value / len(scales)
+            change -= basis.T @ gradient * (ratio / len(scales))
+        bends = price_of_bends(controls, stiffness, change)
+        change[:, flat] = 0
+        return bends - match, change.ravel()
+
+    value, end = descent(objective, path.controls, iterations)
+    return -value, path._replace(controls=end)
+
+
+def traced(scales: Sequence[SpectralMatch], kernel: RotationKernel) -> list[RotationKernel]:
+    """Draw a smooth path of many control points closely along a kernel, and move it.
+
+    Parameters
+    ----------
+    scales : sequence of SpectralMatch
+        The scale of the kernel, the last one, and finer ones.
+    kernel : RotationKernel
+        A kernel that is nearly right, for the camera of the photo.
+
+    Returns
+    -------
+    list of RotationKernel
+        The path after a few iterations and after all of them; none if the kernel is a point.
+
+    """
+    paths = SmoothPath.through(kernel, scales[-1].camera, (_S.begun,))
+    if not paths:
+        return []
+    path = paths[0].with_controls(round(_S.closer * len(paths[0].controls))).settled(kernel)
+    early = descended(scales, path, _S.first_iterations)[1]
+    late = descended(scales, early, _S.iterations)[1]
+    return [early.kernel(kernel.camera), late.kernel(kernel.camera)]
+
+
 class _Expected(NamedTuple):
     """What filters lead to expect: spectra, power, fluctuations, their length, the correlation."""
 
@@ -266,16 +297,6 @@ class _Expected(NamedTuple):
 def _basis(path: SmoothPath) -> Points:
     """Return the weights of a path's control points, at times a fraction of a pixel apart."""
     return path.basis(int(np.clip(_S.along * path.length, _S.fewest, _S.most)))
-
-
-def _minimum(
-    objective: Callable[[Points], tuple[float, Points]], start: Points, iterations: int
-) -> tuple[float, Points]:
-    """Descend by L-BFGS from a start; return the value of the end, and the end."""
-    from scipy.optimize import minimize  # noqa: PLC0415 - slow to import, and only estimates need it
-
-    end = minimize(objective, start, jac=True, method="L-BFGS-B", options={"maxiter": iterations})
-    return float(end.fun), end.x
 
 
 def _gradient_at(blocks: Image, places: Points) -> tuple[Points, Points]:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from deshake.blind.camera_path import SmoothPath
 from deshake.blind.settings import SETTINGS
-from deshake.blind.spectral_match import SpectralMatch
+from deshake.blind.spectral_match import SpectralMatch, descended
 from deshake.operators.strips import in_order
 from deshake.signal.pyramid import RATIO
 
@@ -90,7 +90,7 @@ def _descended(
 ) -> list[SmoothPath]:
     """Descend from every path; return the distinct ends, the best first."""
     ends = [
-        end for _, end in in_order(lambda path: spectra.descended(path, iterations), paths, run)
+        end for _, end in in_order(lambda path: descended([spectra], path, iterations), paths, run)
     ]
     kept: list[SmoothPath] = []
     for _, path in sorted(ends, key=lambda end: -end[0]):

@@ -9,7 +9,8 @@ from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
 from deshake.blind.agreement import agreement, spread_px
-from deshake.blind.camera_path import SmoothPath, filled_path, thinned
+from deshake.blind.camera_path import SmoothPath, _settled, filled_path, thinned
+from deshake.blind.settings import SETTINGS
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
@@ -265,3 +266,57 @@ def test_a_path_keeps_its_curve_with_other_control_points(count) -> None:
     places, copied = (one.basis(200) @ one.controls for one in (path, other))
     assert np.abs(copied - places).max() < 0.05 * np.ptp(places, 0).max()
     assert path.with_controls(len(path.controls)) is path
+
+
+CORNERS = np.array([[0.0, -20, 0], [0, 12, 4], [14, 12, 4], [14, -8, 0], [6, -8, 0], [6, 4, 0]])
+
+
+@pytest.mark.parametrize("roll", [1, 0])
+@pytest.mark.parametrize("even", [0.0, 0.5, 1.0])
+def test_a_path_that_settles_is_much_nearer_to_its_kernel(even, roll) -> None:
+    """Whatever course of time it begins with, it ends with that of the kernel."""
+    slow = np.concatenate([CORNERS[:2], np.linspace(CORNERS[1], CORNERS[2], 12), CORNERS[3:]])
+    kernel = RotationKernel.from_path(slow * [1, 1, roll] * STEPS, CAMERA).centred()
+    path = SmoothPath.through(kernel, CAMERA, (even,))[0]
+    settled = path.settled(kernel)
+    before, after = (
+        agreement(one.kernel(CAMERA), kernel, smoothing=0.1) for one in (path, settled)
+    )
+    assert after > 0.96
+    assert 1 - after < 0.6 * (1 - before)
+    assert settled.controls.shape == path.controls.shape
+
+
+def test_a_path_without_roll_settles_without_roll() -> None:
+    kernel = RotationKernel.from_path(CORNERS * STEPS, CAMERA).centred()
+    flat = kernel.resampled(STEPS, (True, True, False))
+    path = SmoothPath.through(flat, CAMERA)[0].settled(kernel)
+    np.testing.assert_array_equal(path.controls[:, 2], 0)
+
+
+@pytest.mark.parametrize("width", [1.5, 0.6])
+def test_settling_lowers_the_difference_of_the_densities(width) -> None:
+    """The objective, written out, falls; no small move of a control point lowers it further."""
+    kernel = RotationKernel.from_path(CORNERS * [1, 1, 0] * STEPS, CAMERA).centred()
+    path = SmoothPath.through(kernel, CAMERA, (0.5,))[0]
+    places, basis = kernel.theta / STEPS, path.basis(80)
+    grid = np.stack(np.meshgrid(*[np.arange(-24, 25.0)] * 2, indexing="ij"), -1).reshape(-1, 2)
+
+    def density(points, weights) -> np.ndarray:
+        squares = np.square(grid[:, None] - points[None, :, :2]).sum(2)
+        return np.exp(-squares / (2 * width**2)) @ weights
+
+    def difference(controls) -> float:
+        curve = basis @ controls
+        drawn = density(curve - curve.mean(0), np.full(80, 1 / 80))
+        wanted = density(places - kernel.weights @ places, kernel.weights)
+        bends = np.square(np.diff(controls, 2, axis=0)).sum()
+        price = SETTINGS.camera_path.settled_stiffness / len(controls)
+        return float(np.square(drawn - wanted).sum() / np.square(wanted).sum() + price * bends)
+
+    end = _settled(path.controls, basis, places - kernel.weights @ places, kernel.weights, width)
+    assert difference(end) < 0.5 * difference(path.controls)
+    rng = np.random.default_rng(5)
+    for _ in range(10):
+        move = rng.normal(0, 0.3, end.shape) * [1, 1, 0]
+        assert difference(end + move) > difference(end)

@@ -11,6 +11,7 @@ from deshake.blind.settings import SETTINGS
 from deshake.blind.spectral_match import SpectralMatch
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
+from deshake.geometry.rotations import grid_steps
 from deshake.signal.pyramid import Pyramid
 
 
@@ -160,3 +161,20 @@ def test_a_path_through_a_kernel_matches_the_spectra_better(entries, pyramid) ->
     assert (path.name, path.start, path.level) == ("0, path", 0, 0)
     match = SpectralMatch(pyramid, 0, "fitted")
     assert match.value(path.kernel) > match.value(rough.kernel)
+
+
+def test_paths_are_traced_where_there_are_finer_scales_and_enough_tiles(shake) -> None:
+    path = np.array([[0.0, -17, 0], [8, -11, 0], [-4, 3, 0], [4, 17, 0]])
+    moves = np.array([[-2, 2, 0], [2, 1, 0], [-2, -1, 0], [2, -2, 0]])
+    photo = shake(Camera.from_focal(500.0, 360, 560), path=path)
+    comparison = Comparison(photo.pyramid)
+    turned = (path + moves) * grid_steps(photo.camera)
+    entry = Entry("wrong", 3, 1, RotationKernel.from_path(turned, photo.camera).centred())
+    assert comparison.level(entry) == 1
+    early, late = comparison.traced(entry)
+    assert (late.name, late.start, late.level) == ("wrong, traced", 3, 1)
+    assert min(comparison.matches([early, late])) > comparison.match(entry) + 0.02
+    for factor, wide in ((1 / 3, False), (3.0, True)):
+        other = entry._replace(kernel=replace(entry.kernel, theta=entry.kernel.theta * factor))
+        assert comparison.is_wide(other) == wide
+        assert comparison.traced(other) == []

@@ -1,14 +1,20 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.ndimage
 
+from deshake.blind import polish
 from deshake.blind.agreement import agreement
 from deshake.blind.entry import Entry
 from deshake.blind.kernel_comparison import Comparison
 from deshake.blind.polish import polished
+from deshake.blind.settings import SETTINGS
+from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
+from deshake.geometry.rotations import grid_steps
 from deshake.run import Run
 
 FINE = 0.1  # share of the kernel's spread: smoothing of a strict agreement
@@ -63,3 +69,23 @@ def test_a_point_stays_a_point(thick, pyramid) -> None:
 def test_a_kernel_without_roll_gets_none(thick, pyramid) -> None:
     flat = thick._replace(kernel=thick.kernel.resampled(thick.kernel.steps, (True, True, False)))
     assert not polished(Comparison(pyramid), [flat], [flat], ALL_AXES, Run())[0].entry.rolls
+
+
+def test_paths_that_are_traced_come_nearer_to_the_truth(shake, monkeypatch) -> None:
+    """Without the rounds of tracing, the same polish ends farther from it, with a lower score."""
+    path = np.array([[0.0, -17, 0], [8, -11, 0], [-4, -2, 0], [6, 5, 0], [-3, 10, 0], [4, 17, 0]])
+    moves = np.array([[-2, 2, 0], [1, -2, 0], [2, 1, 0], [-2, -1, 0], [2, 2, 0], [1, -2, 0]])
+    photo = shake(Camera.from_focal(500.0, 360, 560), path=path)
+    turned = (path + moves) * grid_steps(photo.camera)
+    comparison = Comparison(photo.pyramid)
+    entry = Entry("wrong", 0, 1, RotationKernel.from_path(turned, photo.camera).centred())
+    assert comparison.level(entry) == 1  # so there is a finer scale
+    axes = True, True, False
+    ends = []
+    for count in (0, SETTINGS.polish.tracings):
+        monkeypatch.setattr(polish, "_S", replace(SETTINGS.polish, tracings=count))
+        ends += polish.polished(comparison, [entry], [entry], axes, Run())
+    scores = comparison.scores_by([(end.entry, end.judge) for end in ends])
+    assert scores[1] > scores[0] + 0.002
+    near = [agreement(end.entry.kernel, photo.kernel, smoothing=FINE) for end in ends]
+    assert near[1] > near[0] + 0.01 > agreement(entry.kernel, photo.kernel, smoothing=FINE)

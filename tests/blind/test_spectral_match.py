@@ -7,7 +7,8 @@ import pytest
 
 from deshake.blind.agreement import agreement
 from deshake.blind.camera_path import SmoothPath
-from deshake.blind.spectral_match import SpectralMatch
+from deshake.blind.spectral_match import SpectralMatch, descended, traced
+from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import displacements, grid_steps, homographies
 from deshake.signal.pyramid import Pyramid
@@ -63,10 +64,12 @@ def test_noise_matches_nothing(shaken) -> None:
 def test_the_gradient_is_that_of_finite_differences(match, bent, axis, when) -> None:
     path = SmoothPath.through(bent, match.camera)[0]
     rotations = path.basis(48) @ path.controls
-    gradient = match._along(rotations)[1]
+    gradient = match.of_rotations(rotations)[1]
     step = np.zeros_like(rotations)
     step[when, axis] = 1e-2
-    change = (match._along(rotations + step)[0] - match._along(rotations - step)[0]) / 2e-2
+    change = (
+        match.of_rotations(rotations + step)[0] - match.of_rotations(rotations - step)[0]
+    ) / 2e-2
     assert change == pytest.approx(gradient[when, axis], rel=0.1, abs=1e-4)
 
 
@@ -146,7 +149,7 @@ def test_a_path_matches_as_its_kernel_does(match, bent) -> None:
 
 def test_a_descent_ends_at_a_path_that_matches_better(match, bent) -> None:
     path = SmoothPath.through(bent, match.camera)[0]
-    worth, end = match.descended(path, 10)
+    worth, end = descended([match], path, 10)
     assert match.of_path(end) > match.of_path(path) + 0.02
     assert worth <= match.of_path(end)  # bends have a price
 
@@ -158,3 +161,35 @@ def test_tracks_are_the_displacements_of_the_centres(match, bent) -> None:
     exact = displacements(homographies(match.camera, rotations), match.centres)
     exact -= exact.mean(1, keepdims=True)
     np.testing.assert_allclose(tracks, exact, atol=0.1)
+
+
+def test_a_descent_at_several_scales_raises_their_mean_match(pyramid, bent) -> None:
+    scales = [SpectralMatch(pyramid, level, "all") for level in (0, 1)]
+    path = SmoothPath.through(bent, scales[-1].camera)[0]
+
+    def mean(path: SmoothPath) -> float:
+        return float(np.mean([one.of_path(path.on_scale(one.camera)) for one in scales]))
+
+    worth, end = descended(scales, path, 10)
+    assert mean(end) > mean(path) + 0.02
+    assert worth == pytest.approx(mean(end), abs=0.02)
+    assert worth <= mean(end) + 1e-6  # bends have a price
+
+
+def test_a_traced_path_comes_nearer_to_the_truth(shake) -> None:
+    path = np.array([[0.0, -14, -4], [5, -4, 0], [-2, 4, 1], [3, 14, 4]])
+    photo = shake(Camera.from_focal(420.0, 360, 420), path=path)
+    moved = path + np.array([[-2, 1, 0], [1, 2, 0], [1, -2, 0], [2, 1, 0]])
+    wrong = RotationKernel.from_path(moved * grid_steps(photo.camera), photo.camera).centred()
+    scales = [SpectralMatch(photo.pyramid, level, "fitted") for level in (0, 1)]
+    early, late = traced(scales, wrong)
+    before = agreement(wrong, photo.kernel, smoothing=FINE)
+    for one in (early, late):
+        assert agreement(one, photo.kernel, smoothing=FINE) > before + 0.02
+        assert one.camera is wrong.camera
+    values = [np.mean([one.value(kernel) for one in scales]) for kernel in (wrong, early, late)]
+    assert values == sorted(values)
+
+
+def test_nothing_is_traced_along_a_point(match, shaken) -> None:
+    assert traced([match], RotationKernel.delta(shaken.camera)) == []

@@ -346,6 +346,8 @@ class PolishSettings:
         Refinement of a thin path, and of a smooth path.
     rounds : int
         Largest number of rounds; a round that does not raise the score is the last.
+    tracings : int
+        Largest number of further rounds, in which paths are traced closely.
 
     """
 
@@ -353,3 +355,4 @@ class PolishSettings:
     thin: Refinement = Refinement(2e-3, iterations=4, budget=Budget(0.6e6, 0.6e6, 1.2e6))
     smooth: Refinement = Refinement(2e-3, iterations=3, budget=Budget(0.6e6, 0.6e6, 1.2e6))
     rounds: int = 4
+    tracings: int = 3

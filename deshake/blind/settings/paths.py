@@ -41,7 +41,8 @@ class CameraPathSettings:
     """Thin paths, smooth paths, and paths without gaps (`camera_path`).
 
     Tuned with the whole estimate on the set `tune` of `bench.py shakes`. `spacing` and
-    `most_controls` were tuned on 12 photos of it. No record says more.
+    `most_controls` were tuned on 12 photos of it, the constants of settling on seven, by how near
+    a path comes to its kernel. No record says more.
 
     Parameters
     ----------
@@ -79,6 +80,16 @@ class CameraPathSettings:
         Weight that keeps a control point near the others if no rotation is near it.
     long_way : float
         Exponent of the distance: above 1, several short steps cost less than one long step.
+    most_settled : int
+        Rotations whose density a smooth path takes, at most.
+    settled_places : (int, int)
+        Places of a smooth path that stand for its density, at least and at most.
+    settled_widths : sequence of float
+        Grid steps: widths of the Gaussians that smooth the densities, one after the other.
+    settled_stiffness : float
+        Price of the squared bends of the control points, relative to the squared density.
+    settling : int
+        Iterations of the descent at each width.
 
     """
 
@@ -100,6 +111,11 @@ class CameraPathSettings:
     stiffness: float = 1e-3
     least_pull: float = 1e-6
     long_way: float = 1.5
+    most_settled: int = 300
+    settled_places: tuple[int, int] = (60, 160)
+    settled_widths: tuple[float, ...] = (1.5, 0.8)
+    settled_stiffness: float = 3e-3
+    settling: int = 15
 
 
 @dataclass(frozen=True)
@@ -150,7 +166,8 @@ class SpectralMatchSettings:
 
     They are those of `spectral_match`. Tuned with the whole estimate on the set `tune` of
     `bench.py shakes`. `clip` was tuned on 16 photos of it, by how much better the true kernel
-    matches than wrong ones do; `bending` on 12 photos. No record says more.
+    matches than wrong ones do; `bending` on 12 photos; `closer` and `finer` on 30 photos, each
+    begun from the winner of the race. No record says more.
 
     Parameters
     ----------
@@ -178,6 +195,12 @@ class SpectralMatchSettings:
         Iterations of the descent from each of them; the best one goes on.
     iterations : int
         Further iterations of that one.
+    begun : float
+        Share of the length in the time of a path before it settles along a kernel.
+    closer : float
+        Control points of a path that is traced closely, per control point of one that is not.
+    finer : int
+        Scales that are finer than that of a kernel, and whose spectra count in its tracing.
     weight_iterations : int
         Iterations of the descent of the weights; more of them fit the noise.
     faint : float
@@ -205,6 +228,9 @@ class SpectralMatchSettings:
     evenness: tuple[float, ...] = (0.0, 0.5, 1.0)
     first_iterations: int = 6
     iterations: int = 18
+    begun: float = 0.5
+    closer: float = 1.5
+    finer: int = 2
     weight_iterations: int = 12
     faint: float = 0.03
     light: float = 1e-4
