@@ -59,9 +59,7 @@ def thinned(kernel: RotationKernel, width: float = 1.0) -> RotationKernel:
     moved = points.copy()
     squares = (points[:, :, None] * points[:, None]).reshape(len(points), -1)
     for _ in range(_S.ridge_steps):
-        near = cdist(moved, points, "sqeuclidean")
-        near *= -0.5 / width**2
-        np.exp(near, out=near)
+        near = _gaussian(moved, points, width**2)
         near *= weights
         near /= near.sum(1, keepdims=True)
         mean = near @ points
@@ -114,8 +112,7 @@ class SmoothPath(NamedTuple):
             A curve for each evenness; none if the kernel is a point.
 
         """
-        reduced = kernel.for_camera(scale).resampled(grid_steps(scale))
-        reduced = strongest(reduced, _S.most_thinned)
+        reduced = _reduced(kernel, scale, _S.most_thinned)
         thin = strongest(heaviest(thinned(reduced), _S.faint), _S.most_points)
         places = (thin.theta - thin.centroid) / thin.steps
         places[:, np.ptp(places, 0) < _S.least_turn] = 0
@@ -160,8 +157,7 @@ class SmoothPath(NamedTuple):
             The kernel that the path was drawn through.
 
         """
-        reduced = kernel.for_camera(self.camera).resampled(grid_steps(self.camera))
-        reduced = strongest(reduced, _S.most_settled)
+        reduced = _reduced(kernel, self.camera, _S.most_settled)
         places = (reduced.theta - reduced.centroid) / reduced.steps
         places[:, np.ptp(self.controls, axis=0) == 0] = 0
         basis = self.basis(int(np.clip(_S.density * self.length, *_S.settled_places)))
@@ -212,6 +208,18 @@ def price_of_bends(controls: Points, price: Points | float, change: Points) -> f
     return float((np.square(bends) * price).sum())
 
 
+def _reduced(kernel: RotationKernel, scale: Camera, most: int) -> RotationKernel:
+    """Resample a kernel to the grid of a scale; keep its heaviest rotations, so many at most."""
+    return strongest(kernel.for_camera(scale).resampled(grid_steps(scale)), most)
+
+
+def _gaussian(one: Points, other: Points, variance: float) -> Points:
+    """Return Gaussians (n, m) of the distances between places (n, d) and (m, d); 1 at none."""
+    values: Points = cdist(one, other, "sqeuclidean")
+    values *= -0.5 / variance
+    return np.exp(values, out=values)
+
+
 def _controls(places: Points, duration: Points, count: int) -> Points:
     """Fit the control points of a curve to places (m, 3), by the time that each of them lasts."""
     basis = _spline(np.cumsum(duration) - duration / 2, count)
@@ -231,15 +239,16 @@ def _settled(
     with weights at places. Bends have a price.
     """
     share = 1 / len(basis)
-    own = weights @ np.exp(cdist(places, places, "sqeuclidean") * (-0.25 / width**2)) @ weights
+    variance = 2 * width**2  # that of two Gaussians, one after the other
+    own = weights @ _gaussian(places, places, variance) @ weights
     price = _S.settled_stiffness * own / len(controls)
 
     def objective(flattened: Points) -> tuple[float, Points]:
         moved = flattened.reshape(controls.shape)
         curve = basis @ moved
         curve -= curve.mean(0)
-        among = np.exp(cdist(curve, curve, "sqeuclidean") * (-0.25 / width**2)) * share**2
-        across = np.exp(cdist(curve, places, "sqeuclidean") * (-0.25 / width**2)) * weights * share
+        among = _gaussian(curve, curve, variance) * share**2
+        across = _gaussian(curve, places, variance) * weights * share
         slope = across.sum(1)[:, None] * curve - across @ places
         slope -= among.sum(1)[:, None] * curve - among @ curve
         slope -= slope.mean(0)

@@ -142,7 +142,7 @@ class Comparison:
             return False
         self._make_room(level, [wide, narrow])
         judge = self._judges[level]
-        return self._score(wide, judge, level) > self._score(narrow, judge, level)
+        return bool(self.scores_by([(wide, judge)])[0] > self._score(narrow, judge, level))
 
     def _score(self, entry: Entry, judge: Judge, level: int | None = None) -> float:
         score = entry.margin(judge) + _S.sharpening_worth * judge.sharpening(entry.kernel)

@@ -79,13 +79,15 @@ def polished(
     others = {source.start: source for source in sources}
     lines = [_Line(comparison, entry, others[entry.start], axes) for entry in best]
     first, *rest = run.parts([len(lines), *[1] * (_S.rounds - 1 + _S.tracings)])
+    later, tracing = rest[: _S.rounds - 1], rest[_S.rounds - 1 :]
     _advance(comparison, lines, first)
     ranked = np.argsort(-comparison.scores([line.best for line in lines]), kind="stable")
     best_of_all = comparison.foremost([lines[i].best for i in ranked])[0]
     leader = next(line for line in lines if line.best is best_of_all)
-    for n, part in enumerate(rest, 1):
-        if n == _S.rounds:
-            leader.trace()
+    for part in later:
+        _advance(comparison, [leader], part)
+    leader.trace()
+    for part in tracing:
         _advance(comparison, [leader], part)
     ordered = [leader, *(line for line in lines if line is not leader)]
     return [Polished(line.best, line.judge) for line in ordered]
