@@ -7,7 +7,10 @@ Schoelkopf, "Fast removal of non-uniform camera shake", ICCV 2011, do the same f
 model.
 
 The cost does not depend on the number of rotations; the error against exact warps grows with how
-far a rotation's displacement changes from patch to patch (`patch_hop`).
+far a rotation's displacement changes from patch to patch (`patch_hop`). A rough operator blends the
+filters in narrow ramps only. Its blocks overlap less, so it takes less than half of the time, but
+in the middle of a patch, where one filter acts alone, its error grows with the distance from the
+centre.
 """
 
 from __future__ import annotations
@@ -42,10 +45,11 @@ _LEAST_SHARE = 0.25  # share of the blur's reach: least distance from patch to p
 _LARGEST = 640  # px: largest side of blocks, except for blurs that need larger ones
 _BLOCK_EFFORT = 4096  # pixels whose time equals the fixed cost of a block
 _FADE = 0.072  # px: change of displacements from patch to patch, per root of the blur's px
+_BLEND = 1 / 3  # of a rough operator: share of the hop in which two filters are mixed
 _PROBES = 5  # points along each side of the frame that measure this change
 
 
-def patch_hop(camera: Camera, theta: ArrayLike) -> int:
+def patch_hop(camera: Camera, theta: ArrayLike, *, rough: bool = False) -> int:
     """Return the distance from patch to patch: the fastest with errors below 1e-3 rms of the range.
 
     Between two patches the filters of both are mixed. Displacements that differ by delta blur the
@@ -54,7 +58,8 @@ def patch_hop(camera: Camera, theta: ArrayLike) -> int:
     against exact warps. A wider blur allows a larger error, since it leaves less detail. Of the
     distances that are short enough, the result is the one whose blocks take the least time. A very
     wide blur with much roll would need blocks many times as wide as their patches. There the
-    distance is a quarter of the reach: the time stays bounded, and the error is larger.
+    distance is a quarter of the reach: the time stays bounded, and the error is larger. So is that
+    of a rough operator.
     """
     h = homographies(camera, theta)
     along = (np.arange(_PROBES) + 0.5) / _PROBES
@@ -69,20 +74,26 @@ def patch_hop(camera: Camera, theta: ArrayLike) -> int:
     far = reach(camera, theta)
     least = max(_LEAST_HOP, int(_LEAST_SHARE * far))
     largest = int(np.clip(fade / max(slope, 1e-9), least, max(least, *camera.shape)))
-    return _cheapest_hop(camera, largest, 2 * far)
+    return _cheapest_hop(camera, largest, 2 * far, rough=rough)
 
 
-def _cheapest_hop(camera: Camera, largest: int, around: int) -> int:
+def _cheapest_hop(camera: Camera, largest: int, around: int, *, rough: bool) -> int:
     """Return the distance, up to the largest, whose blocks take the least time in all."""
     hops: list[tuple[float, int]] = []
     length = transforms(around + 2 * _LEAST_HOP).length
     while not hops or length <= max(_LARGEST, 2 * around):
-        hop = min(largest, (length - around) // 2)
-        rows, columns = (-(-side // hop) + 1 for side in camera.shape)
-        effort = transforms(around + 2 * hop).effort + _BLOCK_EFFORT
+        hop = min(largest, int((length - around) / (1 + (_BLEND if rough else 1))))
+        ramp = _ramp(hop, rough=rough)
+        rows, columns = (-(-(side + ramp) // hop) for side in camera.shape)
+        effort = transforms(around + hop + ramp).effort + _BLOCK_EFFORT
         hops.append((rows * columns * effort, hop))
         length = transforms(length + 1).length
     return min(hops)[1]
+
+
+def _ramp(hop: int, *, rough: bool) -> int:
+    """Return the pixels in which neighbouring patches are mixed."""
+    return max(int(_BLEND * hop), 1) if rough else hop
 
 
 def checked_rotations(theta: ArrayLike) -> NDArray[np.float64]:
@@ -122,6 +133,9 @@ class FilterFlow:
         rotations, so that every observed pixel depends on latent ones only.
     hop : int, optional
         Distance between patches in pixels; by default `patch_hop`.
+    rough : bool
+        Whether the filters of neighbouring patches are mixed in a third of the distance only: less
+        exact, and more than twice as fast where the patches are large.
     channels : int
         Expected number of channels, for the size of the batches.
     run : Run, optional
@@ -146,6 +160,7 @@ class FilterFlow:
         *,
         margin: int | None = None,
         hop: int | None = None,
+        rough: bool = False,
         channels: int = 1,
         run: Run = Run(),
     ) -> None:
@@ -154,11 +169,14 @@ class FilterFlow:
         self._h = homographies(camera, self.theta)
         radius = reach(camera, self.theta)
         self.margin = radius if margin is None else margin
+        if hop is None:
+            hop = patch_hop(camera, self.theta, rough=rough)
         self.grid = PatchGrid(
             camera.shape,
             radius,
-            patch_hop(camera, self.theta) if hop is None else hop,
+            hop,
             self.margin,
+            ramp=_ramp(hop, rough=rough),
             channels=channels,
             run=run,
         )

@@ -47,13 +47,22 @@ class PatchInverse:
     Parameters
     ----------
     filters : LocalFilters
-        The blur A, one filter for each patch.
+        The blur A, one filter for each patch. The patches overlap by half: the narrower their
+        ramps, the farther is P from the inverse.
+
+    Raises
+    ------
+    ValueError
+        If the patches overlap by less.
 
     """
 
     def __init__(self, filters: LocalFilters) -> None:
         self.filters = filters
         grid = filters.grid
+        if grid.ramp < grid.hop:
+            msg = f"patches at every {grid.hop} px overlap by {grid.ramp} px, not by half"
+            raise ValueError(msg)
         n = grid.block
         self._slopes = grid.transforms.weights(*squared_responses(n, n))
         away = (np.arange(n) + 0.5 - grid.radius - grid.hop) / grid.hop  # from the patch's centre

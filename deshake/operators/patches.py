@@ -1,10 +1,12 @@
 """Overlapping patches of the frame, filtered one by one through FFTs.
 
 This is efficient filter flow (Hirsch et al., CVPR 2010) without rotations. The observed frame,
-h x w, is cut into patches of 2s x 2s pixels at every s pixels, with triangular windows that sum to
-one everywhere. Patch p, whose upper left pixel is ``o_p = p s - s``, depends on the block of N x N
-pixels of the latent image that begins at ``o_p - r``, where r bounds the reach of every filter.
-With filters ``h_p(u)``, ``|u| <= r``, stored at indices 0 .. 2r:
+h x w, is cut into patches at every s pixels. Neighbours share a ramp of t pixels, t <= s, in which
+one fades out and the other in: a patch has a side of s + t pixels, and windows sum to one
+everywhere. With t = s the windows are triangles. Patch p, whose upper left pixel is
+``o_p = p s - t``, depends on the block of N x N pixels of the latent image that begins at
+``o_p - r``, where r bounds the reach of every filter. With filters ``h_p(u)``, ``|u| <= r``, stored
+at indices 0 .. 2r:
 
     forward   g = sum_p win_p . F^-1[ F(block_p f) conj(F h_p) ]
     adjoint   f = sum_p block_p' F^-1[ F(win_p . g) F h_p ]
@@ -72,9 +74,11 @@ class PatchGrid:
     radius : int
         Largest reach r of a filter in pixels.
     hop : int
-        Distance s from patch to patch in pixels; a patch is 2s wide.
+        Distance s from patch to patch in pixels.
     margin : int
         Pixels m by which the latent image is larger on every side.
+    ramp : int, optional
+        Pixels t in which neighbouring patches are mixed, 1 to `hop`; by default `hop`.
     channels : int
         Expected number of channels, for the size of the batches.
     run : Run, optional
@@ -89,22 +93,24 @@ class PatchGrid:
         hop: int,
         margin: int,
         *,
+        ramp: int | None = None,
         channels: int = 1,
         run: Run = Run(),
     ) -> None:
         self.shape = shape
         self.radius = radius
         self.hop = hop
+        self.ramp = hop if ramp is None else ramp
         self.margin = margin
-        self.patch = 2 * hop
+        self.patch = hop + self.ramp
         self.transforms = transforms(self.patch + 2 * radius)
         self.block = self.transforms.length
         self.reach = 2 * radius + 1
-        self.rows = -(-shape[0] // hop) + 1
-        self.columns = -(-shape[1] // hop) + 1
+        self.rows, self.columns = (-(-(side + self.ramp) // hop) for side in shape)
         self.run = run
-        ramp = (1 - np.abs(np.arange(self.patch) + 0.5 - hop) / hop).astype(np.float32)
-        self.window = (np.outer(ramp, ramp) / self.transforms.gain).astype(np.float32)
+        away = np.abs(np.arange(self.patch) + 0.5 - self.patch / 2)
+        fade = np.minimum((self.patch / 2 - away) / self.ramp, 1).astype(np.float32)
+        self.window = (np.outer(fade, fade) / self.transforms.gain).astype(np.float32)
         block_bytes = 4 * self.block * self.block
         self.batch = max(1, _BATCH_BYTES // (channels * block_bytes))
         parts = -(-self.columns // max(1, _STRIP_BYTES // block_bytes))
@@ -121,8 +127,9 @@ class PatchGrid:
     def centres(self, strip: Strip) -> NDArray[np.float64]:
         """Return the centres (x, y) of a strip's patches, clipped to the frame, (count, 2)."""
         height, width = self.shape
-        x = np.clip(np.arange(strip.first, strip.last) * self.hop - 0.5, 0, width - 1)
-        y = np.clip(strip.row * self.hop - 0.5, 0, height - 1)
+        first = (self.hop - self.ramp - 1) / 2
+        x = np.clip(np.arange(strip.first, strip.last) * self.hop + first, 0, width - 1)
+        y = np.clip(strip.row * self.hop + first, 0, height - 1)
         return np.stack([x, np.full_like(x, y)], 1)
 
     def map_strips(self, work: Callable[[Strip], T]) -> Iterator[tuple[Strip, T]]:
@@ -166,7 +173,7 @@ class PatchGrid:
         return np.moveaxis(view, 2, 1)
 
     def patches(self, observed: Image, strip: Strip) -> Image:
-        """View a strip's patches (C, count, 2s, 2s) of an observed (C, h, w)."""
+        """View a strip's patches (C, count, s + t, s + t) of an observed (C, h, w)."""
         origin = self._origin(strip, 0)
         p = self.patch
         covered = window_of(observed, *origin, p, p + (strip.count - 1) * self.hop)
@@ -180,7 +187,7 @@ class PatchGrid:
         )
 
     def padded(self, patches: Image, padding: Image) -> Image:
-        """Put patches (C, count, 2s, 2s), times their window, into zeros of `padding`."""
+        """Put patches (C, count, s + t, s + t), times their window, into zeros of `padding`."""
         out = padding[:, : patches.shape[1]]
         for at in np.ndindex(patches.shape[:2]):
             cv2.multiply(patches[at], self.window, out[at][: self.patch, : self.patch])
@@ -259,4 +266,5 @@ class PatchGrid:
 
     def _origin(self, strip: Strip, offset: int) -> tuple[int, int]:
         """Row and column where a strip begins, plus an offset."""
-        return (strip.row - 1) * self.hop + offset, (strip.first - 1) * self.hop + offset
+        offset -= self.ramp
+        return strip.row * self.hop + offset, strip.first * self.hop + offset

@@ -139,6 +139,7 @@ def blur_filters(
     kernel: RotationKernel,
     *,
     margin: int | None = None,
+    rough: bool = False,
     channels: int = 1,
     run: Run = Run(),
 ) -> Filters:
@@ -150,6 +151,8 @@ def blur_filters(
         The blur; only its non-zero weights are used.
     margin : int, optional
         Pixels by which latent images are larger on every side; by default the reach of the kernel.
+    rough : bool
+        Whether the filters may be less exact, and take less time (`filter_flow`).
     channels : int
         Expected number of channels, for the size of the batches.
     run : Run, optional
@@ -163,7 +166,7 @@ def blur_filters(
     """
     camera = kernel.camera
     theta, weights = _used(kernel)
-    flow = FilterFlow(camera, theta, margin=margin, channels=channels, run=run)
+    flow = FilterFlow(camera, theta, margin=margin, rough=rough, channels=channels, run=run)
     filters = flow.filters(weights)
     moved = displacements(homographies(camera, theta), camera.corners)
     if np.ptp(moved, axis=0).max() > _SPREAD:

@@ -171,7 +171,7 @@ def fuse(
     noisy = replace(noisy, pixels=pixels, denoised=denoised)
     alone = latent_start(
         g,
-        blur,
+        blur_filters(kernel, margin=margin, rough=True, channels=len(noisy.pixels), run=run),
         clipped=clipped,
         iterations=_SETTINGS.alone,
         run=starting,

@@ -13,7 +13,8 @@ alike. The residual of the first estimate is added to the noise, since no kernel
 as the root of the number of colours.
 
 Half-quadratic splitting minimises it in a few stages (`half_quadratic`). A few iterations of
-Richardson-Lucy, most of them on the mean of the colours, give the first estimate. In their model
+Richardson-Lucy, most of them on the mean of the colours, give the first estimate. For a large photo
+their filters are rough, because the stages see the exact ones. In the model of Richardson-Lucy
 clipped lights may be brighter than they look. Where lights clipped, m gives their surroundings less
 weight, and the scene behind them is restored separately (`lights`); elsewhere m = 1. At high
 quality, stages with a denoiser follow (`plug_and_play`).
@@ -66,6 +67,7 @@ _LEVELS = {
     "high": _Level(12, 3, 3, 5, 3),
 }
 _RHO = (0.02, 1.0)  # rho of `half_quadratic` in the first and in the last stage
+_LARGE = 1_000_000  # pixels: a photo with more takes long
 _EFFORT = 2  # duration of a stage with the denoiser over one without, for the progress
 
 
@@ -116,12 +118,17 @@ def sparse_gradients(
     starting, behind, splitting, finely = run.parts(efforts)
 
     planes = channels_first(g)
-    blur = blur_filters(kernel.centred(), channels=len(planes), run=run)
-    f = latent_start_by_mean(
-        g, blur, clipped=clipped, iterations=level.start, coloured=level.coloured, run=starting
-    )
-    margin = (f.shape[1] - len(g)) // 2
     m = np.broadcast_to(np.float32(1), g.shape[:2])  # takes no memory
+    f = latent_start_by_mean(
+        g,
+        blur_filters(kernel.centred(), rough=m.size > _LARGE, channels=len(planes), run=run),
+        clipped=clipped,
+        iterations=level.start,
+        coloured=level.coloured,
+        run=starting,
+    )
+    blur = blur_filters(kernel.centred(), channels=len(planes), run=run)
+    margin = (f.shape[1] - len(g)) // 2
     if clipped is not None and lit:
         m = trust(f, blur, clipped, noise_variance(g, margin))
         behind_lights(f, planes, blur, m, iterations=level.behind, run=behind)

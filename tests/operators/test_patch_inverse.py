@@ -130,6 +130,12 @@ def test_refuses_another_size(blur) -> None:
         approximate_inverse(blur).apply(np.zeros((1, 9, 9), np.float32), 0.1)
 
 
+def test_refuses_patches_that_overlap_by_less_than_half(camera: Camera, theta, weights) -> None:
+    kernel = RotationKernel(theta, weights, grid_steps(camera), camera)
+    with pytest.raises(ValueError, match="not by half"):
+        approximate_inverse(blur_filters(kernel, rough=True))
+
+
 def test_every_patch_may_have_its_weight(blur, dot_test: Callable[..., float]) -> None:
     inverse = approximate_inverse(blur)
     rng = np.random.default_rng(4)

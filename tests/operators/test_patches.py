@@ -8,14 +8,20 @@ from deshake.run import Run
 
 
 def grid_of(
-    shape: tuple[int, int], *, radius: int = 5, hop: int = 12, margin: int = 5
+    shape: tuple[int, int],
+    *,
+    radius: int = 5,
+    hop: int = 12,
+    margin: int = 5,
+    ramp: int | None = None,
 ) -> PatchGrid:
-    return PatchGrid(shape, radius, hop, margin, run=Run(2))
+    return PatchGrid(shape, radius, hop, margin, ramp=ramp, run=Run(2))
 
 
+@pytest.mark.parametrize("ramp", [None, 1, 5, 12])
 @pytest.mark.parametrize("shape", [(50, 70), (12, 12), (1, 1), (13, 200)])
-def test_windows_sum_to_one(shape: tuple[int, int]) -> None:
-    grid = grid_of(shape)
+def test_windows_sum_to_one(shape: tuple[int, int], ramp: int | None) -> None:
+    grid = grid_of(shape, ramp=ramp)
     total = np.zeros((1, *shape), np.float32)
     for strip in grid.strips:
         ones = np.ones((1, strip.count, grid.patch, grid.patch), np.float32)
@@ -23,6 +29,24 @@ def test_windows_sum_to_one(shape: tuple[int, int]) -> None:
         grid.overlap_add(ones, canvas, window=grid.window * grid.transforms.gain)
         grid.add_observed(total, strip, canvas)
     np.testing.assert_allclose(total, 1, atol=1e-6)
+
+
+def test_windows_are_triangles_or_have_a_flat_middle() -> None:
+    def across(ramp: int | None) -> np.ndarray:
+        grid = grid_of((50, 70), hop=4, ramp=ramp)
+        return (grid.window * grid.transforms.gain).sum(0) / 4  # the other side sums to the hop
+
+    np.testing.assert_allclose(across(None) * 8, [1, 3, 5, 7, 7, 5, 3, 1], rtol=1e-6)
+    np.testing.assert_allclose(across(2) * 4, [1, 3, 4, 4, 3, 1], rtol=1e-6)
+
+
+@pytest.mark.parametrize("ramp", [4, 5, 12])
+def test_centres_are_those_of_the_patches(ramp: int) -> None:
+    grid = grid_of((90, 130), ramp=ramp)
+    strip = grid.strips[2]
+    y, x = np.mgrid[0:90, 0:130].astype(np.float32)
+    patches = grid.patches(np.stack([x, y]), strip)[:, 1:-2]  # within the frame
+    np.testing.assert_allclose(patches.mean((2, 3)).T, grid.centres(strip)[1:-2], rtol=1e-5)
 
 
 @pytest.mark.parametrize("windowed", [False, True])
@@ -58,8 +82,9 @@ def test_strips_do_not_depend_on_the_threads() -> None:
     assert a.strips == b.strips
 
 
-def test_blocks_are_what_patches_look_at() -> None:
-    grid = grid_of((50, 70), margin=0)
+@pytest.mark.parametrize("ramp", [5, 12])
+def test_blocks_are_what_patches_look_at(ramp: int) -> None:
+    grid = grid_of((50, 70), margin=0, ramp=ramp)
     image = np.random.default_rng(0).random((2, 50, 70)).astype(np.float32)
     strip = grid.strips[2]
     blocks, patches = grid.blocks(image, strip), grid.patches(image, strip)
@@ -67,7 +92,7 @@ def test_blocks_are_what_patches_look_at() -> None:
     assert blocks.shape == (2, strip.count, n, n)
     assert patches.shape == (2, strip.count, p, p)
     column = 3
-    top, left = (strip.row - 1) * grid.hop, (column - 1) * grid.hop
+    top, left = strip.row * grid.hop - ramp, column * grid.hop - ramp
     inside = image[:, top : top + p, left : left + p]
     np.testing.assert_array_equal(patches[:, column], inside)
     padded = grid.padded(patches[:, 3:5], grid.padding(2, strip))[:, 0]
@@ -76,7 +101,7 @@ def test_blocks_are_what_patches_look_at() -> None:
     assert np.all(padded[:, :, p:] == 0)
     r = grid.radius
     np.testing.assert_array_equal(blocks[:, column, r : r + p, r : r + p], inside)
-    assert np.all(grid.blocks(image, grid.strips[0])[:, 0, : r + grid.hop] == 0)
+    assert np.all(grid.blocks(image, grid.strips[0])[:, 0, : r + ramp] == 0)
 
 
 def test_cross_correlations_are_sums_over_pixels() -> None:

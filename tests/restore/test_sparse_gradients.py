@@ -55,6 +55,18 @@ def test_more_stages_do_better(sigma, lab):
     assert lab.psnr(seven.pixels, frame) > lab.psnr(one.pixels, frame) + 0.5
 
 
+@pytest.mark.parametrize("name", ["roll", "all"])
+def test_rough_filters_of_the_first_estimate_do_not_show(name, monkeypatch, lab):
+    sharp = lab.scene()
+    g = lab.noisy(lab.shaken(lab.kernels[name], sharp), 0.003)
+    exact = sparse_gradients(g, lab.kernels[name]).pixels  # the photo is small
+    monkeypatch.setattr("deshake.restore.sparse_gradients._LARGE", 0)
+    rough = sparse_gradients(g, lab.kernels[name]).pixels
+    assert np.any(rough != exact)
+    frame = lab.frame(sharp)
+    assert lab.psnr(rough, frame) > lab.psnr(exact, frame) - 0.1
+
+
 def test_bands_do_not_show(monkeypatch, lab):
     g = lab.noisy(lab.shaken(lab.all_axes, lab.scene()), 0.003)
     module = "deshake.signal.half_quadratic"
