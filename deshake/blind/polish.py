@@ -94,7 +94,7 @@ def polished(
 
 
 class _Line:
-    """A kernel, its score, and whether the last round raised it enough to go on.
+    """A kernel, its score, and whether the last round raised it.
 
     Parameters
     ----------
@@ -133,11 +133,10 @@ class _Line:
 
     def take(self, scored: Sequence[tuple[float, Entry]]) -> None:
         """Replace the kernel by the best of others, if its score is higher."""
-        least_rise = _S.least_rise if self.source is None else 0.0
         self.source = None
         score, entry = max(scored, key=lambda one: one[0], default=(self.score, self.best))
-        self.rises = score > self.score + least_rise
-        if score > self.score:
+        self.rises = score > self.score
+        if self.rises:
             self.best, self.score = entry._replace(name=self.name), score
 
     def _thin(self) -> list[Entry]:

@@ -61,29 +61,6 @@ def test_the_better_one_of_two_starts_wins(thick, pyramid) -> None:
     assert (other.name, other.start) == ("point", 4)
 
 
-def test_a_small_rise_of_the_score_counts_and_is_the_last(thick, pyramid) -> None:
-    def line(source: Entry | None) -> polish._Line:
-        one = polish._Line(Comparison(pyramid), thick, thick, ALL_AXES)
-        one.source = source
-        return one
-
-    other = thick._replace(name="other")
-    small = 0.5 * SETTINGS.polish.least_rise
-    for source, rise, goes_on in (
-        (None, small, False),
-        (None, 3 * small, True),
-        (thick, small, True),
-    ):
-        ours = line(source)
-        before = ours.score
-        ours.take([(before - 1, thick), (before + rise, other)])
-        assert ours.score == before + rise
-        assert ours.rises is goes_on
-    ours.take([(before, other)])
-    assert ours.score == before + small
-    assert not ours.rises
-
-
 def test_a_point_stays_a_point(thick, pyramid) -> None:
     point = thick._replace(name="point", kernel=RotationKernel.delta(thick.kernel.camera))
     assert polished(Comparison(pyramid), [point], [point], ALL_AXES, Run())[0].entry is point

@@ -345,13 +345,9 @@ class PolishSettings:
     thin, smooth : Refinement
         Refinement of a thin path, and of a smooth path.
     rounds : int
-        Largest number of rounds. The first that does not raise the score, or a later one that
-        raises it by less than `least_rise`, is the last.
+        Largest number of rounds; a round that does not raise the score is the last.
     tracings : int
         Largest number of further rounds, in which paths are traced closely.
-    least_rise : float
-        Rise of the score after which another round follows. Chosen on 36 photos of the set `tune`:
-        after a smaller rise, no round came nearer to the true kernel.
 
     """
 
@@ -360,4 +356,3 @@ class PolishSettings:
     smooth: Refinement = Refinement(2e-3, iterations=3, budget=Budget(0.6e6, 0.6e6, 1.2e6))
     rounds: int = 4
     tracings: int = 3
-    least_rise: float = 1e-3
