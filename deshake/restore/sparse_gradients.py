@@ -118,17 +118,15 @@ def sparse_gradients(
     starting, behind, splitting, finely = run.parts(efforts)
 
     planes = channels_first(g)
-    m = np.broadcast_to(np.float32(1), g.shape[:2])  # takes no memory
+    rough = planes[0].size > _LARGE
+    blur = blur_filters(kernel.centred(), rough=rough, channels=len(planes), run=run)
     f = latent_start_by_mean(
-        g,
-        blur_filters(kernel.centred(), rough=m.size > _LARGE, channels=len(planes), run=run),
-        clipped=clipped,
-        iterations=level.start,
-        coloured=level.coloured,
-        run=starting,
+        g, blur, clipped=clipped, iterations=level.start, coloured=level.coloured, run=starting
     )
-    blur = blur_filters(kernel.centred(), channels=len(planes), run=run)
+    if rough:
+        blur = blur_filters(kernel.centred(), channels=len(planes), run=run)
     margin = (f.shape[1] - len(g)) // 2
+    m = np.broadcast_to(np.float32(1), g.shape[:2])  # takes no memory
     if clipped is not None and lit:
         m = trust(f, blur, clipped, noise_variance(g, margin))
         behind_lights(f, planes, blur, m, iterations=level.behind, run=behind)

@@ -22,6 +22,7 @@ from __future__ import annotations
 from collections import Counter
 from contextlib import ExitStack, contextmanager
 from functools import cache, partial
+from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple
 from unittest.mock import patch
 
@@ -76,11 +77,19 @@ class Result(NamedTuple):
         return row([*size, *cells, f"{cost.cpu / millions:.2f}", f"{cost.peak_gb:.2f}"])
 
 
+class Operator(NamedTuple):
+    """An operator that was applied: its name, whether it is rough, and the planes it was given."""
+
+    name: str
+    rough: bool
+    planes: int
+
+
 class Share(NamedTuple):
-    """What a deblurring took, its operators by their planes, and what their bare FFTs take."""
+    """What a deblurring took, how often it applied each operator, and what their bare FFTs take."""
 
     result: Result
-    applied: dict[tuple[str, int], int]
+    applied: dict[Operator, int]
     bare: float
     bare_cpu: float
 
@@ -109,13 +118,14 @@ def estimate(mosaic: Mosaic, file: Path, estimator: str, threads: int) -> Result
 
 
 @contextmanager
-def counted() -> Iterator[Counter[tuple[str, int]]]:
-    """Count the operators that are applied meanwhile, by name and number of planes."""
-    counts: Counter[tuple[str, int]] = Counter()
+def counted() -> Iterator[Counter[Operator]]:
+    """Count the operators that are applied meanwhile."""
+    counts: Counter[Operator] = Counter()
 
     def counting(name: str, method: Callable[..., Image]) -> Callable[..., Image]:
-        def applied(self: object, planes: Image, *args: Any) -> Image:  # noqa: ANN401
-            counts[name, len(planes)] += 1
+        def applied(self: LocalFilters | PatchInverse, planes: Image, *args: Any) -> Image:  # noqa: ANN401
+            grid = (self.filters if isinstance(self, PatchInverse) else self).grid
+            counts[Operator(name, grid.ramp < grid.hop, len(planes))] += 1
             return method(self, planes, *args)
 
         return applied
@@ -129,11 +139,14 @@ def counted() -> Iterator[Counter[tuple[str, int]]]:
 def deblur_counted(mosaic: Mosaic, file: Path, quality: str, threads: int) -> Share:
     """Deblur as `deblur` does, and time the bare FFTs of all operators that it applies."""
     kernel = mosaic.kernel().centred()
-    took: dict[int, list[tuple[float, float]]] = {1: [], 3: []}
+    kinds = product((False, True), (1, 3))  # exact and rough, of one plane and of three
+    took: dict[tuple[bool, int], list[tuple[float, float]]] = {kind: [] for kind in kinds}
 
     def time_ffts() -> None:
-        for channels, times in took.items():
-            flow = FilterFlow(kernel.camera, kernel.theta, channels=channels, run=Run(threads))
+        for (rough, channels), times in took.items():
+            flow = FilterFlow(
+                kernel.camera, kernel.theta, rough=rough, channels=channels, run=Run(threads)
+            )
             run = bare_ffts(flow, channels)
             run()  # the first run fills caches
             times.extend(measured(run)[1][:2] for _ in range(REPEATS))
@@ -143,7 +156,8 @@ def deblur_counted(mosaic: Mosaic, file: Path, quality: str, threads: int) -> Sh
         result = deblur(mosaic, file, quality, threads)
     time_ffts()
     bare, bare_cpu = sum(
-        count * np.median(took[planes], axis=0) for (_, planes), count in applied.items()
+        count * np.median(took[operator.rough, operator.planes], axis=0)
+        for operator, count in applied.items()
     )
     return Share(result, dict(applied), float(bare), float(bare_cpu))
 
@@ -151,9 +165,10 @@ def deblur_counted(mosaic: Mosaic, file: Path, quality: str, threads: int) -> Sh
 def print_share(share: Share) -> None:
     """Print the deblurring and its bare FFTs."""
     cost = share.result.cost
-    print(f"{HEAD}\n{share.result.line()}\n\n{head(['operator', 'planes', 'times'])}")
-    for (name, planes), count in sorted(share.applied.items()):
-        print(row([name, planes, count]))
+    print(f"{HEAD}\n{share.result.line()}\n\n{head(['operator', 'filters', 'planes', 'times'])}")
+    for operator, count in sorted(share.applied.items()):
+        filters = "rough" if operator.rough else "exact"
+        print(row([operator.name, filters, operator.planes, count]))
     print("\n" + head(["", *WALL_CPU]))
     print(row(["deblurring", f"{cost.seconds:.1f}", f"{cost.cpu:.1f}"]))
     print(row(["its bare FFTs", f"{share.bare:.1f}", f"{share.bare_cpu:.1f}"]))
