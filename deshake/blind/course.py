@@ -166,9 +166,13 @@ class Course:
         return float(self.comparison.scores(entries).max())
 
     def start(self, starts: Sequence[int], run: Run) -> None:
-        """Run candidates to their finest scales; keep the kernels of their last scales."""
-        for _, new in reported(self._started, starts, run, "starts"):
-            self.entries += new
+        """Run candidates to their finest scales; keep the kernels of their last scales.
+
+        The coarsest starts take the longest, so they run first.
+        """
+        coarsest_first = sorted(starts, reverse=True)
+        found = dict(reported(self._started, coarsest_first, run, "starts"))
+        self.entries += [entry for start in starts for entry in found[start]]
 
     def _wide(
         self, run: Run, least_match: float, narrow: Entry | None

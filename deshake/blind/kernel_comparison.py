@@ -211,8 +211,8 @@ class Comparison:
             return []
         finest = max(level - SETTINGS.spectral_match.finer, 0)
         scales = [self._spectra_at(n, "fitted", level - n) for n in range(finest, level + 1)]
-        name = f"{entry.name}, traced"
-        return [entry._replace(name=name, kernel=one) for one in traced(scales, entry.kernel)]
+        name, paths = f"{entry.name}, traced", traced(scales, entry.kernel, self.run)
+        return [entry._replace(name=name, kernel=path) for path in paths]
 
     def weighed(self, entry: Entry) -> Entry:
         """Fit the weights of a kernel to the spectra of the photo."""

@@ -34,7 +34,9 @@ from deshake.blind.tile_plan import informative_corners
 from deshake.blind.trimming import heaviest, strongest
 from deshake.geometry.rotations import displacements, grid_steps, homographies
 from deshake.operators.bilinear import bilinear_taps, gathering_matrix, splat
+from deshake.operators.strips import in_order
 from deshake.operators.transforms import power_of
+from deshake.run import Run
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -218,7 +220,7 @@ class SpectralMatch:
 
 
 def descended(
-    scales: Sequence[SpectralMatch], path: SmoothPath, iterations: int
+    scales: Sequence[SpectralMatch], path: SmoothPath, iterations: int, run: Run = Run()
 ) -> tuple[float, SmoothPath]:
     """Move a path to where it matches the spectra of one or more scales better.
 
@@ -230,6 +232,8 @@ def descended(
         The path. An axis about which it does not turn stays so.
     iterations : int
         Iterations of the descent.
+    run : Run, optional
+        Threads to use.
 
     Returns
     -------
@@ -243,12 +247,15 @@ def descended(
     flat = np.ptp(path.controls, axis=0) == 0
     ratios = [grid_steps(path.camera) / grid_steps(one.camera) for one in scales]
     stiffness = _S.bending * np.square(scales[-1].slopes).mean((0, 1))
+    pairs = list(zip(scales, ratios, strict=True))
 
     def objective(flattened: Points) -> tuple[float, Points]:
         controls = flattened.reshape(path.controls.shape)
+        curve = basis @ controls
         match, change = 0.0, np.zeros_like(controls)
-        for one, ratio in zip(scales, ratios, strict=True):
-            value, gradient = one.of_rotations(basis @ (controls * ratio))
+        for (_, ratio), (value, gradient) in in_order(
+            lambda pair: pair[0].of_rotations(curve * pair[1]), pairs, run
+        ):
             match += value / len(scales)
             change -= basis.T @ gradient * (ratio / len(scales))
         bends = price_of_bends(controls, stiffness, change)
@@ -259,7 +266,9 @@ def descended(
     return -value, path._replace(controls=end)
 
 
-def traced(scales: Sequence[SpectralMatch], kernel: RotationKernel) -> list[RotationKernel]:
+def traced(
+    scales: Sequence[SpectralMatch], kernel: RotationKernel, run: Run = Run()
+) -> list[RotationKernel]:
     """Draw a smooth path of many control points closely along a kernel, and move it.
 
     Parameters
@@ -268,6 +277,8 @@ def traced(scales: Sequence[SpectralMatch], kernel: RotationKernel) -> list[Rota
         The scale of the kernel, the last one, and finer ones.
     kernel : RotationKernel
         A kernel that is nearly right, for the camera of the photo.
+    run : Run, optional
+        Threads to use.
 
     Returns
     -------
@@ -279,8 +290,8 @@ def traced(scales: Sequence[SpectralMatch], kernel: RotationKernel) -> list[Rota
     if not paths:
         return []
     path = paths[0].with_controls(round(_S.closer * len(paths[0].controls))).settled(kernel)
-    early = descended(scales, path, _S.first_iterations)[1]
-    late = descended(scales, early, _S.iterations)[1]
+    early = descended(scales, path, _S.first_iterations, run)[1]
+    late = descended(scales, early, _S.iterations, run)[1]
     return [early.kernel(kernel.camera), late.kernel(kernel.camera)]
 
 

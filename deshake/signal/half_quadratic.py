@@ -9,8 +9,12 @@ with the symbols of `sparse_gradients`. A variable w approximates s D f, at a co
 it has a closed form, pixel by pixel [1]. With a denoiser, its result v approximates s f, at a cost
 of alpha / 2 |.|^2 [2]. The rest is a quadratic form in f: f moves one step of exact length along
 its preconditioned gradient. The preconditioner divides by s, applies the blur's approximate
-inverse, and divides by s again, since data and edges have the same weights. f_N, if given, is
-another photo of the scene: sharp, but noisy.
+inverse, and divides by s again, since data and edges have the same weights. f stays above 0: where
+the step would take it below, it ends at 0. f_N, if given, is another photo of the scene: sharp, but
+noisy.
+
+A short step says that the approximate inverse is too large, at least at some frequencies: those that
+the blur takes away in one part of the frame, but not beside it. Then the next ones are damped [3].
 
 References
 ----------
@@ -18,6 +22,8 @@ References
    NIPS 2009.
 .. [2] S. Venkatakrishnan, C. Bouman and B. Wohlberg, "Plug-and-play priors for model based
    reconstruction", GlobalSIP 2013, https://doi.org/10.1109/GlobalSIP.2013.6737048
+.. [3] D. Marquardt, "An algorithm for least-squares estimation of nonlinear parameters", Journal of
+   the Society for Industrial and Applied Mathematics 11, 1963.
 
 """
 
@@ -47,7 +53,8 @@ T = TypeVar("T")
 _POWER = 0.7  # p
 _TAU = 0.26  # tau of one plane; for C planes it is multiplied by the root of C
 _COLOUR = 1.5  # k
-_NEGATIVE = 0.01  # squared negative light, in noise variances a pixel: above it, it is clipped to 0
+_SHORT = 0.6  # length of a step after which the next ones are damped
+_DAMPING = np.float32(0.016)  # added to the power of the blur, whose filters have the sum 1
 _BAND_PIXELS = 1 << 17  # pixels of a band, all channels: its arrays stay in the cache
 
 
@@ -100,6 +107,7 @@ class HalfQuadratic:
         self.tau = _TAU * len(g) ** 0.5 if tau is None else tau
         self.f_N, self.q = f_N, q
         self._near = np.float32(0) if q is None else inverse.means(self._framed(q))
+        self._damping = np.float32(0)
         self.run = run
 
     def step(self, rho: float, alpha: float = 0.0, v: Image | None = None) -> None:
@@ -122,19 +130,20 @@ class HalfQuadratic:
         del r
         self._each_band(height, partial(self._add_priors, gradient, rho, alpha, v))
         d = self.inverse.apply(
-            gradient, rho * plane_weights(len(gradient), _COLOUR), self._near + alpha
+            gradient,
+            rho * plane_weights(len(gradient), _COLOUR),
+            self._near + alpha + self._damping,
         )
-        along = sum(self._each_band(height, partial(self._product, gradient, d)))
+        along = sum(self._each_band(height, partial(self._directed, gradient, d)))
         del gradient
         squared = sum(self._each_band(height, partial(self._prior_power, d, rho, alpha)))
         Ad = self.blur.forward(d)
         squared += sum(self._each_band(frame, partial(self._seen_power, Ad)))
-        length = np.float32(along / squared if squared > 0 else 0)
-        negative = sum(self._each_band(height, partial(self._move, self.f, d, length)))
+        length = np.float32(max(along, 0) / squared if squared > 0 else 0)
+        self._each_band(height, partial(self._move, self.f, d, length))
         self._each_band(frame, partial(self._move, self.Af, Ad, length))
-        if negative > _NEGATIVE * self.f.size:
-            np.maximum(self.f, 0, out=self.f)
-            self.Af = self.blur.forward(self.f)
+        if length < _SHORT:
+            self._damping = _DAMPING
 
     def residual(self, clipped: NDArray[np.bool_] | None) -> float:
         """Root mean square of g - A f over the unclipped pixels."""
@@ -200,12 +209,18 @@ class HalfQuadratic:
             part += np.float32(alpha) * (v[:, rows] - self.s[:, rows] * self.f[:, rows])
         reflect(part)
 
-    def _product(self, gradient: Image, d: Image, rows: slice) -> float:
-        """Return the product of gradient and d; undo the reflection of d and divide it by s."""
-        product = float(np.sum(gradient[:, rows] * d[:, rows], dtype=np.float64))
-        reflect(d[:, rows])
-        d[:, rows] /= self.s[:, rows]
-        return product
+    def _directed(self, gradient: Image, d: Image, rows: slice) -> float:
+        """Undo the reflection of d, divide it by s, and keep f + d above 0.
+
+        Return the product of the gradient and s d.
+        """
+        s, down, part = self.s[:, rows], gradient[:, rows], d[:, rows]
+        reflect(down)
+        reflect(part)
+        part /= s
+        f = self.f[:, rows]
+        np.maximum(part, -f, out=part)
+        return float(np.sum(down * (s * part), dtype=np.float64))
 
     def _prior_power(self, d: Image, rho: float, alpha: float, rows: slice) -> float:
         """Return rho |s D d|_k^2 + |sqrt(alpha + q) s d|^2, summed over some rows."""
@@ -228,13 +243,9 @@ class HalfQuadratic:
         part *= self.m[rows]
         return float(np.sum(part, dtype=np.float64))
 
-    def _move(self, image: Image, d: Image, length: np.float32, rows: slice) -> float:
-        """Move an image along d; return its squared negative light, in noise variances."""
-        part = image[:, rows]
-        part += length * d[:, rows]
-        if image is not self.f or part.min() >= 0:
-            return 0.0
-        return float(np.sum(np.square(np.minimum(part, 0) * self.s[:, rows]), dtype=np.float64))
+    def _move(self, image: Image, d: Image, length: np.float32, rows: slice) -> None:
+        """Move an image along d."""
+        image[:, rows] += length * d[:, rows]
 
     def _each_band(self, height: int, work: Callable[[slice], T]) -> list[T]:
         """Do the work on all rows, band by band; the results are in the order of the bands."""

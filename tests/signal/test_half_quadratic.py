@@ -9,6 +9,7 @@ from deshake.run import Run
 from deshake.signal.half_quadratic import _COLOUR, _POWER, HalfQuadratic
 from deshake.signal.opponent import reflect, squared_lengths
 from deshake.signal.shrinkage import shrunk
+from tests.support.laboratory import turn
 
 RHO, ALPHA = 0.3, 0.05
 
@@ -33,9 +34,10 @@ def problem(lab):
         "tau": 0.2,
     }
 
-    def make(*, pair=False):
+    def make(*, pair=False, dark=0.0):
         more = second if pair else {}
-        begin = f.copy(), blur.forward(f), g, PatchInverse(blur)
+        first, photo = np.maximum(f - dark, 0), np.maximum(g - np.float32(dark), 0)
+        begin = first, blur.forward(first), photo, PatchInverse(blur)
         return HalfQuadratic(*begin, m=m, s=s, **more, run=Run(1))
 
     return make
@@ -70,9 +72,9 @@ def gradients(descent):
     return share * down, share * across
 
 
-@pytest.mark.parametrize("pair", [False, True])
-def test_a_step_goes_down_and_exactly_as_far_as_it_helps(problem, pair):
-    descent = problem(pair=pair)
+@pytest.mark.parametrize("more", [{}, {"pair": True}, {"dark": np.float32(0.3)}])
+def test_a_step_goes_down_and_exactly_as_far_as_it_helps(problem, more):
+    descent = problem(**more)
     w, v = gradients(descent), descent.s * descent.f * 0.9
     before = descent.f.copy()
     start = energy(descent, before, w, v)
@@ -136,6 +138,41 @@ def test_the_blurred_estimate_follows_the_estimate(problem):
     for rho in (0.03, 0.3, 1.0):
         descent.step(rho)
     np.testing.assert_allclose(descent.Af, descent.blur.forward(descent.f), atol=2e-4)
+
+
+def test_a_step_ends_at_black_where_it_would_go_below(problem):
+    descent = problem(dark=np.float32(0.3))
+    before = descent.f.copy()
+    descent.step(RHO)
+    assert 0 < np.max(descent.f - before)
+    fell = (before > 0.01) & (descent.f < 0.2 * before)
+    assert np.count_nonzero(fell) > 100
+    assert descent.f.min() >= 0
+
+
+def test_a_short_step_damps_the_next_ones(lab):
+    kernel = turn([(0, 0, -12), (0, 0, 12)])  # it takes other frequencies from every patch
+    flow = FilterFlow(kernel.camera, kernel.theta, channels=3, run=Run(1))
+    blur = flow.filters(kernel.weights)
+    g = np.ascontiguousarray(
+        lab.noisy(lab.shaken(kernel, lab.colours()), 0.003).transpose(2, 0, 1)
+    )
+    f = np.pad(g, [(0, 0), *[(flow.margin, flow.margin)] * 2], mode="edge")
+    m, s = np.ones(lab.shape, np.float32), np.full(flow.latent_shape, 150, np.float32)
+
+    def result(*, damped):
+        descent = HalfQuadratic(
+            f.copy(), blur.forward(f), g, PatchInverse(blur), m=m, s=s, run=Run(1)
+        )
+        for rho in np.geomspace(0.02, 1, 5):
+            descent.step(rho)
+            if not damped:
+                descent._damping = np.float32(0)
+        return descent
+
+    damped, plain = result(damped=True), result(damped=False)
+    assert damped._damping > 0
+    assert damped.residual(None) < 0.98 * plain.residual(None)
 
 
 def test_untrusted_pixels_do_not_count(problem):
