@@ -2,12 +2,15 @@
 
 For ``M = A^T A + rho D^T D + alpha``, with D the differences of neighbouring pixels:
 
-    P = sum_p block_p' v_p F^-1[ 1 / (|F h_p|^2 + rho |F D|^2 + alpha + floor) ] F v_p block_p
+    P = sum_p block_p' v_p F^-1[ 1 / (|F h_p|^2 + rho |F D|^2 + alpha + floor) ] F u_p block_p
 
-with v_p the root of patch p's window, is symmetric and positive. It is the exact inverse if the
-blur is the same over the whole frame, and the frame is a torus. As a preconditioner, it makes one
-step as good as many steps without it. If the blur is the same everywhere, one patch without a
-window is enough, and the latent image with zeros around it is the torus.
+with v_p the window of patch p, and u_p = 1 within the patch. Beyond the patch, u_p fades within the
+reach of the filters, because the inverse of a blur reaches far. P is the exact inverse if the blur
+is the same over the whole frame, and the frame is a torus. As a preconditioner, it makes one step
+as good as many steps without it. P is nearly symmetric. Where the blur changes much from patch to
+patch, a step along it is short, and may even lead upwards. A larger alpha prevents this. If the
+blur is the same everywhere, one patch without a window is enough, and the latent image with zeros
+around it is the torus.
 """
 
 from __future__ import annotations
@@ -32,8 +35,9 @@ if TYPE_CHECKING:
 __all__ = ["FourierInverse", "PatchInverse", "approximate_inverse"]
 
 Image = NDArray[np.float32]
+Ends = tuple[bool, bool]  # whether a patch is the first, and the last, of its column or row
 
-_FLOOR = np.float32(1e-4)  # least divisor, in powers of a filter of sum 1
+_FLOOR = np.float32(1e-3)  # least divisor, in powers of a filter of sum 1
 
 
 def approximate_inverse(blur: Convolution | LocalFilters) -> FourierInverse | PatchInverse:
@@ -47,39 +51,39 @@ class PatchInverse:
     Parameters
     ----------
     filters : LocalFilters
-        The blur A, one filter for each patch. The patches overlap by half: the narrower their
-        ramps, the farther is P from the inverse.
-
-    Raises
-    ------
-    ValueError
-        If the patches overlap by less.
+        The blur A, one filter for each patch.
 
     """
 
     def __init__(self, filters: LocalFilters) -> None:
         self.filters = filters
         grid = filters.grid
-        if grid.ramp < grid.hop:
-            msg = f"patches at every {grid.hop} px overlap by {grid.ramp} px, not by half"
-            raise ValueError(msg)
         n = grid.block
         self._slopes = grid.transforms.weights(*squared_responses(n, n))
-        away = (np.arange(n) + 0.5 - grid.radius - grid.hop) / grid.hop  # from the patch's centre
-        ramp = np.sqrt(np.clip(1 - np.abs(away), 0, 1)).astype(np.float32)
-        most = np.float32(grid.transforms.gain**-0.25)  # the four ramps of a block undo the gain
-        ramp *= most
-        # windows by row or column fade both ways; the first and the last do not fade outwards
-        ramps = {
-            (first, last): np.where((first & (away < 0)) | (last & (away > 0)), most, ramp)
-            for first in (False, True)
-            for last in (False, True)
-        }
-        self._windows = {
-            (vertical, horizontal): np.outer(ramps[vertical], ramps[horizontal])
-            for vertical in {self._ends(i, grid.rows) for i in range(grid.rows)}
-            for horizontal in {self._ends(i, grid.columns) for i in range(grid.columns)}
-        }
+        away = np.arange(n) + 0.5 - grid.radius - grid.patch / 2  # from the patch's centre
+        inside = grid.patch / 2 - np.abs(away)
+        most = grid.transforms.gain**-0.5  # the two ramps of a window undo the gain
+        window = (most * np.clip(inside / grid.ramp, 0, 1)).astype(np.float32)
+        beyond = np.clip(1 + inside / max(grid.radius, 1), 0, 1)
+        seen = (np.sin(np.pi / 2 * beyond) ** 2).astype(np.float32)
+
+        def planes(full: float, ramp: Image) -> dict[tuple[Ends, Ends], Image]:
+            """Return the products (N, N) of two ramps; at the ends of the frame they stay full."""
+            ramps = {
+                (first, last): np.where(
+                    (first & (away < 0)) | (last & (away > 0)), np.float32(full), ramp
+                )
+                for first in (False, True)
+                for last in (False, True)
+            }
+            return {
+                (vertical, horizontal): np.outer(ramps[vertical], ramps[horizontal])
+                for vertical in {_ends(i, grid.rows) for i in range(grid.rows)}
+                for horizontal in {_ends(i, grid.columns) for i in range(grid.columns)}
+            }
+
+        self._seen = planes(1.0, seen)
+        self._windows = planes(most, window)
 
     def means(self, weights: Image) -> Image:
         """Average weights of observed pixels (h, w) patch by patch, as an alpha of `apply`.
@@ -97,8 +101,12 @@ class PatchInverse:
         """
         grid = self.filters.grid
         check_size(weights[None], grid.shape)
-        sums, counts = (_patch_sums(image, grid) for image in (weights, np.ones_like(weights)))
-        return (sums / np.maximum(counts, 1)).astype(np.float32)
+        down, across = (
+            _spans(count, side, grid)
+            for count, side in zip((grid.rows, grid.columns), grid.shape, strict=True)
+        )
+        rows = np.stack([weights[span].mean(0, dtype=np.float64) for span in down])
+        return np.stack([rows[:, span].mean(1) for span in across], 1).astype(np.float32)
 
     def apply(self, latent: Image, rho: ArrayLike, alpha: ArrayLike = 0.0) -> Image:
         """Apply P to a latent image (C, H, W).
@@ -135,12 +143,13 @@ class PatchInverse:
             windowed = grid.padding(len(latent), strip)
             for batch in grid.batches(strip):
                 count = batch.stop - batch.start
-                windows = [
-                    self._window(strip.row, strip.first + j) for j in range(strip.count)[batch]
+                row = _ends(strip.row, grid.rows)
+                ends = [
+                    (row, _ends(strip.first + j, grid.columns)) for j in range(strip.count)[batch]
                 ]
-                for j, window in enumerate(windows):
+                for j, end in enumerate(ends):
                     for block, part in zip(blocks, windowed, strict=True):
-                        cv2.multiply(block[batch.start + j], window, part[j])
+                        cv2.multiply(block[batch.start + j], self._seen[end], part[j])
                 product = transforms.rfft(windowed[:, :count])
                 power = transforms.power(spectra[batch])
                 power += near[strip.row, strip.first : strip.last][batch, None, None]
@@ -150,24 +159,14 @@ class PatchInverse:
                     for c in np.flatnonzero(plane == i):
                         transforms.weigh(product[c], inverse)
                 pieces = transforms.irfft(product)
-                for j, window in enumerate(windows):
-                    grid.overlap_add(pieces[:, j : j + 1], out, batch.start + j, window)
+                for j, end in enumerate(ends):
+                    grid.overlap_add(pieces[:, j : j + 1], out, batch.start + j, self._windows[end])
             return out
 
         out = np.zeros((len(latent), *grid.latent_shape), np.float32)
         for strip, piece in grid.map_strips(work):
             grid.add_latent(out, strip, piece)
         return out
-
-    def _window(self, row: int, column: int) -> Image:
-        """Return the root of a patch's window, (N, N)."""
-        grid = self.filters.grid
-        return self._windows[self._ends(row, grid.rows), self._ends(column, grid.columns)]
-
-    @staticmethod
-    def _ends(index: int, count: int) -> tuple[bool, bool]:
-        """Return whether a patch is the first, and the last, of its column or row."""
-        return index == 0, index == count - 1
 
 
 class FourierInverse:
@@ -208,15 +207,15 @@ class FourierInverse:
         return out
 
 
-def _patch_sums(image: Image, grid: PatchGrid) -> NDArray[np.float64]:
-    """Sum an observed image (h, w) over the patches of a grid, which overlap by half."""
-    rows, columns = (range(0, side, grid.hop) for side in image.shape)
-    squares = np.zeros((grid.rows + 1, grid.columns + 1))
-    sums = np.add.reduceat(np.add.reduceat(image, rows, 0, np.float64), columns, 1)
-    squares[1 : 1 + len(rows), 1 : 1 + len(columns)] = sums
-    pairs = squares[1:] + squares[:-1]
-    overlapped: NDArray[np.float64] = pairs[:, 1:] + pairs[:, :-1]
-    return overlapped
+def _spans(count: int, side: int, grid: PatchGrid) -> list[slice]:
+    """Return the parts of a side of the frame that each patch of a row or column covers."""
+    first = np.arange(count) * grid.hop - grid.ramp
+    return [slice(max(at, 0), min(at + grid.patch, side)) for at in first.tolist()]
+
+
+def _ends(index: int, count: int) -> Ends:
+    """Return the ends of a column or row of patches that a patch is at."""
+    return index == 0, index == count - 1
 
 
 def _distinct(rho: ArrayLike, channels: int) -> tuple[Image, NDArray[np.intp]]:

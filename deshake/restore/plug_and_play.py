@@ -22,7 +22,7 @@ __all__ = ["plug_and_play"]
 
 _RHO = (0.03, 1.0)  # rho of `half_quadratic` in the first and in the last stage
 _NOISE = (5.0, 0.7)  # t in the first and in the last stage, in standard deviations of the noise
-_ALPHA = 0.4  # alpha: weight of v at t = 1
+_ALPHA = 0.35  # alpha: weight of v at t = 1
 
 
 def plug_and_play(descent: HalfQuadratic, *, stages: int, run: Run) -> None:

@@ -13,15 +13,18 @@ alike. The residual of the first estimate is added to the noise, since no kernel
 as the root of the number of colours.
 
 Half-quadratic splitting minimises it in a few stages (`half_quadratic`). A few iterations of
-Richardson-Lucy, most of them on the mean of the colours, give the first estimate. For a large photo
-their filters are rough, because the stages see the exact ones. In the model of Richardson-Lucy
+Richardson-Lucy, most of them on the mean of the colours, give the first estimate. In its model
 clipped lights may be brighter than they look. Where lights clipped, m gives their surroundings less
 weight, and the scene behind them is restored separately (`lights`); elsewhere m = 1. At high
 quality, stages with a denoiser follow (`plug_and_play`).
+
+The filters of a large photo are rough. If a step of the splitting is short, the blur changes too
+much for them, and exact ones take their place.
 """
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -67,7 +70,7 @@ _LEVELS = {
     "high": _Level(12, 3, 3, 5, 3),
 }
 _RHO = (0.02, 1.0)  # rho of `half_quadratic` in the first and in the last stage
-_LARGE = 1_000_000  # pixels: a photo with more takes long
+_LARGE = 1_000_000  # pixels: the filters of a photo with more are rough
 _EFFORT = 2  # duration of a stage with the denoiser over one without, for the progress
 
 
@@ -118,13 +121,12 @@ def sparse_gradients(
     starting, behind, splitting, finely = run.parts(efforts)
 
     planes = channels_first(g)
+    make_filters = partial(blur_filters, kernel.centred(), channels=len(planes), run=run)
     rough = planes[0].size > _LARGE
-    blur = blur_filters(kernel.centred(), rough=rough, channels=len(planes), run=run)
+    blur = make_filters(rough=rough)
     f = latent_start_by_mean(
         g, blur, clipped=clipped, iterations=level.start, coloured=level.coloured, run=starting
     )
-    if rough:
-        blur = blur_filters(kernel.centred(), channels=len(planes), run=run)
     margin = (f.shape[1] - len(g)) // 2
     m = np.broadcast_to(np.float32(1), g.shape[:2])  # takes no memory
     if clipped is not None and lit:
@@ -135,6 +137,9 @@ def sparse_gradients(
     descent = HalfQuadratic(f, Af, planes, approximate_inverse(blur), m=m, s=s, run=run)
     for stage, rho in enumerate(np.geomspace(*_RHO[::-1], stages)[::-1], 1):
         descent.step(float(rho))
+        if rough and descent.damped:
+            rough, blur = False, make_filters()
+            descent.replace_filters(approximate_inverse(blur))
         splitting.report(stage / stages, f"deblurring, stage {stage}")
     if level.fine:
         plug_and_play(descent, stages=level.fine, run=finely)

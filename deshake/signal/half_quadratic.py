@@ -9,12 +9,12 @@ with the symbols of `sparse_gradients`. A variable w approximates s D f, at a co
 it has a closed form, pixel by pixel [1]. With a denoiser, its result v approximates s f, at a cost
 of alpha / 2 |.|^2 [2]. The rest is a quadratic form in f: f moves one step of exact length along
 its preconditioned gradient. The preconditioner divides by s, applies the blur's approximate
-inverse, and divides by s again, since data and edges have the same weights. f stays above 0: where
-the step would take it below, it ends at 0. f_N, if given, is another photo of the scene: sharp, but
-noisy.
+inverse, and divides by s again, since data and edges have the same weights. Light
+is not negative: where a step of length 1 would take f below 0, the direction is shortened to end
+there. f_N, if given, is another photo of the scene: sharp, but noisy.
 
-A short step says that the approximate inverse is too large, at least at some frequencies: those that
-the blur takes away in one part of the frame, but not beside it. Then the next ones are damped [3].
+A short step says that the approximate inverse is too large: it takes frequencies for lost that the
+blur keeps beside that place. Then the next steps are damped [3].
 
 References
 ----------
@@ -54,7 +54,8 @@ _POWER = 0.7  # p
 _TAU = 0.26  # tau of one plane; for C planes it is multiplied by the root of C
 _COLOUR = 1.5  # k
 _SHORT = 0.6  # length of a step after which the next ones are damped
-_DAMPING = np.float32(0.016)  # added to the power of the blur, whose filters have the sum 1
+_DAMPING = 0.016  # the first one, added to the power of the blur, whose filters have the sum 1
+_GROWTH = 3  # of the damping after each further short step
 _BAND_PIXELS = 1 << 17  # pixels of a band, all channels: its arrays stay in the cache
 
 
@@ -107,7 +108,7 @@ class HalfQuadratic:
         self.tau = _TAU * len(g) ** 0.5 if tau is None else tau
         self.f_N, self.q = f_N, q
         self._near = np.float32(0) if q is None else inverse.means(self._framed(q))
-        self._damping = np.float32(0)
+        self._damping = 0.0
         self.run = run
 
     def step(self, rho: float, alpha: float = 0.0, v: Image | None = None) -> None:
@@ -143,7 +144,17 @@ class HalfQuadratic:
         self._each_band(height, partial(self._move, self.f, d, length))
         self._each_band(frame, partial(self._move, self.Af, Ad, length))
         if length < _SHORT:
-            self._damping = _DAMPING
+            self._damping = _GROWTH * self._damping or _DAMPING
+
+    @property
+    def damped(self) -> bool:
+        """Whether a step was short, so that the next ones are damped."""
+        return self._damping > 0
+
+    def replace_filters(self, inverse: FourierInverse | PatchInverse) -> None:
+        """Take other filters for the same blur, and their approximate inverse."""
+        self.inverse, self.blur = inverse, inverse.filters
+        self.Af = self.blur.forward(self.f)
 
     def residual(self, clipped: NDArray[np.bool_] | None) -> float:
         """Root mean square of g - A f over the unclipped pixels."""

@@ -10,6 +10,7 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.operators.convolution import Convolution
+from deshake.operators.filter_flow import FilterFlow
 from deshake.operators.patch_inverse import FourierInverse, PatchInverse, approximate_inverse
 from deshake.operators.shake_blur import blur_filters
 from deshake.run import Run
@@ -49,19 +50,50 @@ def test_each_blur_has_its_inverse(camera: Camera, theta, weights) -> None:
 
 
 @pytest.mark.parametrize(("rho", "alpha"), [(0.01, 0), (1.0, 0), (0.1, 0.3)])
-def test_is_symmetric_and_positive(
-    blur, rho: float, alpha: float, dot_test: Callable[..., float]
-) -> None:
+def test_is_linear_and_positive(blur, rho: float, alpha: float) -> None:
     inverse = approximate_inverse(blur)
-    shape = (2, *latent(blur))
+    x, y = np.random.default_rng(3).normal(size=(2, 2, *latent(blur))).astype(np.float32)
 
-    def apply(x):
-        return inverse.apply(x, rho, alpha)
+    def apply(image):
+        return inverse.apply(image, rho, alpha)
+
+    both = apply(2 * x - y)
+    np.testing.assert_allclose(both, 2 * apply(x) - apply(y), atol=1e-5 * np.abs(both).max())
+    for image in (x, y):
+        assert np.vdot(image, apply(image)) > 0
+
+
+@pytest.mark.parametrize(("rho", "alpha"), [(0.01, 0), (1.0, 0), (0.1, 0.3)])
+def test_of_one_filter_is_symmetric(
+    rho: float, alpha: float, dot_test: Callable[..., float]
+) -> None:
+    long = Camera.uniform(75, 101)
+    path = np.array([(0, 0, 0), (3, 6, 0)]) * grid_steps(long)
+    blur = blur_filters(RotationKernel.from_path(path, long))
+    assert isinstance(blur, Convolution)
+    inverse = FourierInverse(blur)
+    shape = (2, *blur.latent_shape)
+
+    def apply(image):
+        return inverse.apply(image, rho, alpha)
 
     assert dot_test(apply, apply, shape, shape) <= 1e-5
-    for seed in range(3):
-        x = np.random.default_rng(seed).normal(size=shape).astype(np.float32)
-        assert np.vdot(x, apply(x)) > 0
+
+
+@pytest.mark.parametrize("rough", [False, True])
+def test_patches_do_what_one_filter_does_where_the_blur_hardly_changes(rough) -> None:
+    long = Camera.uniform(150, 210)
+    path = np.array([(0, 0, 0), (2, 5, 0), (6, 7, 0)]) * grid_steps(long)
+    kernel = RotationKernel.from_path(path, long).centred()
+    one = blur_filters(kernel)
+    assert isinstance(one, Convolution)
+    flow = FilterFlow(long, kernel.theta, margin=one.margin, hop=40, rough=rough)
+    patches = flow.filters(kernel.weights)
+    f = np.zeros((1, *one.latent_shape), np.float32)
+    f[:, 30:-30, 30:-30] = np.random.default_rng(7).normal(size=f[:, 30:-30, 30:-30].shape)
+    exact = FourierInverse(one).apply(f, 0.05, 0.01)
+    near = PatchInverse(patches).apply(f, 0.05, 0.01)
+    assert np.linalg.norm(near - exact) < 0.04 * np.linalg.norm(exact)
 
 
 def smoothed(f: np.ndarray, blur, rho: float, alpha: float) -> np.ndarray:
@@ -130,41 +162,42 @@ def test_refuses_another_size(blur) -> None:
         approximate_inverse(blur).apply(np.zeros((1, 9, 9), np.float32), 0.1)
 
 
-def test_refuses_patches_that_overlap_by_less_than_half(camera: Camera, theta, weights) -> None:
-    kernel = RotationKernel(theta, weights, grid_steps(camera), camera)
-    with pytest.raises(ValueError, match="not by half"):
-        approximate_inverse(blur_filters(kernel, rough=True))
-
-
-def test_every_patch_may_have_its_weight(blur, dot_test: Callable[..., float]) -> None:
+@pytest.mark.parametrize("name", list(KINDS))
+def test_even_means_are_one_weight(name: str, camera: Camera, theta, weights) -> None:
+    blur = filters(name, camera, theta, weights)
     inverse = approximate_inverse(blur)
-    rng = np.random.default_rng(4)
-    shape = latent(blur)
-    margin = blur.margin if isinstance(blur, Convolution) else blur.grid.margin
-    frame = (shape[0] - 2 * margin, shape[1] - 2 * margin)
-    even = inverse.means(np.full(frame, 0.3, np.float32))
+    even = inverse.means(np.full(camera.shape, 0.3, np.float32))
     np.testing.assert_allclose(even, 0.3, rtol=1e-6)
-    x = rng.normal(size=(1, *shape)).astype(np.float32)
+    x = np.random.default_rng(4).normal(size=(1, *latent(blur))).astype(np.float32)
     np.testing.assert_allclose(
         inverse.apply(x, 0.1, even), inverse.apply(x, 0.1, 0.3), rtol=1e-4, atol=1e-5
     )
-    uneven = inverse.means((rng.random(frame) ** 8).astype(np.float32))
-    assert uneven.min() > 0
-
-    def apply(image):
-        return inverse.apply(image, 0.1, uneven)
-
-    assert dot_test(apply, apply, (1, *shape), (1, *shape)) <= 1e-5
 
 
-def test_means_are_those_of_the_patches(camera: Camera, theta, weights) -> None:
-    flow = filters("rotations", camera, theta, weights)
+def test_every_patch_may_have_its_weight(camera: Camera, theta, weights) -> None:
+    flow = FilterFlow(camera, theta, hop=30, rough=True).filters(weights)
+    grid, inverse = flow.grid, PatchInverse(flow)
+    rng = np.random.default_rng(4)
+    uneven = inverse.means((rng.random(camera.shape) ** 8).astype(np.float32))
+    assert 0 < uneven.min() < uneven.max()
+    x = rng.normal(size=(1, *grid.latent_shape)).astype(np.float32)
+    result = inverse.apply(x, 0.1, uneven)
+    for row, column in [(1, 1), (2, 3)]:  # the middle of a patch is its own
+        y, o = (at * grid.hop - grid.ramp + grid.patch // 2 + grid.margin for at in (row, column))
+        alone = inverse.apply(x, 0.1, uneven[row, column])
+        assert result[0, y, o] == pytest.approx(alone[0, y, o], rel=1e-4)
+        assert result[0, y, o] != pytest.approx(inverse.apply(x, 0.1)[0, y, o], rel=1e-4)
+
+
+@pytest.mark.parametrize("rough", [False, True])
+def test_means_are_those_of_the_patches(rough, camera: Camera, theta, weights) -> None:
+    flow = FilterFlow(camera, theta, rough=rough).filters(weights)
     image = np.random.default_rng(5).random(camera.shape).astype(np.float32)
     means = PatchInverse(flow).means(image)
-    hop = flow.grid.hop
-    assert means.shape == (flow.grid.rows, flow.grid.columns)
-    for row in range(flow.grid.rows):
-        for column in range(flow.grid.columns):
-            top, left = (row - 1) * hop, (column - 1) * hop
-            part = image[max(top, 0) : top + 2 * hop, max(left, 0) : left + 2 * hop]
+    grid = flow.grid
+    assert means.shape == (grid.rows, grid.columns)
+    for row in range(grid.rows):
+        for column in range(grid.columns):
+            top, left = row * grid.hop - grid.ramp, column * grid.hop - grid.ramp
+            part = image[max(top, 0) : top + grid.patch, max(left, 0) : left + grid.patch]
             np.testing.assert_allclose(means[row, column], part.mean(), rtol=1e-5)

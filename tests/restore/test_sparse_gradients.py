@@ -3,10 +3,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
+from deshake.geometry.rotations import reach
+from deshake.operators.shake_blur import ShakeBlur, blur_filters
 from deshake.restore.richardson_lucy import richardson_lucy
 from deshake.restore.sparse_gradients import sparse_gradients
 from deshake.run import Run
+from tests.support.laboratory import turn
 
 NAMES = ("uniform", "pan", "roll", "all")
 
@@ -55,16 +59,32 @@ def test_more_stages_do_better(sigma, lab):
     assert lab.psnr(seven.pixels, frame) > lab.psnr(one.pixels, frame) + 0.5
 
 
-@pytest.mark.parametrize("name", ["roll", "all"])
-def test_rough_filters_of_the_first_estimate_do_not_show(name, monkeypatch, lab):
-    sharp = lab.scene()
-    g = lab.noisy(lab.shaken(lab.kernels[name], sharp), 0.003)
-    exact = sparse_gradients(g, lab.kernels[name]).pixels  # the photo is small
-    monkeypatch.setattr("deshake.restore.sparse_gradients._LARGE", 0)
-    rough = sparse_gradients(g, lab.kernels[name]).pixels
-    assert np.any(rough != exact)
-    frame = lab.frame(sharp)
-    assert lab.psnr(rough, frame) > lab.psnr(exact, frame) - 0.1
+@pytest.mark.parametrize(
+    ("ends", "turned", "least"),
+    [((0, 0, 14), False, -0.1), ((6, 14, 4), False, -0.1), ((9, 20, 18), True, -0.2)],
+)
+def test_rough_filters_of_a_large_photo_do_not_show(ends, turned, least, monkeypatch, lab):
+    camera = Camera.from_focal(1100.0, 980, 1060)
+    kernel = turn([(0, 0, 0), ends], camera)
+    beyond = reach(camera, kernel.theta) + 2
+    scenes = [[lab.scene(5 * row + column) for column in range(5)] for row in range(6)]
+    sharp = np.ascontiguousarray(np.block(scenes)[: 980 + 2 * beyond, : 1060 + 2 * beyond])
+    g = lab.noisy(ShakeBlur(kernel, margin=beyond, kind="warps").forward(sharp), 0.003)
+    made = []
+
+    def spy(*args, rough=False, **more):
+        made.append(rough)
+        return blur_filters(*args, rough=rough, **more)
+
+    monkeypatch.setattr("deshake.restore.sparse_gradients.blur_filters", spy)
+    rough = sparse_gradients(g, kernel).pixels
+    assert made == ([True, False] if turned else [True])  # a short step asks for exact filters
+    monkeypatch.setattr("deshake.restore.sparse_gradients._LARGE", g.size)
+    exact = sparse_gradients(g, kernel).pixels
+    assert made[-1] is False
+    frame = sharp[beyond:-beyond, beyond:-beyond]
+    assert lab.psnr(exact, frame) > lab.psnr(g, frame) + 5
+    assert lab.psnr(rough, frame) > lab.psnr(exact, frame) + least
 
 
 def test_bands_do_not_show(monkeypatch, lab):
