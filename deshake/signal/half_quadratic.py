@@ -9,9 +9,9 @@ with the symbols of `sparse_gradients`. A variable w approximates s D f, at a co
 it has a closed form, pixel by pixel [1]. With a denoiser, its result v approximates s f, at a cost
 of alpha / 2 |.|^2 [2]. The rest is a quadratic form in f: f moves one step of exact length along
 its preconditioned gradient. The preconditioner divides by s, applies the blur's approximate
-inverse, and divides by s again, since data and edges have the same weights. Light
-is not negative: where a step of length 1 would take f below 0, the direction is shortened to end
-there. f_N, if given, is another photo of the scene: sharp, but noisy.
+inverse, and divides by s again, since data and edges have the same weights. Light is not negative:
+where a step of length 1 would take f below 0, the direction is shortened to end there. f_N, if
+given, is another photo of the scene: sharp, but noisy.
 
 A short step says that the approximate inverse is too large: it takes frequencies for lost that the
 blur keeps beside that place. Then the next steps are damped [3].
@@ -107,7 +107,7 @@ class HalfQuadratic:
         self.margin = (f.shape[1] - g.shape[1]) // 2
         self.tau = _TAU * len(g) ** 0.5 if tau is None else tau
         self.f_N, self.q = f_N, q
-        self._near = np.float32(0) if q is None else inverse.means(self._framed(q))
+        self._near = self._nearness()
         self._damping = 0.0
         self.run = run
 
@@ -155,6 +155,7 @@ class HalfQuadratic:
         """Take other filters for the same blur, and their approximate inverse."""
         self.inverse, self.blur = inverse, inverse.filters
         self.Af = self.blur.forward(self.f)
+        self._near = self._nearness()
 
     def residual(self, clipped: NDArray[np.bool_] | None) -> float:
         """Root mean square of g - A f over the unclipped pixels."""
@@ -163,6 +164,10 @@ class HalfQuadratic:
         for g, Af in zip(self.g, self.Af, strict=True):
             total += float(np.sum(np.square(g - Af), where=counted, dtype=np.float64))
         return float(np.sqrt(total / max(int(counted.sum()) * len(self.g), 1)))
+
+    def _nearness(self) -> Image | np.float32:
+        """Return the mean of q over each patch of the approximate inverse; 0 without q."""
+        return np.float32(0) if self.q is None else self.inverse.means(self._framed(self.q))
 
     def _framed(self, latent: Image) -> Image:
         """Cut the frame out of a latent map (H, W)."""

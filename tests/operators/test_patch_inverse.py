@@ -52,14 +52,15 @@ def test_each_blur_has_its_inverse(camera: Camera, theta, weights) -> None:
 @pytest.mark.parametrize(("rho", "alpha"), [(0.01, 0), (1.0, 0), (0.1, 0.3)])
 def test_is_linear_and_positive(blur, rho: float, alpha: float) -> None:
     inverse = approximate_inverse(blur)
-    x, y = np.random.default_rng(3).normal(size=(2, 2, *latent(blur))).astype(np.float32)
+    images = np.random.default_rng(3).normal(size=(3, 2, *latent(blur))).astype(np.float32)
+    x, y, _ = images
 
     def apply(image):
         return inverse.apply(image, rho, alpha)
 
     both = apply(2 * x - y)
     np.testing.assert_allclose(both, 2 * apply(x) - apply(y), atol=1e-5 * np.abs(both).max())
-    for image in (x, y):
+    for image in images:
         assert np.vdot(image, apply(image)) > 0
 
 

@@ -14,19 +14,23 @@ from tests.support.laboratory import turn
 RHO, ALPHA = 0.3, 0.05
 
 
+def shaken(lab, kernel, sigma):
+    """Return a flow, its blur, a photo (C, h, w), and a rough estimate (C, H, W) of the scene."""
+    flow = FilterFlow(kernel.camera, kernel.theta, channels=3, run=Run(1))
+    photo = lab.noisy(lab.shaken(kernel, lab.colours()), sigma)
+    g = np.ascontiguousarray(photo.transpose(2, 0, 1))
+    f = np.pad(g, [(0, 0), *[(flow.margin, flow.margin)] * 2], mode="edge")
+    return flow, flow.filters(kernel.weights), g, f
+
+
 @pytest.fixture(scope="module")
 def problem(lab):
     """Make a descent from a rough estimate, with uneven trust and noise."""
-    kernel = lab.all_axes
-    flow = FilterFlow(kernel.camera, kernel.theta, channels=3, run=Run(1))
-    blur = flow.filters(kernel.weights)
-    g = np.ascontiguousarray(lab.noisy(lab.shaken(kernel, lab.colours()), 0.01).transpose(2, 0, 1))
+    flow, blur, g, f = shaken(lab, lab.all_axes, 0.01)
     rng = np.random.default_rng(8)
     m = (rng.random(lab.shape) > 0.1).astype(np.float32)
     rows = np.linspace(60, 140, flow.latent_shape[0], dtype=np.float32)
     s = np.repeat(rows[:, None], flow.latent_shape[1], 1)
-    edges = [(0, 0), *[(flow.margin, flow.margin)] * 2]
-    f = np.pad(g, edges, mode="edge")
 
     second = {
         "f_N": lab.noisy(f, 0.03, seed=4),
@@ -152,10 +156,7 @@ def test_a_step_ends_at_black_where_it_would_go_below(problem):
 
 def test_a_short_step_damps_the_next_ones(lab):
     kernel = turn([(0, 0, -14), (0, 0, 14)])  # it takes other frequencies from every patch
-    flow = FilterFlow(kernel.camera, kernel.theta, channels=3, run=Run(1))
-    blur = flow.filters(kernel.weights)
-    g = np.ascontiguousarray(lab.noisy(lab.shaken(kernel, lab.colours()), 0.003).transpose(2, 0, 1))
-    f = np.pad(g, [(0, 0), *[(flow.margin, flow.margin)] * 2], mode="edge")
+    flow, blur, g, f = shaken(lab, kernel, 0.003)
     m, s = np.ones(lab.shape, np.float32), np.full(flow.latent_shape, 150, np.float32)
 
     def result(*, damped):
@@ -171,6 +172,18 @@ def test_a_short_step_damps_the_next_ones(lab):
     damped, plain = result(damped=True), result(damped=False)
     assert damped._damping > 0
     assert damped.residual(None) < 0.98 * plain.residual(None)
+
+
+@pytest.mark.parametrize("pair", [False, True])
+def test_filters_of_other_patches_may_take_their_place(problem, lab, pair):
+    descent, kernel = problem(pair=pair), lab.all_axes
+    flow = FilterFlow(kernel.camera, kernel.theta, hop=30, rough=True, channels=3, run=Run(1))
+    descent.replace_filters(PatchInverse(flow.filters(kernel.weights)))
+    np.testing.assert_array_equal(descent.Af, descent.blur.forward(descent.f))
+    w, v = gradients(descent), descent.s * descent.f * 0.9
+    start = energy(descent, descent.f, w, v)
+    descent.step(RHO, ALPHA, v)
+    assert energy(descent, descent.f, w, v) < 0.9 * start
 
 
 def test_untrusted_pixels_do_not_count(problem):
