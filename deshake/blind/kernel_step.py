@@ -23,6 +23,7 @@ from deshake.blind.settings import SETTINGS
 from deshake.blind.trimming import without_light
 from deshake.geometry.rotations import displacements, homographies
 from deshake.operators.bilinear import gathering_matrix
+from deshake.operators.positive_definite import solved
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -238,9 +239,7 @@ def _unbounded(gram: Vector, right: Vector, free: NDArray[np.bool_]) -> tuple[Ve
     used = np.flatnonzero(free)
     w = np.zeros_like(right)
     if len(used):
-        part = gram.take(used, 0).take(used, 1).T  # equal, and in the order of LAPACK
-        factor = scipy.linalg.cho_factor(part, lower=True, overwrite_a=True, check_finite=False)
-        w[used] = scipy.linalg.cho_solve(factor, right[used], check_finite=False)
+        w[used] = solved(gram.take(used, 0).take(used, 1), right[used])
     return w, gram @ w - right
 
 
