@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import scipy.linalg
+from numpy.ctypeslib import ndpointer
 from numpy.typing import NDArray
 from scipy import LowLevelCallable
 from scipy.linalg import cython_lapack
@@ -22,6 +23,10 @@ __all__ = ["solved"]
 
 Vector = NDArray[np.float64]
 
+_INT: Final = ctypes.POINTER(ctypes.c_int)
+_MATRIX: Final = ndpointer(np.float64, ndim=2, flags=("C_CONTIGUOUS", "WRITEABLE"))
+_VECTOR: Final = ndpointer(np.float64, ndim=1, flags=("C_CONTIGUOUS", "WRITEABLE"))
+
 
 def solved(matrix: Vector, right: Vector) -> Vector:
     """Solve ``G x = b`` by the Cholesky factorisation of G.
@@ -29,7 +34,7 @@ def solved(matrix: Vector, right: Vector) -> Vector:
     Parameters
     ----------
     matrix : (K, K) array of float64
-        G, symmetric and positive definite, in contiguous memory. It is overwritten.
+        G, symmetric and positive definite, row after row in memory. It is overwritten.
     right : (K,) array of float64
         b.
 
@@ -42,29 +47,26 @@ def solved(matrix: Vector, right: Vector) -> Vector:
     ------
     numpy.linalg.LinAlgError
         If G is not positive definite.
+    ctypes.ArgumentError
+        If G is another kind of array.
+    ValueError
+        If G has another shape than b asks for.
 
     """
     count, one, failed = (ctypes.c_int(n) for n in (len(right), 1, 0))
-    x = right.copy()
-    where = ctypes.byref
-    _DPOSV(
-        b"L",
-        where(count),
-        where(one),
-        matrix.ctypes.data,
-        where(count),
-        x.ctypes.data,
-        where(count),
-        where(failed),
-    )
+    x = np.array(right, np.float64)
+    if matrix.shape != (x.size, x.size):
+        message = f"expected a matrix of {x.size} x {x.size}, not of shape {matrix.shape}"
+        raise ValueError(message)
+    _DPOSV(b"L", count, one, matrix, count, x, count, failed)
     if failed.value:
         message = f"row {failed.value} of the matrix shows that it is not positive definite"
         raise scipy.linalg.LinAlgError(message)
     return x
 
 
-def _routine(name: str, arguments: int) -> Callable[..., None]:
-    """Return a routine of SciPy's LAPACK; all of its arguments are addresses."""
+def _routine(name: str, *arguments: type) -> Callable[..., None]:
+    """Return a routine of SciPy's LAPACK with arguments of these types."""
     capsule = LowLevelCallable.from_cython(cython_lapack, name).function
     ask = ctypes.pythonapi
     ask.PyCapsule_GetName.restype = ctypes.c_char_p
@@ -72,7 +74,7 @@ def _routine(name: str, arguments: int) -> Callable[..., None]:
     ask.PyCapsule_GetPointer.restype = ctypes.c_void_p
     ask.PyCapsule_GetPointer.argtypes = [ctypes.py_object, ctypes.c_char_p]
     address = ask.PyCapsule_GetPointer(capsule, ask.PyCapsule_GetName(capsule))
-    return ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * arguments)(address)
+    return ctypes.CFUNCTYPE(None, *arguments)(address)
 
 
-_DPOSV: Final = _routine("dposv", 8)
+_DPOSV: Final = _routine("dposv", ctypes.c_char_p, _INT, _INT, _MATRIX, _INT, _VECTOR, _INT, _INT)

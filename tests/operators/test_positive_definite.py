@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import threading
 import time
 
@@ -39,6 +40,22 @@ def test_a_matrix_that_is_not_positive_definite_is_refused() -> None:
 
     with pytest.raises(np.linalg.LinAlgError, match="row 3"):
         solved(matrix, np.ones(3))
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [np.eye(3, dtype=np.float32), np.eye(6)[::2, ::2]],
+    ids=["float32", "strided"],
+)
+def test_memory_of_another_kind_is_refused(matrix: np.ndarray) -> None:
+    with pytest.raises(ctypes.ArgumentError):
+        solved(matrix, np.ones(3))
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (9,), (1, 9)])
+def test_a_matrix_of_another_shape_is_refused(shape: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match="3 x 3"):
+        solved(np.ones(shape), np.ones(3))
 
 
 def test_other_threads_go_on_meanwhile() -> None:
