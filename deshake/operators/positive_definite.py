@@ -10,7 +10,6 @@ import ctypes
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import scipy.linalg
 from numpy.ctypeslib import ndpointer
 from numpy.typing import NDArray
 from scipy import LowLevelCallable
@@ -61,20 +60,18 @@ def solved(matrix: Vector, right: Vector) -> Vector:
     _DPOSV(b"L", count, one, matrix, count, x, count, failed)
     if failed.value:
         message = f"row {failed.value} of the matrix shows that it is not positive definite"
-        raise scipy.linalg.LinAlgError(message)
+        raise np.linalg.LinAlgError(message)
     return x
 
 
-def _routine(name: str, *arguments: type) -> Callable[..., None]:
-    """Return a routine of SciPy's LAPACK with arguments of these types."""
-    capsule = LowLevelCallable.from_cython(cython_lapack, name).function
-    ask = ctypes.pythonapi
-    ask.PyCapsule_GetName.restype = ctypes.c_char_p
-    ask.PyCapsule_GetName.argtypes = [ctypes.py_object]
-    ask.PyCapsule_GetPointer.restype = ctypes.c_void_p
-    ask.PyCapsule_GetPointer.argtypes = [ctypes.py_object, ctypes.c_char_p]
-    address = ask.PyCapsule_GetPointer(capsule, ask.PyCapsule_GetName(capsule))
+def _dposv() -> Callable[..., None]:
+    """Return the routine DPOSV of SciPy's LAPACK."""
+    routine = LowLevelCallable.from_cython(cython_lapack, "dposv")
+    asked = ctypes.PYFUNCTYPE(ctypes.c_void_p, ctypes.py_object, ctypes.c_char_p)
+    address_of = asked(("PyCapsule_GetPointer", ctypes.pythonapi))
+    address = address_of(routine.function, routine.signature.encode())
+    arguments = ctypes.c_char_p, _INT, _INT, _MATRIX, _INT, _VECTOR, _INT, _INT
     return ctypes.CFUNCTYPE(None, *arguments)(address)
 
 
-_DPOSV: Final = _routine("dposv", ctypes.c_char_p, _INT, _INT, _MATRIX, _INT, _VECTOR, _INT, _INT)
+_DPOSV: Final = _dposv()
