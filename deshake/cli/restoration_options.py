@@ -57,8 +57,8 @@ def restoration_options(command: F) -> F:
         "--iterations",
         type=Count(1, 10_000),
         callback=_goes_with_method,
-        help="Iterations of the method.  [default: 5 for sparse, 10 for fusion, "
-        "else by the photo's noise]",
+        help="Iterations of the method.  [default: 5 for sparse, or 10 if it does not "
+        "settle, 10 for fusion, else by the photo's noise]",
     )
     return method(quality(iterations(command)))
 

@@ -12,11 +12,12 @@ same units, which are nearly those of display values, so that dark and bright pa
 alike. The residual of the first estimate is added to the noise, since no kernel is exact. tau grows
 as the root of the number of colours.
 
-Half-quadratic splitting minimises it in a few stages (`half_quadratic`). A few iterations of
-Richardson-Lucy, most of them on the mean of the colours, give the first estimate. In its model
-clipped lights may be brighter than they look. Where lights clipped, m gives their surroundings less
-weight, and the scene behind them is restored separately (`lights`); elsewhere m = 1. At high
-quality, stages with a denoiser follow (`plug_and_play`).
+Half-quadratic splitting minimises it in a few stages (`half_quadratic`). More follow if the last
+one still moves the estimate much. A few iterations of Richardson-Lucy, most of them on the mean of
+the colours, give the first estimate. In its model clipped lights may be brighter than they look.
+Where lights clipped, m gives their surroundings less weight, and the scene behind them is restored
+separately (`lights`); elsewhere m = 1. At high quality, stages with a denoiser follow
+(`plug_and_play`).
 
 The filters of a large photo are rough. If a step of the splitting is short, the blur changes too
 much for them, and exact ones take their place.
@@ -54,22 +55,25 @@ __all__ = ["sparse_gradients"]
 class _Level(NamedTuple):
     """Iterations of Richardson-Lucy on the mean of the colours, on the colours, behind lights.
 
-    Then stages without and with denoiser. The iterations on the colours are the most.
+    Then stages without denoiser, more of them if the last one does not settle, and stages with
+    denoiser. The iterations on the colours are the most.
     """
 
     start: int
     coloured: int
     behind: int
     stages: int
+    more: int
     fine: int
 
 
 _LEVELS = {
-    "fast": _Level(6, 1, 2, 3, 0),
-    "default": _Level(12, 3, 3, 5, 0),
-    "high": _Level(12, 3, 3, 5, 3),
+    "fast": _Level(6, 1, 2, 3, 0, 0),
+    "default": _Level(12, 3, 3, 5, 5, 0),
+    "high": _Level(12, 3, 3, 5, 5, 3),
 }
 _RHO = (0.02, 1.0)  # rho of `half_quadratic` in the first and in the last stage
+_SETTLED = 0.18  # sigma: more stages follow if the last one moved f by more, rms
 _LARGE = 1_000_000  # pixels: the filters of a photo with more are rough
 _EFFORT = 2  # duration of a stage with the denoiser over one without, for the progress
 
@@ -98,7 +102,8 @@ def sparse_gradients(
     quality : {"fast", "default", "high"}
         Fast has fewer stages; high adds stages with a denoiser.
     iterations : int, optional
-        Stages of the splitting after the start, >= 1; by default 5, or 3 if fast.
+        Stages of the splitting after the start, >= 1. By default 3 if fast, else 5, and 5 more if
+        the last one moves the estimate by more than 0.18 sigma (rms).
     run : Run, optional
         Threads to use, and who receives the progress.
 
@@ -135,17 +140,23 @@ def sparse_gradients(
     Af = blur.forward(f)
     s = _precision(g, Af, m, margin)
     descent = HalfQuadratic(f, Af, planes, approximate_inverse(blur), m=m, s=s, run=run)
-    for stage, rho in enumerate(np.geomspace(*_RHO[::-1], stages)[::-1], 1):
-        descent.step(float(rho))
+    stage, last = 0, stages
+    rising = np.geomspace(*_RHO[::-1], stages)[::-1]
+    while stage < last:
+        descent.step(float(rising[min(stage, stages - 1)]))
+        stage += 1
+        if stage == stages and iterations is None and descent.moved > _SETTLED:
+            last += level.more
         if rough and descent.damped:
             rough, blur = False, make_filters()
             descent.replace_filters(approximate_inverse(blur))
-        splitting.report(stage / stages, f"deblurring, stage {stage}")
+        done = np.interp(stage, (0, stages - 1, last), (0, 1 - 1 / stages, 1))
+        splitting.report(float(done), f"deblurring, stage {stage}")
     if level.fine:
         plug_and_play(descent, stages=level.fine, run=finely)
     out = np.empty_like(g, np.float32, order="C")
     np.maximum(f[:, margin:-margin, margin:-margin], 0, out=channels_first(out))
-    return Restoration(out, stages, descent.residual(clipped))
+    return Restoration(out, last, descent.residual(clipped))
 
 
 def _precision(g: Image, Af: Image, m: Image, margin: int) -> Image:

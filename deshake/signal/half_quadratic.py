@@ -109,6 +109,7 @@ class HalfQuadratic:
         self.f_N, self.q = f_N, q
         self._near = self._nearness()
         self._damping = 0.0
+        self._moved = 0.0
         self.run = run
 
     def step(self, rho: float, alpha: float = 0.0, v: Image | None = None) -> None:
@@ -135,7 +136,8 @@ class HalfQuadratic:
             rho * plane_weights(len(gradient), _COLOUR),
             self._near + alpha + self._damping,
         )
-        along = sum(self._each_band(height, partial(self._directed, gradient, d)))
+        products = self._each_band(height, partial(self._directed, gradient, d))
+        along, moving = (sum(terms) for terms in zip(*products, strict=True))
         del gradient
         squared = sum(self._each_band(height, partial(self._prior_power, d, rho, alpha)))
         Ad = self.blur.forward(d)
@@ -143,8 +145,14 @@ class HalfQuadratic:
         length = np.float32(max(along, 0) / squared if squared > 0 else 0)
         self._each_band(height, partial(self._move, self.f, d, length))
         self._each_band(frame, partial(self._move, self.Af, Ad, length))
+        self._moved = float(length) * (moving / d.size) ** 0.5
         if length < _SHORT:
             self._damping = _GROWTH * self._damping or _DAMPING
+
+    @property
+    def moved(self) -> float:
+        """How far the last step moved f: root mean square of s times the change, no unit."""
+        return self._moved
 
     @property
     def damped(self) -> bool:
@@ -225,10 +233,10 @@ class HalfQuadratic:
             part += np.float32(alpha) * (v[:, rows] - self.s[:, rows] * self.f[:, rows])
         reflect(part)
 
-    def _directed(self, gradient: Image, d: Image, rows: slice) -> float:
+    def _directed(self, gradient: Image, d: Image, rows: slice) -> tuple[float, float]:
         """Undo the reflection of d, divide it by s, and keep f + d above 0.
 
-        Return the product of the gradient and s d.
+        Return the product of the gradient and s d, and |s d|^2.
         """
         s, down, part = self.s[:, rows], gradient[:, rows], d[:, rows]
         reflect(down)
@@ -236,7 +244,8 @@ class HalfQuadratic:
         part /= s
         f = self.f[:, rows]
         np.maximum(part, -f, out=part)
-        return float(np.sum(down * (s * part), dtype=np.float64))
+        sd = s * part
+        return float(np.sum(down * sd, dtype=np.float64)), float(np.sum(sd * sd, dtype=np.float64))
 
     def _prior_power(self, d: Image, rho: float, alpha: float, rows: slice) -> float:
         """Return rho |s D d|_k^2 + |sqrt(alpha + q) s d|^2, summed over some rows."""

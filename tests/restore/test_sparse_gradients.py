@@ -59,6 +59,24 @@ def test_more_stages_do_better(sigma, lab):
     assert lab.psnr(seven.pixels, frame) > lab.psnr(one.pixels, frame) + 0.5
 
 
+def unsettled(lab):
+    """Return the kernel of a wide roll, a scene, and its noisy photo."""
+    kernel, sharp = turn([(0, 0, -20), (0, 0, 20)]), lab.scene()
+    return kernel, sharp, lab.noisy(lab.shaken(kernel, sharp), 0.003)
+
+
+def test_stages_go_on_if_the_last_one_still_moves_the_estimate(lab):
+    kernel, sharp, g = unsettled(lab)
+    usual, five = sparse_gradients(g, kernel), sparse_gradients(g, kernel, iterations=5)
+    assert (usual.iterations, five.iterations) == (10, 5)
+    frame = lab.frame(sharp)
+    assert lab.psnr(usual.pixels, frame) > lab.psnr(five.pixels, frame) + 0.15
+    assert usual.residual < five.residual
+    assert sparse_gradients(g, kernel, quality="fast").iterations == 3
+    settled = lab.noisy(lab.shaken(lab.all_axes, sharp), 0.003)
+    assert sparse_gradients(settled, lab.all_axes).iterations == 5
+
+
 @pytest.mark.parametrize(
     ("ends", "turned", "least"),
     [((0, 0, 14), False, -0.1), ((6, 14, 4), False, -0.1), ((9, 20, 18), True, -0.2)],
@@ -95,15 +113,16 @@ def test_bands_do_not_show(monkeypatch, lab):
     np.testing.assert_allclose(sparse_gradients(g, lab.all_axes).pixels, whole, atol=1e-4)
 
 
-def test_progress_is_reported(lab):
+@pytest.mark.parametrize("stages", [5, 10])
+def test_progress_is_reported(stages, lab):
     reports = []
-    g = lab.noisy(lab.shaken(lab.all_axes, lab.scene()), 0.003)
-    sparse_gradients(
-        g, lab.all_axes, run=Run(progress=lambda part, text: reports.append((part, text)))
-    )
+    kernel, g = lab.all_axes, lab.noisy(lab.shaken(lab.all_axes, lab.scene()), 0.003)
+    if stages == 10:
+        kernel, _, g = unsettled(lab)
+    sparse_gradients(g, kernel, run=Run(progress=lambda part, text: reports.append((part, text))))
     parts = [part for part, _ in reports]
     assert parts == sorted(parts)
     assert 0 < parts[0] < 0.2
     assert parts[-1] == 1
     assert parts.count(1) == 1
-    assert reports[-1][1] == "deblurring, stage 5"
+    assert reports[-1][1] == f"deblurring, stage {stages}"

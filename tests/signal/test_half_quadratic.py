@@ -144,6 +144,16 @@ def test_the_blurred_estimate_follows_the_estimate(problem):
     np.testing.assert_allclose(descent.Af, descent.blur.forward(descent.f), atol=2e-4)
 
 
+def test_a_step_says_how_far_it_moved_the_estimate(problem):
+    descent = problem()
+    assert descent.moved == 0
+    for rho in (0.03, 1.0):
+        before = descent.f.copy()
+        descent.step(rho)
+        change = (descent.s * (descent.f - before)).astype(float)
+        assert descent.moved == pytest.approx(np.sqrt(np.square(change).mean()), rel=1e-3)
+
+
 def test_a_step_ends_at_black_where_it_would_go_below(problem):
     descent = problem(dark=np.float32(0.3))
     before = descent.f.copy()
