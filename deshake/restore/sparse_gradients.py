@@ -140,23 +140,21 @@ def sparse_gradients(
     Af = blur.forward(f)
     s = _precision(g, Af, m, margin)
     descent = HalfQuadratic(f, Af, planes, approximate_inverse(blur), m=m, s=s, run=run)
-    stage, last = 0, stages
-    rising = np.geomspace(*_RHO[::-1], stages)[::-1]
-    while stage < last:
-        descent.step(float(rising[min(stage, stages - 1)]))
-        stage += 1
+    rhos = np.geomspace(*_RHO[::-1], stages)[::-1].tolist()
+    for stage, rho in enumerate(rhos, 1):
+        descent.step(rho)
         if stage == stages and iterations is None and descent.moved > _SETTLED:
-            last += level.more
+            rhos += level.more * [rho]  # the loop goes on with these
         if rough and descent.damped:
             rough, blur = False, make_filters()
             descent.replace_filters(approximate_inverse(blur))
-        done = np.interp(stage, (0, stages - 1, last), (0, 1 - 1 / stages, 1))
+        done = np.interp(stage, (0, stages - 1, len(rhos)), (0, 1 - 1 / stages, 1))
         splitting.report(float(done), f"deblurring, stage {stage}")
     if level.fine:
         plug_and_play(descent, stages=level.fine, run=finely)
     out = np.empty_like(g, np.float32, order="C")
     np.maximum(f[:, margin:-margin, margin:-margin], 0, out=channels_first(out))
-    return Restoration(out, last, descent.residual(clipped))
+    return Restoration(out, len(rhos), descent.residual(clipped))
 
 
 def _precision(g: Image, Af: Image, m: Image, margin: int) -> Image:
