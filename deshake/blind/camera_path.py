@@ -121,11 +121,16 @@ class SmoothPath(NamedTuple):
             return []
         lengths = np.linalg.norm(np.diff(places[order], axis=0), axis=1)
         along = np.convolve(lengths, [0.5, 0.5]) / lengths.sum()
-        count = int(np.clip(lengths.sum() / _S.spacing, _S.fewest_controls, _S.most_controls))
         return [
-            cls(_controls(places[order], (1 - even) * held + even * along, count), scale)
-            for even in evenness
+            cls.along(places[order], (1 - even) * held + even * along, scale) for even in evenness
         ]
+
+    @classmethod
+    def along(cls, places: Points, duration: Points, scale: Camera) -> SmoothPath:
+        """Fit a curve to places (m, 3) in grid steps, by the time that each lasts (sum 1)."""
+        length = np.linalg.norm(np.diff(places, axis=0), axis=1).sum()
+        count = int(np.clip(length / _S.spacing, _S.fewest_controls, _S.most_controls))
+        return cls(_controls(places, duration, count), scale)
 
     @property
     def length(self) -> float:

@@ -7,7 +7,8 @@ finest scale that it can reach.
 The score of the comparison then ranks the kernels, on tiles that no candidate used
 (`kernel_comparison`). A smooth path through each kernel is fitted to the spectra of the photo
 (`spectral_match`). The best kernels are refined, with roll and without, fitted to the spectra once
-more, and ranked again. The best kernels of two starts are polished (`polish`).
+more, and ranked again. The best kernels of two starts are polished (`polish`). A path is searched
+for along the winner (`path_search`).
 
 Every second start carries its kernel as a thin path from scale to scale. Wide shakes often
 succeed in only one of the two ways. Very wide shakes have starts of their own (`wide_start`). If
@@ -17,8 +18,7 @@ starts run. Otherwise further starts need no latent picture: they are the paths 
 spectra best (`spectral_start`). The spectra cannot tell a path from its reflection, so both take
 part.
 
-A tiny photo has few tiles. There the wide starts see more than the other ones, and always take
-part.
+A tiny photo has few tiles. There the wide starts see more, and always take part.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from deshake.blind.polish import polished
 from deshake.blind.settings import SETTINGS
 from deshake.blind.spectral_start import spectral_starts
 from deshake.blind.spot import is_spot
-from deshake.blind.trust import confidence
+from deshake.blind.trust import confidence, selected
 from deshake.blind.wide_start import wide_starts
 from deshake.operators.strips import in_order, reported
 from deshake.signal.pyramid import RATIO
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from deshake.run import Run
     from deshake.signal.pyramid import Pyramid
 
-__all__ = ["Course", "first_scales", "selected"]
+__all__ = ["Course", "first_scales"]
 
 _S: Final = SETTINGS.course
 _WAYS: Final = (SETTINGS.candidate.fine, SETTINGS.candidate.thin)  # the starts use them in turn
@@ -313,6 +313,12 @@ class Course:
         last = polished(self.comparison, best, ends, self.axes, polish)
         return selected([self.finished(one.entry, one.judge) for one in last])
 
+    def searched(self, ended: Finish, run: Run) -> Finish:
+        """Search for a path along the winner, which wins if its score is higher."""
+        judge = self.comparison.judge(ended.winner)
+        path = self.comparison.searched(ended.winner, judge, run)
+        return ended if path is ended.winner else self.finished(path, judge)
+
     def _focus(self, best: Sequence[Entry]) -> float:
         """Take the focal length that suits the kernels, unless it is known; return the zoom."""
         ratio = best_zoom(self.comparison, best) if self.any_focal else 1.0
@@ -374,11 +380,6 @@ class Course:
             name = f"start {start}, scale {candidate.level}"
             entries.append(Entry(name, start, candidate.level, candidate.kernel))
         return entries[-_S.snapshots :]
-
-
-def selected(best: Sequence[Finish]) -> Finish:
-    """Return the first kernel, or, if it is hopeless, the one with the highest confidence."""
-    return best[0] if confidence(best[0]) >= _S.hopeful else max(best, key=confidence)
 
 
 def first_scales(coarsest: int) -> list[int]:

@@ -18,6 +18,7 @@ picture, and higher for a picture with ringing.
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
@@ -59,6 +60,7 @@ class Judge:
     def __init__(self, tiles: Tiles) -> None:
         self.tiles = tiles
         self.counted = tiles.inside
+        self._filled: Image | None = None
         self.still = self.energy(RotationKernel.delta(tiles.camera))
         self._margins: dict[RotationKernel, float] = {}
 
@@ -69,6 +71,17 @@ class Judge:
         widest = max((kernel.for_camera(camera) for kernel in kernels), key=_reach)
         tiles = planned_tiles(pyramid, level, widest, part="apart", budget=_S.budget, room=_S.room)
         return cls(tiles)
+
+    def near(self, kernel: RotationKernel) -> Judge:
+        """Return a judge of kernels that hardly differ from one, in half the time.
+
+        It fills the room around the tiles only once, by that kernel.
+        """
+        tiles = self._bound(kernel)
+        _fill_room(tiles)
+        judge = copy(self)
+        vars(judge).update(_filled=tiles.filled, _margins={})
+        return judge
 
     def has_room(self, kernel: RotationKernel) -> bool:
         """Return whether the room around the tiles holds the kernel's displacements."""
@@ -94,12 +107,13 @@ class Judge:
 
     def _bound(self, kernel: RotationKernel) -> Tiles:
         """Return the tiles for a kernel."""
-        return self.tiles.bound(kernel.for_camera(self.tiles.camera))
+        own = kernel.for_camera(self.tiles.camera)
+        return self.tiles.bound(own, self._filled)
 
     def _energy(self, tiles: Tiles) -> float:
-        """Return E of the L0 picture; fill the room around the tiles first."""
-        for _ in range(2):
-            tiles.fill(l0_picture(tiles, 2 * _S.lam, beta_max=_S.beta_first)[0])
+        """Return E of the L0 picture; fill the room around the tiles first, unless it is filled."""
+        if self._filled is None:
+            _fill_room(tiles)
         picture, _, _ = l0_picture(tiles, _S.lam, beta_max=_S.beta_max)
         blurred = tiles.fill(picture)
         across, down = differences(picture)
@@ -143,6 +157,12 @@ class Judge:
     def _ratio(self, picture: Image) -> float:
         length = length_of(*differences(picture))[self.counted].astype(np.float64)
         return float(length.mean() / np.sqrt((length**2).mean()))
+
+
+def _fill_room(tiles: Tiles) -> None:
+    """Fill the room around tiles, as a first picture of their kernel says."""
+    for _ in range(2):
+        tiles.fill(l0_picture(tiles, 2 * _S.lam, beta_max=_S.beta_first)[0])
 
 
 def _reach(kernel: RotationKernel) -> int:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake.blind.judge import Judge
+from deshake.blind.path_search import searched
 from deshake.blind.settings import SETTINGS, SpectrumTiles
 from deshake.blind.spectral_match import SpectralMatch, traced
 from deshake.blind.spot import is_spot
@@ -209,10 +210,42 @@ class Comparison:
         level = self.level(entry)
         if level == 0 or self.is_wide(entry):
             return []
-        finest = max(level - SETTINGS.spectral_match.finer, 0)
-        scales = [self._spectra_at(n, "fitted", level - n) for n in range(finest, level + 1)]
-        name, paths = f"{entry.name}, traced", traced(scales, entry.kernel, self.run)
+        name = f"{entry.name}, traced"
+        paths = traced(self._finer_spectra(level), entry.kernel, self.run)
         return [entry._replace(name=name, kernel=path) for path in paths]
+
+    def searched(self, entry: Entry, judge: Judge, run: Run) -> Entry:
+        """Search for a smooth path along a kernel whose score is higher; else return the kernel.
+
+        The search leaves out the sparsity, which hardly changes there. For a kernel that is wide
+        for the frame there is no search.
+
+        Parameters
+        ----------
+        entry : Entry
+            The kernel.
+        judge : Judge
+            A judge at its scale.
+        run : Run
+            Threads to use, and who receives the progress.
+
+        """
+        if self.is_wide(entry):
+            return entry
+        level = self.level(entry)
+        near = judge.near(entry.kernel)
+
+        def worth(kernel: RotationKernel) -> float:
+            if not near.has_room(kernel):
+                return -_S.penalty
+            return near.margin(kernel) + self._match_worth * self._match(kernel, level)
+
+        kernel = searched(entry.kernel, self._finer_spectra(level), worth, run)
+        if kernel is None:
+            return entry
+        path = entry._replace(name=f"{entry.name}, path", kernel=kernel)
+        before, after = self.scores_by([(entry, judge), (path, judge)])
+        return path if after > before and not self.hopeless(path) else entry
 
     def weighed(self, entry: Entry) -> Entry:
         """Fit the weights of a kernel to the spectra of the photo."""
@@ -245,6 +278,11 @@ class Comparison:
                 wider = SpectrumTiles(size, max(tiles.count >> finer, 1))
                 self._spectra[key] = SpectralMatch(self.pyramid, level, part, wider)
             return self._spectra[key]
+
+    def _finer_spectra(self, level: int) -> list[SpectralMatch]:
+        """Return the spectra of the tiles for fits, at finer scales and at this one."""
+        finest = max(level - SETTINGS.spectral_match.finer, 0)
+        return [self._spectra_at(n, "fitted", level - n) for n in range(finest, level + 1)]
 
     def _make_room(self, level: int, entries: Sequence[Entry]) -> None:
         """Replace the judge of a scale, unless it has room for the kernels."""

@@ -75,7 +75,8 @@ def race(
     evidence : float
         Evidence that the photo is shaken: `Measures.certain_evidence` of `blur_kind`.
     hopeful : float
-        Confidence of the best kernels of the starts from which they are refined.
+        Confidence of the best kernels of the starts from which they are refined, and of the winner
+        from which a path is searched for.
     run : Run, optional
         Threads to use, and who receives the progress.
 
@@ -159,18 +160,23 @@ def _is_better(shown: Course, light: Comparison, score: float) -> bool:
 
 
 def _ended(courses: Sequence[Course], hopeful: float, run: Run, *, quick: bool) -> Finish:
-    """Return the end of the first course; if it is undecided, that of another that is trusted."""
-    first, score = courses[0].comparison, courses[0].score(courses[0].leaders)
-    finish = courses[0].end(hopeful, quick=quick, run=run.part(0.0, 0.7))
-    if not quick and SETTINGS.course.hopeful <= confidence(finish) < SETTINGS.estimate.even:
+    """Return the end of the first course; if it is undecided, that of another that is trusted.
+
+    A path is searched for along the winner.
+    """
+    last, first, score = courses[0], courses[0].comparison, courses[0].score(courses[0].leaders)
+    finish = last.end(hopeful, quick=quick, run=run.part(0.0, 0.5))
+    if quick or confidence(finish) < hopeful:
+        return finish
+    if SETTINGS.course.hopeful <= confidence(finish) < SETTINGS.estimate.even:
         courses[0].pyramid.forget()
         for other in courses[1:]:
             least = _S.second
             if other.pyramid.is_displayed:
-                other.begin_spectral(run.part(0.7, 0.8))
+                other.begin_spectral(run.part(0.5, 0.6))
                 if _is_better(other, first, score):
                     least = SETTINGS.estimate.even
-            second = other.end(hopeful, quick=quick, run=run.part(0.8, 1.0))
+            second = other.end(hopeful, quick=quick, run=run.part(0.6, 0.8))
             if confidence(second) >= least:
-                return second
-    return finish
+                last, finish = other, second
+    return last.searched(finish, run.part(0.8, 1.0))

@@ -42,10 +42,11 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from deshake.blind.tile_plan import Part
+    from deshake.geometry.camera import Camera
     from deshake.geometry.kernel import RotationKernel
     from deshake.signal.pyramid import Pyramid
 
-__all__ = ["SpectralMatch", "descended", "traced"]
+__all__ = ["SpectralMatch", "close_path", "descended", "traced"]
 
 Image = NDArray[np.float32]
 Spectrum = NDArray[np.complex64]
@@ -286,13 +287,18 @@ def traced(
         The path after a few iterations and after all of them; none if the kernel is a point.
 
     """
-    paths = SmoothPath.through(kernel, scales[-1].camera, (_S.begun,))
-    if not paths:
+    path = close_path(kernel, scales[-1].camera)
+    if path is None:
         return []
-    path = paths[0].with_controls(round(_S.closer * len(paths[0].controls))).settled(kernel)
-    early = descended(scales, path, _S.first_iterations, run)[1]
+    early = descended(scales, path.settled(kernel), _S.first_iterations, run)[1]
     late = descended(scales, early, _S.iterations, run)[1]
     return [early.kernel(kernel.camera), late.kernel(kernel.camera)]
+
+
+def close_path(kernel: RotationKernel, scale: Camera) -> SmoothPath | None:
+    """Draw a smooth path of many control points through a kernel; None if the kernel is a point."""
+    paths = SmoothPath.through(kernel, scale, (_S.begun,))
+    return paths[0].with_controls(round(_S.closer * len(paths[0].controls))) if paths else None
 
 
 class _Expected(NamedTuple):

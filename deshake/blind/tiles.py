@@ -123,13 +123,14 @@ class Tiles:
             blocks *= np.float32(1 / self.transforms.gain)
         return blocks
 
-    def bound(self, kernel: RotationKernel) -> Tiles:
+    def bound(self, kernel: RotationKernel, filled: Image | None = None) -> Tiles:
         """Return the same tiles for a kernel, as if they never had another one.
 
-        So threads can compare kernels on the same tiles.
+        So threads can compare kernels on the same tiles. If `filled` is given, their room is filled
+        so.
         """
         tiles = copy(self)
-        tiles.filled = tiles.g
+        tiles.filled = tiles.g if filled is None else filled
         tiles.bind(kernel)
         return tiles
 

@@ -10,10 +10,12 @@ import numpy as np
 from deshake.blind.settings import SETTINGS
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from deshake.blind.drawn_path import Drawing
     from deshake.blind.finish import Finish
 
-__all__ = ["confidence", "drawn_confidence", "two_digits"]
+__all__ = ["confidence", "drawn_confidence", "selected", "two_digits"]
 
 _S: Final = SETTINGS.trust
 
@@ -29,6 +31,12 @@ def confidence(ended: Finish) -> float:
         + _S.of_match * np.clip(ended.match, 0, _S.most_match)
     )
     return _chance(float(log_odds))
+
+
+def selected(best: Sequence[Finish]) -> Finish:
+    """Return the first result, or, if it is hopeless, the one with the highest confidence."""
+    hopeless = confidence(best[0]) < SETTINGS.course.hopeful
+    return max(best, key=confidence) if hopeless else best[0]
 
 
 def drawn_confidence(drawn: Drawing) -> float:

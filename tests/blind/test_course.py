@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from deshake.blind.agreement import agreement
-from deshake.blind.course import Course, _of_edges, first_scales, selected
+from deshake.blind.course import Course, _of_edges, first_scales
 from deshake.blind.entry import Entry
 from deshake.blind.judge import Judge
 from deshake.blind.polish import Polished, polished
 from deshake.blind.settings import SETTINGS
 from deshake.blind.spot import is_spot
-from deshake.blind.trust import confidence
+from deshake.blind.trust import confidence, selected
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.run import Run
@@ -263,6 +263,20 @@ def test_the_race_ends_with_the_judge_of_the_polish(photo, monkeypatch) -> None:
     ended = course.finish(Run(1))
     assert ended.margin == ended.winner.margin(judges[0])
     assert ended.margin != ended.winner.margin(course.comparison.judge(ended.winner))
+
+
+def test_a_path_that_is_searched_for_wins_if_it_is_better(ended, shaken, monkeypatch) -> None:
+    course = Course(shaken.pyramid, (True, True, True), None, any_focal=False, run=Run())
+    course.entries = [ended.winner]
+    half = replace(ended.winner.kernel, theta=0.5 * ended.winner.kernel.theta)
+    short = course.finished(ended.winner._replace(kernel=half))
+    monkeypatch.setattr("deshake.blind.kernel_comparison.searched", lambda *_: ended.winner.kernel)
+    found = course.searched(short, Run(1))
+    assert found.winner.kernel is ended.winner.kernel
+    assert found.margin > short.margin
+    assert found.match == course.comparison.match(ended.winner)
+    monkeypatch.setattr("deshake.blind.kernel_comparison.searched", lambda *_: half)
+    assert course.searched(found, Run(1)) is found
 
 
 def test_spectral_starts_keep_a_bound(larger, spectral) -> None:

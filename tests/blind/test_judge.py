@@ -75,6 +75,16 @@ def test_what_was_judged_before_does_not_count(shaken, kernels) -> None:
     assert judge.still == first[1]
 
 
+def test_a_judge_near_a_kernel_judges_alike(shaken, kernels) -> None:
+    judge = Judge.of(shaken.pyramid, 0, list(kernels.values()))
+    near = judge.near(kernels["near"])
+    assert near.margin(kernels["near"]) == judge.margin(kernels["near"])
+    assert near.margin(kernels["true"]) == pytest.approx(judge.margin(kernels["true"]), abs=0.01)
+    assert near.margin(kernels["true"]) > near.margin(kernels["near"])
+    again = judge.near(kernels["true"])
+    assert again.margin(kernels["true"]) == judge.margin(kernels["true"])  # none changes another
+
+
 def test_rotations_without_weight_do_not_count(shaken, kernels) -> None:
     near = kernels["near"]
     theta = np.concatenate([near.theta, 1.5 * near.theta])

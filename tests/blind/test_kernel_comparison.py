@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from deshake.blind.agreement import agreement
 from deshake.blind.entry import Entry
 from deshake.blind.kernel_comparison import Comparison
 from deshake.blind.settings import SETTINGS
@@ -12,6 +13,7 @@ from deshake.blind.spectral_match import SpectralMatch
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
+from deshake.run import Run
 from deshake.signal.pyramid import Pyramid
 
 
@@ -178,3 +180,34 @@ def test_paths_are_traced_where_there_are_finer_scales_and_enough_tiles(shake) -
         other = entry._replace(kernel=replace(entry.kernel, theta=entry.kernel.theta * factor))
         assert comparison.is_wide(other) == wide
         assert comparison.traced(other) == []
+
+
+def test_a_path_is_searched_along_a_kernel_unless_it_is_wide_for_the_frame(shake) -> None:
+    path = np.array([[0.0, -17, 0], [8, -11, 0], [-4, 3, 0], [4, 17, 0]])
+    moves = np.array([[-2, 2, 0], [2, 1, 0], [-2, -1, 0], [2, -2, 0]])
+    photo = shake(Camera.from_focal(500.0, 360, 560), path=path)
+    comparison = Comparison(photo.pyramid)
+    turned = (path + moves) * grid_steps(photo.camera)
+    entry = Entry("wrong", 3, 1, RotationKernel.from_path(turned, photo.camera).centred())
+    judge = comparison.judge(entry)
+    found = comparison.searched(entry, judge, Run())
+    assert (found.name, found.start, found.level) == ("wrong, path", 3, 1)
+    before, after = comparison.scores_by([(entry, judge), (found, judge)])
+    assert after > before + 0.02
+    near = [agreement(one.kernel, photo.kernel, smoothing=0.1) for one in (entry, found)]
+    assert near[1] > near[0] + 0.02
+    wide = entry._replace(kernel=replace(entry.kernel, theta=entry.kernel.theta * 3))
+    assert comparison.is_wide(wide)
+    assert comparison.searched(wide, judge, Run()) is wide
+    point = entry._replace(kernel=RotationKernel.delta(photo.camera))
+    assert comparison.searched(point, judge, Run()) is point
+
+
+def test_a_path_with_a_lower_score_does_not_win(entries, pyramid, monkeypatch) -> None:
+    comparison, true = Comparison(pyramid), entries[0]
+    judge = comparison.judge(true)
+    half = replace(true.kernel, theta=0.5 * true.kernel.theta)
+    monkeypatch.setattr("deshake.blind.kernel_comparison.searched", lambda *_: half)
+    assert comparison.searched(true, judge, Run()) is true
+    short = true._replace(kernel=replace(true.kernel, theta=0.3 * true.kernel.theta))
+    assert comparison.searched(short, judge, Run()).kernel is half

@@ -113,10 +113,15 @@ def test_another_course_ends_only_where_the_first_is_undecided(ended, pyramid, m
             ran.append(self.finish)
             return self.finish
 
+        def searched(self, finish: Finish, _: Run) -> Finish:
+            assert finish is self.finish  # the course of the kernel searches
+            ran.append("searched")
+            return finish
+
     for first, other, kept, then in (
-        (undecided, trusted, trusted, ["spectral", trusted]),
-        (undecided, hopeless, undecided, [hopeless]),
-        (trusted, hopeless, trusted, []),
+        (undecided, trusted, trusted, ["spectral", trusted, "searched"]),
+        (undecided, hopeless, undecided, [hopeless, "searched"]),
+        (trusted, hopeless, trusted, ["searched"]),
         (hopeless, trusted, hopeless, []),
     ):
         ran.clear()
@@ -135,7 +140,9 @@ def test_another_course_ends_only_where_the_first_is_undecided(ended, pyramid, m
         courses = [Course(undecided), Course(doubtful, score)]
         assert _ended(courses, 0.15, Run(1), quick=False) is kept
     assert _ended([Course(undecided)], 0.15, Run(1), quick=False) is undecided
+    ran.clear()
     assert _ended([Course(undecided), Course(trusted)], 0.15, Run(1), quick=True) is undecided
+    assert ran == [undecided]
 
 
 @pytest.mark.parametrize(

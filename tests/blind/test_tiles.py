@@ -184,6 +184,14 @@ def test_tiles_for_another_kernel_leave_the_first_ones_alone(shaken) -> None:
     assert other.g is tiles.g
 
 
+def test_the_room_may_be_filled_before(shaken) -> None:
+    tiles = cut(shaken.grey, shaken.camera, 10)
+    filled = tiles.bound(shaken.kernel).filled
+    other = tiles.bound(RotationKernel.delta(shaken.camera), filled)
+    assert other.filled is filled
+    assert not np.array_equal(filled, tiles.bound(RotationKernel.delta(shaken.camera)).filled)
+
+
 @pytest.mark.parametrize("pixels", [1, 9000, 2**16])
 def test_groups_are_all_tiles_in_order_with_a_room_of_their_own(tiles, monkeypatch, pixels) -> None:
     monkeypatch.setattr("deshake.blind.tiles._GROUP", pixels)

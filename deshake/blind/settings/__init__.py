@@ -54,6 +54,7 @@ from deshake.blind.settings.lamps import (
 from deshake.blind.settings.paths import (
     CameraPathSettings,
     PathScales,
+    PathSearchSettings,
     SoftSceneSettings,
     SpectralMatchSettings,
     SpectralStartSettings,
@@ -92,7 +93,7 @@ class EdgesSettings:
         The picture of edges, and the kernel.
     candidate, wide_start, entry, course, race, polish
         The race.
-    trimming, camera_path, soft_scene, spectral_match, spectral_start
+    trimming, camera_path, soft_scene, spectral_match, spectral_start, path_search
         The paths of a camera.
     judge, kernel_comparison, tones, focal_search, agreement, spot, kernel_faults, trust
         What is thought of a kernel.
@@ -124,6 +125,7 @@ class EdgesSettings:
     soft_scene: SoftSceneSettings = field(default_factory=SoftSceneSettings)
     spectral_match: SpectralMatchSettings = field(default_factory=SpectralMatchSettings)
     spectral_start: SpectralStartSettings = field(default_factory=SpectralStartSettings)
+    path_search: PathSearchSettings = field(default_factory=PathSearchSettings)
     judge: JudgeSettings = field(default_factory=JudgeSettings)
     kernel_comparison: KernelComparisonSettings = field(default_factory=KernelComparisonSettings)
     tones: TonesSettings = field(default_factory=TonesSettings)

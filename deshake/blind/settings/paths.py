@@ -8,6 +8,7 @@ from dataclasses import dataclass
 __all__ = [
     "CameraPathSettings",
     "PathScales",
+    "PathSearchSettings",
     "SoftSceneSettings",
     "SpectralMatchSettings",
     "SpectralStartSettings",
@@ -238,6 +239,50 @@ class SpectralMatchSettings:
     along: float = 2.0
     fewest: int = 24
     most: int = 150
+
+
+@dataclass(frozen=True)
+class PathSearchSettings:
+    """The search for a path along a kernel (`path_search`).
+
+    They were chosen on six photos: one of the set `tune` of `bench.py shakes`, and five of other
+    scenes that are no part of its sets.
+
+    Parameters
+    ----------
+    places : int
+        Places of a path that a folded one is drawn through.
+    shares : tuple of float
+        Shares of a path that folded ones pass twice.
+    apart : float
+        Grid steps: distance of the two strokes from their middle.
+    opening : float
+        Share of a path over which the strokes part.
+    descending : int
+        Number of paths that descend on the spectra.
+    iterations : int
+        Iterations of this descent.
+    waves : int
+        Number of waves that change a path.
+    step : float
+        Grid steps: standard deviation of the slowest wave.
+    decay : float
+        Wave whose standard deviation is half as large.
+    evaluations : int
+        Number of paths that are compared.
+
+    """
+
+    places: int = 100
+    shares: tuple[float, ...] = (0.33, 0.66, 1.0)
+    apart: float = 1.0
+    opening: float = 0.1
+    descending: int = 4
+    iterations: int = 18
+    waves: int = 12
+    step: float = 0.5
+    decay: float = 3.0
+    evaluations: int = 200
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,107 @@
+"""The search for the path of a camera along a kernel that is nearly right."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.ndimage
+
+from deshake.blind.agreement import agreement
+from deshake.blind.path_search import searched
+from deshake.blind.settings import SETTINGS
+from deshake.blind.spectral_match import SpectralMatch
+from deshake.geometry.camera import Camera
+from deshake.geometry.kernel import ALL_AXES, RotationKernel
+from deshake.geometry.rotations import grid_steps
+from deshake.run import Run
+
+FINE = 0.06  # share of the kernel's spread: smoothing of a strict agreement
+THERE_AND_BACK = np.array([[0.0, -9, 0], [1, 0, 0], [2, 9, 0], [-2, 8, 0], [-3, -1, 0]])
+
+
+def widened(kernel: RotationKernel, width: float) -> RotationKernel:
+    """Smooth a kernel on its grid by a Gaussian of a width in grid steps."""
+    kernel = kernel.resampled(kernel.steps, ALL_AXES)
+    low = kernel.indices.min(0) - 4
+    box = np.zeros(np.ptp(kernel.indices, axis=0) + 9)
+    box[tuple((kernel.indices - low).T)] = kernel.weights
+    sigma = [width if turns else 0.0 for turns in np.ptp(kernel.indices, axis=0) > 0]
+    box = scipy.ndimage.gaussian_filter(box, sigma)
+    used = np.argwhere(box > 1e-4)
+    wide = RotationKernel.from_indices(used + low, box[tuple(used.T)], kernel.steps, kernel.camera)
+    return wide.centred()
+
+
+@pytest.fixture(scope="module")
+def folded(shake):
+    """A photo of a camera that went there and back."""
+    return shake(Camera.from_focal(420.0, 300, 420), path=THERE_AND_BACK)
+
+
+@pytest.fixture(scope="module")
+def band(folded) -> RotationKernel:
+    """Its kernel, so wide that the two strokes are one band."""
+    return widened(folded.kernel, 1.5)
+
+
+@pytest.fixture(scope="module")
+def scales(folded) -> list[SpectralMatch]:
+    return [SpectralMatch(folded.pyramid, 0, "fitted")]
+
+
+def nearness(kernel: RotationKernel, truth: RotationKernel) -> float:
+    return agreement(kernel, truth, smoothing=FINE)
+
+
+def test_a_path_that_goes_there_and_back_is_found_in_a_band(folded, band, scales) -> None:
+    path = searched(band, scales, lambda kernel: nearness(kernel, folded.kernel), Run())
+    assert path is not None
+    assert path.camera is band.camera
+    np.testing.assert_allclose(path.steps, grid_steps(folded.camera))
+    assert np.ptp(path.theta[:, 2]) == 0  # the band has no roll
+    assert nearness(path, folded.kernel) > nearness(band, folded.kernel) + 0.05
+    assert nearness(path, folded.kernel) > 0.97
+
+
+def test_without_folds_and_evolution_it_ends_farther(folded, band, scales, monkeypatch) -> None:
+    def worth(kernel: RotationKernel) -> float:
+        return nearness(kernel, folded.kernel)
+
+    whole = searched(band, scales, worth, Run())
+    usual = SETTINGS.path_search
+    ends = []
+    for changed in (replace(usual, shares=()), replace(usual, evaluations=1)):
+        monkeypatch.setattr("deshake.blind.path_search._S", changed)
+        ends.append(worth(searched(band, scales, worth, Run())))
+    assert max(ends) < worth(whole) - 0.002
+
+
+def test_folded_paths_take_part(folded, band, scales, monkeypatch) -> None:
+    """Two ends, three lengths of the part that is passed twice, and two sides."""
+    monkeypatch.setattr(
+        "deshake.blind.path_search._S", replace(SETTINGS.path_search, evaluations=1)
+    )
+    seen: list[RotationKernel] = []
+    searched(band, scales, lambda kernel: float(seen.append(kernel) or 0), Run(1))
+    near = [nearness(kernel, folded.kernel) for kernel in seen[:13]]
+    assert max(near[1:]) > near[0] + 0.005
+
+
+def test_there_is_no_path_along_a_point(folded, scales) -> None:
+    point = RotationKernel.delta(folded.camera)
+    assert searched(point, scales, lambda _: 0.0, Run()) is None
+
+
+def test_the_result_does_not_depend_on_the_threads(folded, band, scales, monkeypatch) -> None:
+    monkeypatch.setattr(
+        "deshake.blind.path_search._S", replace(SETTINGS.path_search, evaluations=30)
+    )
+
+    def worth(kernel: RotationKernel) -> float:
+        return nearness(kernel, folded.kernel)
+
+    one, two = (searched(band, scales, worth, Run(threads)) for threads in (1, 2))
+    np.testing.assert_array_equal(one.theta, two.theta)
+    np.testing.assert_array_equal(one.weights, two.weights)
