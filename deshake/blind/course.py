@@ -314,10 +314,11 @@ class Course:
         return selected([self.finished(one.entry, one.judge) for one in last])
 
     def searched(self, ended: Finish, run: Run) -> Finish:
-        """Search for a path along the winner, which wins if its score is higher."""
-        judge = self.comparison.judge(ended.winner)
-        path = self.comparison.searched(ended.winner, judge, run)
-        return ended if path is ended.winner else self.finished(path, judge)
+        """Replace the winner by a path along it, if one has a higher score.
+
+        It is fitted to the tiles kept apart. So what the winner was worth before still counts.
+        """
+        return ended._replace(winner=self.comparison.searched(ended.winner, run))
 
     def _focus(self, best: Sequence[Entry]) -> float:
         """Take the focal length that suits the kernels, unless it is known; return the zoom."""

@@ -214,7 +214,7 @@ class Comparison:
         paths = traced(self._finer_spectra(level), entry.kernel, self.run)
         return [entry._replace(name=name, kernel=path) for path in paths]
 
-    def searched(self, entry: Entry, judge: Judge, run: Run) -> Entry:
+    def searched(self, entry: Entry, run: Run) -> Entry:
         """Search for a smooth path along a kernel whose score is higher; else return the kernel.
 
         The search leaves out the sparsity, which hardly changes there. For a kernel that is wide
@@ -224,15 +224,13 @@ class Comparison:
         ----------
         entry : Entry
             The kernel.
-        judge : Judge
-            A judge at its scale.
         run : Run
             Threads to use, and who receives the progress.
 
         """
         if self.is_wide(entry):
             return entry
-        level = self.level(entry)
+        level, judge = self.level(entry), self.judge(entry)
         near = judge.near(entry.kernel)
 
         def worth(kernel: RotationKernel) -> float:

@@ -75,8 +75,8 @@ def race(
     evidence : float
         Evidence that the photo is shaken: `Measures.certain_evidence` of `blur_kind`.
     hopeful : float
-        Confidence of the best kernels of the starts from which they are refined, and of the winner
-        from which a path is searched for.
+        Confidence of the best kernels of the starts from which they are refined. If it is 0, a
+        path is searched for along any winner.
     run : Run, optional
         Threads to use, and who receives the progress.
 
@@ -162,13 +162,11 @@ def _is_better(shown: Course, light: Comparison, score: float) -> bool:
 def _ended(courses: Sequence[Course], hopeful: float, run: Run, *, quick: bool) -> Finish:
     """Return the end of the first course; if it is undecided, that of another that is trusted.
 
-    A path is searched for along the winner.
+    A path is searched for along the winner, unless the photo stays as it is.
     """
     last, first, score = courses[0], courses[0].comparison, courses[0].score(courses[0].leaders)
     finish = last.end(hopeful, quick=quick, run=run.part(0.0, 0.5))
-    if quick or confidence(finish) < hopeful:
-        return finish
-    if SETTINGS.course.hopeful <= confidence(finish) < SETTINGS.estimate.even:
+    if not quick and SETTINGS.course.hopeful <= confidence(finish) < SETTINGS.estimate.even:
         courses[0].pyramid.forget()
         for other in courses[1:]:
             least = _S.second
@@ -179,4 +177,6 @@ def _ended(courses: Sequence[Course], hopeful: float, run: Run, *, quick: bool) 
             second = other.end(hopeful, quick=quick, run=run.part(0.6, 0.8))
             if confidence(second) >= least:
                 last, finish = other, second
+    if quick or confidence(finish) < (SETTINGS.estimate.even if hopeful else 0):
+        return finish
     return last.searched(finish, run.part(0.8, 1.0))

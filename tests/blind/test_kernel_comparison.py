@@ -190,7 +190,7 @@ def test_a_path_is_searched_along_a_kernel_unless_it_is_wide_for_the_frame(shake
     turned = (path + moves) * grid_steps(photo.camera)
     entry = Entry("wrong", 3, 1, RotationKernel.from_path(turned, photo.camera).centred())
     judge = comparison.judge(entry)
-    found = comparison.searched(entry, judge, Run())
+    found = comparison.searched(entry, Run())
     assert (found.name, found.start, found.level) == ("wrong, path", 3, 1)
     before, after = comparison.scores_by([(entry, judge), (found, judge)])
     assert after > before + 0.02
@@ -198,16 +198,15 @@ def test_a_path_is_searched_along_a_kernel_unless_it_is_wide_for_the_frame(shake
     assert near[1] > near[0] + 0.02
     wide = entry._replace(kernel=replace(entry.kernel, theta=entry.kernel.theta * 3))
     assert comparison.is_wide(wide)
-    assert comparison.searched(wide, judge, Run()) is wide
+    assert comparison.searched(wide, Run()) is wide
     point = entry._replace(kernel=RotationKernel.delta(photo.camera))
-    assert comparison.searched(point, judge, Run()) is point
+    assert comparison.searched(point, Run()) is point
 
 
 def test_a_path_with_a_lower_score_does_not_win(entries, pyramid, monkeypatch) -> None:
     comparison, true = Comparison(pyramid), entries[0]
-    judge = comparison.judge(true)
     half = replace(true.kernel, theta=0.5 * true.kernel.theta)
     monkeypatch.setattr("deshake.blind.kernel_comparison.searched", lambda *_: half)
-    assert comparison.searched(true, judge, Run()) is true
+    assert comparison.searched(true, Run()) is true
     short = true._replace(kernel=replace(true.kernel, theta=0.3 * true.kernel.theta))
-    assert comparison.searched(short, judge, Run()).kernel is half
+    assert comparison.searched(short, Run()).kernel is half

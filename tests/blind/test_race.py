@@ -120,7 +120,7 @@ def test_another_course_ends_only_where_the_first_is_undecided(ended, pyramid, m
 
     for first, other, kept, then in (
         (undecided, trusted, trusted, ["spectral", trusted, "searched"]),
-        (undecided, hopeless, undecided, [hopeless, "searched"]),
+        (undecided, hopeless, undecided, [hopeless]),
         (trusted, hopeless, trusted, ["searched"]),
         (hopeless, trusted, hopeless, []),
     ):
@@ -142,7 +142,8 @@ def test_another_course_ends_only_where_the_first_is_undecided(ended, pyramid, m
     assert _ended([Course(undecided)], 0.15, Run(1), quick=False) is undecided
     ran.clear()
     assert _ended([Course(undecided), Course(trusted)], 0.15, Run(1), quick=True) is undecided
-    assert ran == [undecided]
+    assert _ended([Course(hopeless)], 0.0, Run(1), quick=False) is hopeless
+    assert ran == [undecided, hopeless, "searched"]
 
 
 @pytest.mark.parametrize(
