@@ -213,7 +213,7 @@ def test_it_stops_after_the_starts_if_none_of_them_is_hopeful(grainy, shaken) ->
         )
         for blurred, said in steps.items()
     }
-    assert steps[True] - steps[False] == {"refinement"}
+    assert steps[True] - steps[False] == {"refinement", "search of the path"}
     refined = race(grainy, may_rest=False, hopeful=0.0, run=Run(1))
     assert any(entry in refined.winner.name for entry in ("refined", "polished", "path"))
     assert confidence(ends[False]) < SETTINGS.course.hopeful
