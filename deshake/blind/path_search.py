@@ -77,7 +77,7 @@ def searched(
     ]
     best = _ranked(settled, worth_of, run)[: _S.descending]
     moved = [descended(scales, path, _S.iterations, run)[1] for path in best]
-    path = _ranked([*best, *moved], worth_of, run)[0]
+    path = _ranked([best[0], *moved], worth_of, run)[0]
     waves = _waves(path)
     changes = evolved(
         lambda change: -worth_of(_changed(path, waves, change)),

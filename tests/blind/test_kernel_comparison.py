@@ -27,6 +27,16 @@ def entries(shaken) -> list[Entry]:
     return [Entry(str(i), i, 0, k) for i, k in enumerate((true, mirrored, twice, point))]
 
 
+@pytest.fixture(scope="module")
+def nearly(shake):
+    """A photo, and a kernel that is nearly right, judged at a coarser scale."""
+    path = np.array([[0.0, -17, 0], [8, -11, 0], [-4, 3, 0], [4, 17, 0]])
+    moves = np.array([[-2, 2, 0], [2, 1, 0], [-2, -1, 0], [2, -2, 0]])
+    photo = shake(Camera.from_focal(500.0, 360, 560), path=path)
+    turned = (path + moves) * grid_steps(photo.camera)
+    return photo, Entry("wrong", 3, 1, RotationKernel.from_path(turned, photo.camera).centred())
+
+
 def test_the_true_kernel_has_the_highest_score(entries, pyramid) -> None:
     scores = Comparison(pyramid).scores(entries)
     assert scores.shape == (4,)
@@ -165,13 +175,9 @@ def test_a_path_through_a_kernel_matches_the_spectra_better(entries, pyramid) ->
     assert match.value(path.kernel) > match.value(rough.kernel)
 
 
-def test_paths_are_traced_where_there_are_finer_scales_and_enough_tiles(shake) -> None:
-    path = np.array([[0.0, -17, 0], [8, -11, 0], [-4, 3, 0], [4, 17, 0]])
-    moves = np.array([[-2, 2, 0], [2, 1, 0], [-2, -1, 0], [2, -2, 0]])
-    photo = shake(Camera.from_focal(500.0, 360, 560), path=path)
+def test_paths_are_traced_where_there_are_finer_scales_and_enough_tiles(nearly) -> None:
+    photo, entry = nearly
     comparison = Comparison(photo.pyramid)
-    turned = (path + moves) * grid_steps(photo.camera)
-    entry = Entry("wrong", 3, 1, RotationKernel.from_path(turned, photo.camera).centred())
     assert comparison.level(entry) == 1
     early, late = comparison.traced(entry)
     assert (late.name, late.start, late.level) == ("wrong, traced", 3, 1)
@@ -182,13 +188,9 @@ def test_paths_are_traced_where_there_are_finer_scales_and_enough_tiles(shake) -
         assert comparison.traced(other) == []
 
 
-def test_a_path_is_searched_along_a_kernel_unless_it_is_wide_for_the_frame(shake) -> None:
-    path = np.array([[0.0, -17, 0], [8, -11, 0], [-4, 3, 0], [4, 17, 0]])
-    moves = np.array([[-2, 2, 0], [2, 1, 0], [-2, -1, 0], [2, -2, 0]])
-    photo = shake(Camera.from_focal(500.0, 360, 560), path=path)
+def test_a_path_is_searched_along_a_kernel_unless_it_is_wide_for_the_frame(nearly) -> None:
+    photo, entry = nearly
     comparison = Comparison(photo.pyramid)
-    turned = (path + moves) * grid_steps(photo.camera)
-    entry = Entry("wrong", 3, 1, RotationKernel.from_path(turned, photo.camera).centred())
     judge = comparison.judge(entry)
     found = comparison.searched(entry, Run())
     assert (found.name, found.start, found.level) == ("wrong, path", 3, 1)
