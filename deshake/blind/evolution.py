@@ -3,7 +3,8 @@
 The gradient of a rough objective misleads. So random places around the present one are compared,
 and it moves to a weighted mean of the best. The steps become longer while successive ones agree in
 their direction, and shorter otherwise: cumulative step-size adaptation [1], with the weights and
-rates of [2].
+rates of [2]. Each generation may have an objective of its own, for example a measure on a few of
+many data. What all data favour adds up, and what a few of them favour does not.
 
 References
 ----------
@@ -35,14 +36,18 @@ _SEED: Final = 0
 
 
 def evolved(
-    objective: Callable[[Vector], float], widths: Vector, evaluations: int, run: Run
+    objectives: Callable[[int, Vector], Callable[[Vector], float]],
+    widths: Vector,
+    evaluations: int,
+    run: Run,
 ) -> Vector:
-    """Move from 0 to where an objective is lower.
+    """Move from 0 to where objectives are lower.
 
     Parameters
     ----------
-    objective : callable
-        The value at a place (n,).
+    objectives : callable
+        Returns the objective of a generation, from its number and the mean (n,) of its places: a
+        callable of a place (n,). Threads call it.
     widths : (n,) array
         Standard deviation of the first random places, > 0.
     evaluations : int
@@ -67,7 +72,8 @@ def evolved(
     usual = n**0.5 * (1 - 1 / (4 * n) + 1 / (21 * n**2))  # mean length of a normal vector
     random = np.random.default_rng(_SEED)
     mean, trail, step = np.zeros(n), np.zeros(n), 1.0
-    for part in run.parts([1] * max(evaluations // size, 1)):
+    for number, part in enumerate(run.parts([1] * max(evaluations // size, 1))):
+        objective = objectives(number, mean)
         drawn = random.standard_normal((size, n))
         places = list(mean + step * drawn * widths)
         values = [value for _, value in reported(objective, places, part, "search of the path")]

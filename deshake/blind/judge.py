@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from deshake.blind.settings import SETTINGS
 from deshake.blind.sharp_edges import l0_picture
 from deshake.blind.tile_plan import planned_tiles
+from deshake.blind.tiles import Tiles
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import reach
 from deshake.signal.gradients import differences, length_of
@@ -37,7 +38,6 @@ from deshake.signal.shrinkage import shrunk
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from deshake.blind.tiles import Tiles
     from deshake.signal.pyramid import Pyramid
 
 __all__ = ["Judge"]
@@ -45,6 +45,7 @@ __all__ = ["Judge"]
 Image = NDArray[np.float32]
 
 _S: Final = SETTINGS.judge
+_SEED: Final = 0
 
 
 class Judge:
@@ -71,6 +72,20 @@ class Judge:
         widest = max((kernel.for_camera(camera) for kernel in kernels), key=_reach)
         tiles = planned_tiles(pyramid, level, widest, part="apart", budget=_S.budget, room=_S.room)
         return cls(tiles)
+
+    @classmethod
+    def batches(cls, pyramid: Pyramid, level: int, kernel: RotationKernel) -> list[Judge]:
+        """Make judges of kernels that hardly differ from one; each has a few tiles of its own.
+
+        Together they have many tiles, those for the fit of kernels, too.
+        """
+        own = kernel.for_camera(pyramid.camera_at(level))
+        tiles = planned_tiles(pyramid, level, own, part="all", budget=_S.batches, room=_S.room)
+        order = np.random.default_rng(_SEED).permutation(tiles.count)
+        parts = np.array_split(order, max(tiles.count // _S.batch, 1))
+        scale = pyramid.at(level)
+        cut = [Tiles(scale, tiles.corners[np.sort(part)], tiles.size, tiles.far) for part in parts]
+        return [cls(few).near(kernel) for few in cut]
 
     def near(self, kernel: RotationKernel) -> Judge:
         """Return a judge of kernels that hardly differ from one, in half the time.

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from functools import cached_property
 from threading import Lock
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,17 +20,19 @@ from numpy.typing import NDArray
 from deshake.blind.judge import Judge
 from deshake.blind.path_search import searched
 from deshake.blind.settings import SETTINGS, SpectrumTiles
-from deshake.blind.spectral_match import SpectralMatch, traced
+from deshake.blind.spectral_match import SpectralMatch, match_of_path, traced
 from deshake.blind.spot import is_spot
 from deshake.operators.strips import in_order
 from deshake.run import Run
 from deshake.signal.pyramid import RATIO
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
+    from deshake.blind.camera_path import SmoothPath
     from deshake.blind.entry import Entry
     from deshake.blind.tile_plan import Part
+    from deshake.geometry.camera import Camera
     from deshake.geometry.kernel import RotationKernel
     from deshake.signal.pyramid import Pyramid
 
@@ -185,13 +187,16 @@ class Comparison:
         If the scale has too few tiles, finer ones take its place. The kernel is wide there, and so
         are the tiles.
         """
+        return _mean_match(self._matching(level), kernel)
+
+    def _matching(self, level: int) -> list[SpectralMatch]:
+        """Return the spectra of a scale and of the scales next to it, or of finer ones."""
         middle = min(level, self._last_matched)
         last = min(middle + _S.neighbours, self._last_matched)
-        spectra = [
+        return [
             self._spectra_at(n, "apart", level - n if level > middle else 0)
             for n in range(max(middle - _S.neighbours, 0), last + 1)
         ]
-        return float(np.mean([one.value(kernel) for one in spectra]))
 
     def matched(self, entry: Entry) -> Entry:
         """Draw a smooth path through a kernel, and fit it to the spectra of the photo."""
@@ -215,10 +220,13 @@ class Comparison:
         return [entry._replace(name=name, kernel=path) for path in paths]
 
     def searched(self, entry: Entry, run: Run) -> Entry:
-        """Search for a smooth path along a kernel whose score is higher; else return the kernel.
+        """Search for a smooth path along a kernel that is better; else return the kernel.
 
-        The search leaves out the sparsity, which hardly changes there. For a kernel that is wide
-        for the frame there is no search.
+        The search leaves out the sparsity, which prefers a kernel that is too wide where the photo
+        is out of focus. The margin counts on many tiles: paths that are near each other are
+        compared on a few of them at once, and on others in the next generation. There the match
+        changes in proportion to the path. For a kernel that is wide for the frame there is no
+        search.
 
         Parameters
         ----------
@@ -230,20 +238,18 @@ class Comparison:
         """
         if self.is_wide(entry):
             return entry
-        level, judge = self.level(entry), self.judge(entry)
-        near = judge.near(entry.kernel)
-
-        def worth(kernel: RotationKernel) -> float:
-            if not near.has_room(kernel):
-                return -_S.penalty
-            return near.margin(kernel) + self._match_worth * self._match(kernel, level)
-
-        kernel = searched(entry.kernel, self._finer_spectra(level), worth, run)
-        if kernel is None:
+        level, kernel = self.level(entry), entry.kernel
+        worth = _PathWorth(
+            Judge.batches(self.pyramid, level, kernel),
+            self._matching(level),
+            self._match_worth,
+            kernel.camera,
+        )
+        found = searched(kernel, self._finer_spectra(level), worth.of, worth.around, run)
+        if found is None or worth.of(found) <= worth.of(kernel):
             return entry
-        path = entry._replace(name=f"{entry.name}, path", kernel=kernel)
-        before, after = self.scores_by([(entry, judge), (path, judge)])
-        return path if after > before and not self.hopeless(path) else entry
+        path = entry._replace(name=f"{entry.name}, path", kernel=found)
+        return entry if self.hopeless(path) else path
 
     def weighed(self, entry: Entry) -> Entry:
         """Fit the weights of a kernel to the spectra of the photo."""
@@ -288,3 +294,50 @@ class Comparison:
         judge = self._judges.get(level)
         if judge is None or not all(judge.has_room(kernel) for kernel in kernels):
             self._judges[level] = Judge.of(self.pyramid, level, kernels)
+
+
+class _PathWorth(NamedTuple):
+    """What the paths along a kernel are worth.
+
+    Parameters
+    ----------
+    batches : list of Judge
+        Judges that have a few tiles each.
+    spectra : list of SpectralMatch
+        The scales of the match.
+    match_worth : float
+        What a match of 1 is worth.
+    camera : Camera
+        The camera of the kernel.
+
+    """
+
+    batches: list[Judge]
+    spectra: list[SpectralMatch]
+    match_worth: float
+    camera: Camera
+
+    def of(self, kernel: RotationKernel) -> float:
+        """Return what a kernel is worth on the tiles of all batches."""
+        if not all(batch.has_room(kernel) for batch in self.batches):
+            return -_S.penalty
+        margin = float(np.mean([batch.margin(kernel) for batch in self.batches]))
+        return margin + self.match_worth * _mean_match(self.spectra, kernel)
+
+    def around(self, number: int, middle: SmoothPath) -> Callable[[SmoothPath], float]:
+        """Return what paths near one are worth, on the tiles of one batch."""
+        batch = self.batches[number % len(self.batches)]
+        match, slope = match_of_path(self.spectra, middle)
+
+        def worth(path: SmoothPath) -> float:
+            kernel = path.kernel(self.camera)
+            if not batch.has_room(kernel):
+                return -_S.penalty
+            change = float(np.vdot(slope, path.controls - middle.controls))
+            return batch.margin(kernel) + self.match_worth * (match + change)
+
+        return worth
+
+
+def _mean_match(spectra: Sequence[SpectralMatch], kernel: RotationKernel) -> float:
+    return float(np.mean([one.value(kernel) for one in spectra]))

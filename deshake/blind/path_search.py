@@ -6,11 +6,11 @@ the kernel, too: both ends, some lengths of the part that is passed twice, and b
 settle where their density is that of the kernel (`camera_path`). The best few are moved to where
 they match the spectra of some scales (`spectral_match`).
 
-The best path is then moved to where a measure of its worth is higher: that of the comparison, on
-tiles that no kernel was fitted to (`kernel_comparison`). The measure needs a new picture of edges
-for each path. So it has no bias to the kernel that the present picture belongs to; but it is
-rough, and its gradient misleads. An evolution of random changes finds the way (`evolution`). The
-changes are slow waves along the path.
+The best path is then moved to where a measure of its worth is higher: that of the comparison
+(`kernel_comparison`). The measure needs a new picture of edges for each path. So it has no bias to
+the kernel that the present picture belongs to; but it is rough, and its gradient misleads. An
+evolution of random changes finds the way (`evolution`). The changes are slow waves along the path.
+Each generation of them is measured on a few tiles only, and the next one on others.
 """
 
 from __future__ import annotations
@@ -44,6 +44,7 @@ def searched(
     kernel: RotationKernel,
     scales: Sequence[SpectralMatch],
     worth: Callable[[RotationKernel], float],
+    around: Callable[[int, SmoothPath], Callable[[SmoothPath], float]],
     run: Run,
 ) -> RotationKernel | None:
     """Search for a smooth path along a kernel that is worth as much as possible.
@@ -56,6 +57,9 @@ def searched(
         The scale of the kernel, the last one, and finer ones.
     worth : callable
         Returns what a kernel is worth; higher is better. Threads call it.
+    around : callable
+        Returns what paths are worth that are near one, as a callable, from the number of their
+        generation and that path.
     run : Run
         Threads to use, and who receives the progress.
 
@@ -79,8 +83,13 @@ def searched(
     moved = [descended(scales, path, _S.iterations, run)[1] for path in best]
     path = _ranked([best[0], *moved], worth_of, run)[0]
     waves = _waves(path)
+
+    def objectives(number: int, mean: Points) -> Callable[[Points], float]:
+        measure = around(number, _changed(path, waves, mean))
+        return lambda change: -measure(_changed(path, waves, change))
+
     changes = evolved(
-        lambda change: -worth_of(_changed(path, waves, change)),
+        objectives,
         np.repeat(_S.step / (1 + np.arange(waves.shape[1]) / _S.decay), _turning(path).sum()),
         _S.evaluations,
         run,

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from deshake.geometry.kernel import RotationKernel
     from deshake.signal.pyramid import Pyramid
 
-__all__ = ["SpectralMatch", "close_path", "descended", "traced"]
+__all__ = ["SpectralMatch", "close_path", "descended", "match_of_path", "traced"]
 
 Image = NDArray[np.float32]
 Spectrum = NDArray[np.complex64]
@@ -244,27 +244,38 @@ def descended(
         The end of the descent.
 
     """
-    basis = _basis(path)
+    basis, pairs = _basis(path), _with_ratios(scales, path)
     flat = np.ptp(path.controls, axis=0) == 0
-    ratios = [grid_steps(path.camera) / grid_steps(one.camera) for one in scales]
     stiffness = _S.bending * np.square(scales[-1].slopes).mean((0, 1))
-    pairs = list(zip(scales, ratios, strict=True))
 
     def objective(flattened: Points) -> tuple[float, Points]:
         controls = flattened.reshape(path.controls.shape)
-        curve = basis @ controls
-        match, change = 0.0, np.zeros_like(controls)
-        for (_, ratio), (value, gradient) in in_order(
-            lambda pair: pair[0].of_rotations(curve * pair[1]), pairs, run
-        ):
-            match += value / len(scales)
-            change -= basis.T @ gradient * (ratio / len(scales))
+        match, gradient = _along(pairs, basis, controls, run)
+        change = -gradient
         bends = price_of_bends(controls, stiffness, change)
         change[:, flat] = 0
         return bends - match, change.ravel()
 
     value, end = descent(objective, path.controls, iterations)
     return -value, path._replace(controls=end)
+
+
+def match_of_path(
+    scales: Sequence[SpectralMatch], path: SmoothPath, run: Run = Run()
+) -> tuple[float, Points]:
+    """Return the mean correlation of a path at some scales, and its gradient (n, 3).
+
+    Parameters
+    ----------
+    scales : sequence of SpectralMatch
+        The scales.
+    path : SmoothPath
+        The path, with n control points.
+    run : Run, optional
+        Threads to use.
+
+    """
+    return _along(_with_ratios(scales, path), _basis(path), path.controls, run)
 
 
 def traced(
@@ -309,6 +320,27 @@ class _Expected(NamedTuple):
     fluctuations: Image
     length: float
     match: float
+
+
+def _with_ratios(
+    scales: Sequence[SpectralMatch], path: SmoothPath
+) -> list[tuple[SpectralMatch, Points]]:
+    """Return scales, each with the ratios of a path's grid steps to those of the scale."""
+    return [(one, grid_steps(path.camera) / grid_steps(one.camera)) for one in scales]
+
+
+def _along(
+    scales: Sequence[tuple[SpectralMatch, Points]], basis: Points, controls: Points, run: Run
+) -> tuple[float, Points]:
+    """Return the mean correlation for control points (n, 3), and its gradient."""
+    curve = basis @ controls
+    match, change = 0.0, np.zeros_like(controls)
+    for (_, ratio), (value, gradient) in in_order(
+        lambda pair: pair[0].of_rotations(curve * pair[1]), scales, run
+    ):
+        match += value / len(scales)
+        change += basis.T @ gradient * (ratio / len(scales))
+    return match, change
 
 
 def _basis(path: SmoothPath) -> Points:

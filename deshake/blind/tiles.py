@@ -60,7 +60,11 @@ class Tiles:
     """
 
     def __init__(
-        self, scale: Scale, corners: Sequence[tuple[int, int]], size: int, far: int
+        self,
+        scale: Scale,
+        corners: Sequence[tuple[int, int]] | NDArray[np.int64],
+        size: int,
+        far: int,
     ) -> None:
         self.camera = scale.camera
         self.corners = np.asarray(corners, np.int64).reshape(-1, 2)

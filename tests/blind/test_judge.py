@@ -85,6 +85,21 @@ def test_a_judge_near_a_kernel_judges_alike(shaken, kernels) -> None:
     assert again.margin(kernels["true"]) == judge.margin(kernels["true"])  # none changes another
 
 
+def test_batches_have_tiles_of_their_own_and_judge_alike(shaken, kernels) -> None:
+    batches = Judge.batches(shaken.pyramid, 0, kernels["near"])
+    places = [tuple(corner) for batch in batches for corner in batch.tiles.corners]
+    assert len(batches) > 1
+    assert len(set(places)) == len(places)
+    assert all(batch.tiles.count in (2, 3) for batch in batches)
+    together = {
+        name: np.mean([batch.margin(kernels[name]) for batch in batches])
+        for name in ("true", "near", "still")
+    }
+    assert together["true"] > together["near"] > together["still"]
+    one = Judge.of(shaken.pyramid, 0, list(kernels.values()))
+    assert together["true"] == pytest.approx(one.margin(kernels["true"]), abs=0.15)
+
+
 def test_rotations_without_weight_do_not_count(shaken, kernels) -> None:
     near = kernels["near"]
     theta = np.concatenate([near.theta, 1.5 * near.theta])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -16,6 +17,11 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.run import Run
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from deshake.blind.camera_path import SmoothPath
 
 FINE = 0.06  # share of the kernel's spread: smoothing of a strict agreement
 THERE_AND_BACK = np.array([[0.0, -9, 0], [1, 0, 0], [2, 9, 0], [-2, 8, 0], [-3, -1, 0]])
@@ -55,9 +61,23 @@ def nearness(kernel: RotationKernel, truth: RotationKernel) -> float:
     return agreement(kernel, truth, smoothing=FINE)
 
 
-def test_a_path_that_goes_there_and_back_is_found_in_a_band(folded, band, scales) -> None:
-    path = searched(band, scales, lambda kernel: nearness(kernel, folded.kernel), Run())
+def along(folded, band, scales, run=Run()) -> RotationKernel:
+    """Search for a path that is as near to the true kernel as possible."""
+
+    def worth(kernel: RotationKernel) -> float:
+        return nearness(kernel, folded.kernel)
+
+    def around(_number: int, middle: SmoothPath) -> Callable[[SmoothPath], float]:
+        assert nearness(middle.kernel(band.camera), folded.kernel) > 0.5
+        return lambda path: worth(path.kernel(band.camera))
+
+    path = searched(band, scales, worth, around, run)
     assert path is not None
+    return path
+
+
+def test_a_path_that_goes_there_and_back_is_found_in_a_band(folded, band, scales) -> None:
+    path = along(folded, band, scales)
     assert path.camera is band.camera
     np.testing.assert_allclose(path.steps, grid_steps(folded.camera))
     assert np.ptp(path.theta[:, 2]) == 0  # the band has no roll
@@ -66,16 +86,13 @@ def test_a_path_that_goes_there_and_back_is_found_in_a_band(folded, band, scales
 
 
 def test_without_folds_and_evolution_it_ends_farther(folded, band, scales, monkeypatch) -> None:
-    def worth(kernel: RotationKernel) -> float:
-        return nearness(kernel, folded.kernel)
-
-    whole = searched(band, scales, worth, Run())
+    whole = along(folded, band, scales)
     usual = SETTINGS.path_search
     ends = []
     for changed in (replace(usual, shares=()), replace(usual, evaluations=1)):
         monkeypatch.setattr("deshake.blind.path_search._S", changed)
-        ends.append(worth(searched(band, scales, worth, Run())))
-    assert max(ends) < worth(whole) - 0.002
+        ends.append(nearness(along(folded, band, scales), folded.kernel))
+    assert max(ends) < nearness(whole, folded.kernel) - 0.002
 
 
 def test_folded_paths_take_part(folded, band, scales, monkeypatch) -> None:
@@ -84,24 +101,26 @@ def test_folded_paths_take_part(folded, band, scales, monkeypatch) -> None:
         "deshake.blind.path_search._S", replace(SETTINGS.path_search, evaluations=1)
     )
     seen: list[RotationKernel] = []
-    searched(band, scales, lambda kernel: float(seen.append(kernel) or 0), Run(1))
+    searched(
+        band,
+        scales,
+        lambda kernel: float(seen.append(kernel) or 0),
+        lambda *_: lambda _path: 0.0,
+        Run(1),
+    )
     near = [nearness(kernel, folded.kernel) for kernel in seen[:13]]
     assert max(near[1:]) > near[0] + 0.005
 
 
 def test_there_is_no_path_along_a_point(folded, scales) -> None:
     point = RotationKernel.delta(folded.camera)
-    assert searched(point, scales, lambda _: 0.0, Run()) is None
+    assert searched(point, scales, lambda _: 0.0, lambda *_: lambda _path: 0.0, Run()) is None
 
 
 def test_the_result_does_not_depend_on_the_threads(folded, band, scales, monkeypatch) -> None:
     monkeypatch.setattr(
         "deshake.blind.path_search._S", replace(SETTINGS.path_search, evaluations=30)
     )
-
-    def worth(kernel: RotationKernel) -> float:
-        return nearness(kernel, folded.kernel)
-
-    one, two = (searched(band, scales, worth, Run(threads)) for threads in (1, 2))
+    one, two = (along(folded, band, scales, Run(threads)) for threads in (1, 2))
     np.testing.assert_array_equal(one.theta, two.theta)
     np.testing.assert_array_equal(one.weights, two.weights)

@@ -28,6 +28,7 @@ STRUCTURE = {
     "course._OF_WIDE",
     "latent_picture._NO_LIMIT",
     "evolution._SEED",
+    "judge._SEED",
     "spectral_start._SEED",
     "streak_light.SIDE",
     "streaks.BLOCK",

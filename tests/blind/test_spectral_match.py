@@ -7,7 +7,7 @@ import pytest
 
 from deshake.blind.agreement import agreement
 from deshake.blind.camera_path import SmoothPath
-from deshake.blind.spectral_match import SpectralMatch, descended, traced
+from deshake.blind.spectral_match import SpectralMatch, descended, match_of_path, traced
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import displacements, grid_steps, homographies
@@ -174,6 +174,20 @@ def test_a_descent_at_several_scales_raises_their_mean_match(pyramid, bent) -> N
     assert mean(end) > mean(path) + 0.02
     assert worth == pytest.approx(mean(end), abs=0.02)
     assert worth <= mean(end) + 1e-6  # bends have a price
+
+
+def test_the_match_of_a_path_is_the_mean_of_the_scales_and_has_its_gradient(pyramid, bent) -> None:
+    scales = [SpectralMatch(pyramid, level, "all") for level in (0, 1)]
+    path = SmoothPath.through(bent, scales[-1].camera)[0]
+    match, slope = match_of_path(scales, path)
+    singly = [one.of_path(path.on_scale(one.camera)) for one in scales]
+    assert match == pytest.approx(np.mean(singly), abs=0.005)
+    change = np.random.default_rng(0).normal(0, 0.01, path.controls.shape)
+    there, back = (
+        match_of_path(scales, path._replace(controls=path.controls + sign * change))[0]
+        for sign in (1, -1)
+    )
+    assert (there - back) / 2 == pytest.approx(float(np.vdot(slope, change)), rel=0.1)
 
 
 def test_a_traced_path_comes_nearer_to_the_truth(shake) -> None:

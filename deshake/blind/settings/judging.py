@@ -38,6 +38,10 @@ class JudgeSettings:
         Room around a tile, in reaches of the widest kernel.
     budget : Budget
         Number of pixels on which kernels are judged.
+    batches : Budget
+        The same, for all judges of a few tiles each.
+    batch : int
+        Number of tiles of such a judge.
     least_noise : float
         Contrast of the pyramid: a smaller standard deviation of the noise counts as this.
     power : float
@@ -60,6 +64,8 @@ class JudgeSettings:
     live: float = 1 / 64
     room: float = 1.2
     budget: Budget = Budget(0.12e6, 0.3e6)
+    batches: Budget = Budget(1.2e6, 3e6)
+    batch: int = 2
     least_noise: float = 0.002
     power: float = 0.8
     prior: float = 0.5

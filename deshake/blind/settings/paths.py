@@ -282,7 +282,7 @@ class PathSearchSettings:
     waves: int = 12
     step: float = 0.5
     decay: float = 3.0
-    evaluations: int = 200
+    evaluations: int = 900
 
 
 @dataclass(frozen=True)
