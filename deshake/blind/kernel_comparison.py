@@ -225,8 +225,8 @@ class Comparison:
         The search leaves out the sparsity, which prefers a kernel that is too wide where the photo
         is out of focus. The margin counts on many tiles: paths that are near each other are
         compared on a few of them at once, and on others in the next generation. There the match
-        changes in proportion to the path. For a kernel that is wide for the frame there is no
-        search.
+        changes in proportion to the path. There is no search for a kernel that is wide for the
+        frame, nor for one of a few pixels.
 
         Parameters
         ----------
@@ -236,7 +236,7 @@ class Comparison:
             Threads to use, and who receives the progress.
 
         """
-        if self.is_wide(entry):
+        if self.is_wide(entry) or entry.width < _S.narrowest:
             return entry
         level, kernel = self.level(entry), entry.kernel
         worth = _PathWorth(
@@ -246,7 +246,7 @@ class Comparison:
             kernel.camera,
         )
         found = searched(kernel, self._finer_spectra(level), worth.of, worth.around, run)
-        if found is None or worth.of(found) <= worth.of(kernel):
+        if found is None or worth.of(found) < worth.of(kernel) + _S.gain:
             return entry
         path = entry._replace(name=f"{entry.name}, path", kernel=found)
         return entry if self.hopeless(path) else path
