@@ -188,7 +188,7 @@ def test_paths_are_traced_where_there_are_finer_scales_and_enough_tiles(nearly) 
         assert comparison.traced(other) == []
 
 
-def test_a_path_is_searched_along_a_kernel_unless_it_is_wide_for_the_frame(nearly) -> None:
+def test_a_path_is_searched_along_a_kernel_unless_it_is_very_wide_or_narrow(nearly) -> None:
     photo, entry = nearly
     comparison = Comparison(photo.pyramid)
     judge = comparison.judge(entry)
@@ -201,14 +201,23 @@ def test_a_path_is_searched_along_a_kernel_unless_it_is_wide_for_the_frame(nearl
     wide = entry._replace(kernel=replace(entry.kernel, theta=entry.kernel.theta * 3))
     assert comparison.is_wide(wide)
     assert comparison.searched(wide, Run()) is wide
+    narrow = entry._replace(kernel=replace(entry.kernel, theta=entry.kernel.theta / 8))
+    assert 3 < narrow.width < 8
+    assert comparison.searched(narrow, Run()) is narrow
     point = entry._replace(kernel=RotationKernel.delta(photo.camera))
     assert comparison.searched(point, Run()) is point
 
 
-def test_a_path_with_a_lower_score_does_not_win(entries, pyramid, monkeypatch) -> None:
+def test_a_path_that_is_worth_less_does_not_win(entries, pyramid, monkeypatch) -> None:
     comparison, true = Comparison(pyramid), entries[0]
-    half = replace(true.kernel, theta=0.5 * true.kernel.theta)
-    monkeypatch.setattr("deshake.blind.kernel_comparison.searched", lambda *_: half)
+    half, short, nearer = (
+        true._replace(kernel=replace(true.kernel, theta=share * true.kernel.theta))
+        for share in (0.5, 0.85, 0.95)
+    )
+    monkeypatch.setattr("deshake.blind.kernel_comparison.searched", lambda *_: half.kernel)
     assert comparison.searched(true, Run()) is true
-    short = true._replace(kernel=replace(true.kernel, theta=0.3 * true.kernel.theta))
-    assert comparison.searched(short, Run()).kernel is half
+    monkeypatch.setattr("deshake.blind.kernel_comparison.searched", lambda *_: nearer.kernel)
+    assert comparison.searched(short, Run()).kernel is nearer.kernel
+    much = replace(SETTINGS.kernel_comparison, gain=2.0)
+    monkeypatch.setattr("deshake.blind.kernel_comparison._S", much)
+    assert comparison.searched(short, Run()) is short
