@@ -81,8 +81,9 @@ class Judge:
         """
         own = kernel.for_camera(pyramid.camera_at(level))
         tiles = planned_tiles(pyramid, level, own, part="all", budget=_S.batches, room=_S.room)
-        order = np.random.default_rng(_SEED).permutation(tiles.count)
-        parts = np.array_split(order, max(tiles.count // _S.batch, 1))
+        seen = np.flatnonzero(tiles.inside.any((1, 2)))
+        order = np.random.default_rng(_SEED).permutation(seen)
+        parts = np.array_split(order, max(len(seen) // _S.batch, 1))
         scale = pyramid.at(level)
         cut = [Tiles(scale, tiles.corners[np.sort(part)], tiles.size, tiles.far) for part in parts]
         return [cls(few).near(kernel) for few in cut]
@@ -113,7 +114,7 @@ class Judge:
 
     def energy(self, kernel: RotationKernel) -> float:
         """Return ``ln E`` of the L0 picture of a kernel."""
-        return float(np.log(self._energy(self._bound(kernel))))
+        return float(np.log(max(self._energy(self._bound(kernel)), _S.faint * _S.lam)))
 
     def sharpening(self, kernel: RotationKernel) -> float:
         """Return the gain in ``-ln nsp``: how much sparser the restored picture's gradients are."""

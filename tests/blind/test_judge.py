@@ -100,6 +100,21 @@ def test_batches_have_tiles_of_their_own_and_judge_alike(shaken, kernels) -> Non
     assert together["true"] == pytest.approx(one.margin(kernels["true"]), abs=0.15)
 
 
+@pytest.mark.parametrize("is_clipped", [False, True])
+def test_batches_without_texture_do_not_count(shaken, kernels, is_clipped) -> None:
+    """The left half has no texture; tiles that are all clipped belong to no batch."""
+    flat = shaken.grey.copy()
+    flat[:, : flat.shape[1] // 2] = 1.0
+    pyramid = Pyramid(flat, shaken.camera, (flat == 1.0) if is_clipped else None)
+    batches = Judge.batches(pyramid, 0, kernels["true"])
+    plain = [batch for batch in batches if np.ptp(batch.tiles.g) == 0]
+    assert len(plain) == (0 if is_clipped else 1)
+    for batch in batches:
+        margins = [batch.margin(kernels[name]) for name in ("true", "near", "still")]
+        assert np.isfinite(margins).all()
+        assert any(margins) == (batch not in plain)
+
+
 def test_rotations_without_weight_do_not_count(shaken, kernels) -> None:
     near = kernels["near"]
     theta = np.concatenate([near.theta, 1.5 * near.theta])

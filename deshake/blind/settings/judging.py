@@ -34,6 +34,8 @@ class JudgeSettings:
         The same, for pictures that only fill the room around the tiles.
     live : float
         Share of `lam`: a gradient is an edge if its square exceeds it.
+    faint : float
+        Share of `lam`: a smaller energy, that of tiles without texture, counts as this.
     room : float
         Room around a tile, in reaches of the widest kernel.
     budget : Budget
@@ -62,6 +64,7 @@ class JudgeSettings:
     beta_max: float = 64.0
     beta_first: float = 2.0
     live: float = 1 / 64
+    faint: float = 1e-3
     room: float = 1.2
     budget: Budget = Budget(0.12e6, 0.3e6)
     batches: Budget = Budget(1.2e6, 3e6)
