@@ -266,15 +266,17 @@ def test_the_race_ends_with_the_judge_of_the_polish(photo, monkeypatch) -> None:
 
 
 def test_a_path_that_is_searched_for_wins_if_it_is_better(ended, shaken, monkeypatch) -> None:
+    narrow = replace(SETTINGS.kernel_comparison, narrowest=4.0)  # the kernel is 7.5 px wide
+    monkeypatch.setattr("deshake.blind.kernel_comparison._S", narrow)
     course = Course(shaken.pyramid, (True, True, True), None, any_focal=False, run=Run())
     course.entries = [ended.winner]
-    half = replace(ended.winner.kernel, theta=0.5 * ended.winner.kernel.theta)
-    short = course.finished(ended.winner._replace(kernel=half))
+    shorter = replace(ended.winner.kernel, theta=0.85 * ended.winner.kernel.theta)
+    short = course.finished(ended.winner._replace(kernel=shorter))
     monkeypatch.setattr("deshake.blind.kernel_comparison.searched", lambda *_: ended.winner.kernel)
     found = course.searched(short, Run(1))
     assert found.winner.kernel is ended.winner.kernel
     assert found[1:] == short[1:]  # the path is fitted to the tiles that measure these
-    monkeypatch.setattr("deshake.blind.kernel_comparison.searched", lambda *_: half)
+    monkeypatch.setattr("deshake.blind.kernel_comparison.searched", lambda *_: shorter)
     assert course.searched(found, Run(1)) == found
 
 
