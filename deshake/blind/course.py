@@ -314,9 +314,9 @@ class Course:
         return selected([self.finished(one.entry, one.judge) for one in last])
 
     def searched(self, ended: Finish, run: Run) -> Finish:
-        """Replace the winner by a path along it, if one has a higher score.
+        """Replace the winner by a path along it, if one is better.
 
-        It is fitted to the tiles kept apart. So what the winner was worth before still counts.
+        It is fitted to the tiles kept apart, too. So what the winner was worth before still counts.
         """
         return ended._replace(winner=self.comparison.searched(ended.winner, run))
 

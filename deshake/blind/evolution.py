@@ -46,8 +46,8 @@ def evolved(
     Parameters
     ----------
     objectives : callable
-        Returns the objective of a generation, from its number and the mean (n,) of its places: a
-        callable of a place (n,). Threads call it.
+        Returns the objective of a generation, from its number and the mean (n,) of its places. The
+        objective is a callable of a place (n,), which threads call.
     widths : (n,) array
         Standard deviation of the first random places, > 0.
     evaluations : int

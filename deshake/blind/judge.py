@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 from deshake.blind.settings import SETTINGS
 from deshake.blind.sharp_edges import l0_picture
 from deshake.blind.tile_plan import planned_tiles
-from deshake.blind.tiles import Tiles
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import reach
 from deshake.signal.gradients import differences, length_of
@@ -38,6 +37,7 @@ from deshake.signal.shrinkage import shrunk
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from deshake.blind.tiles import Tiles
     from deshake.signal.pyramid import Pyramid
 
 __all__ = ["Judge"]
@@ -84,9 +84,7 @@ class Judge:
         seen = np.flatnonzero(tiles.inside.any((1, 2)))
         order = np.random.default_rng(_SEED).permutation(seen)
         parts = np.array_split(order, max(len(seen) // _S.batch, 1))
-        scale = pyramid.at(level)
-        cut = [Tiles(scale, tiles.corners[np.sort(part)], tiles.size, tiles.far) for part in parts]
-        return [cls(few).near(kernel) for few in cut]
+        return [cls(tiles.some(np.sort(part))).near(kernel) for part in parts]
 
     def near(self, kernel: RotationKernel) -> Judge:
         """Return a judge of kernels that hardly differ from one, in half the time.

@@ -244,6 +244,7 @@ class Comparison:
             self._matching(level),
             self._match_worth,
             kernel.camera,
+            run,
         )
         found = searched(kernel, self._finer_spectra(level), worth.of, worth.around, run)
         if found is None or worth.of(found) < worth.of(kernel) + _S.gain:
@@ -309,6 +310,8 @@ class _PathWorth(NamedTuple):
         What a match of 1 is worth.
     camera : Camera
         The camera of the kernel.
+    run : Run
+        Threads to use.
 
     """
 
@@ -316,10 +319,11 @@ class _PathWorth(NamedTuple):
     spectra: list[SpectralMatch]
     match_worth: float
     camera: Camera
+    run: Run
 
     def of(self, kernel: RotationKernel) -> float:
         """Return what a kernel is worth on the tiles of all batches."""
-        if not all(batch.has_room(kernel) for batch in self.batches):
+        if not self.batches[0].has_room(kernel):  # all have the same room
             return -_S.penalty
         margin = float(np.mean([batch.margin(kernel) for batch in self.batches]))
         return margin + self.match_worth * _mean_match(self.spectra, kernel)
@@ -327,7 +331,7 @@ class _PathWorth(NamedTuple):
     def around(self, number: int, middle: SmoothPath) -> Callable[[SmoothPath], float]:
         """Return what paths near one are worth, on the tiles of one batch."""
         batch = self.batches[number % len(self.batches)]
-        match, slope = match_of_path(self.spectra, middle)
+        match, slope = match_of_path(self.spectra, middle, self.run)
 
         def worth(path: SmoothPath) -> float:
             kernel = path.kernel(self.camera)

@@ -58,8 +58,8 @@ def searched(
     worth : callable
         Returns what a kernel is worth; higher is better. Threads call it.
     around : callable
-        Returns what paths are worth that are near one, as a callable, from the number of their
-        generation and that path.
+        Returns a measure of the paths of a generation, from its number and a path that they are
+        near. The measure is a callable like `worth`, but of a path.
     run : Run
         Threads to use, and who receives the progress.
 

@@ -60,11 +60,7 @@ class Tiles:
     """
 
     def __init__(
-        self,
-        scale: Scale,
-        corners: Sequence[tuple[int, int]] | NDArray[np.int64],
-        size: int,
-        far: int,
+        self, scale: Scale, corners: Sequence[tuple[int, int]], size: int, far: int
     ) -> None:
         self.camera = scale.camera
         self.corners = np.asarray(corners, np.int64).reshape(-1, 2)
@@ -149,12 +145,16 @@ class Tiles:
         count = max(round(_GROUP / self.block**2), 1)
         for first in range(0, self.count, count):
             part = slice(first, min(first + count, self.count))
-            group = copy(self)
-            arrays = vars(self)  # without H and power, if no kernel is bound
-            vars(group).update({name: arrays[name][part] for name in _OF_EACH if name in arrays})
-            if "gradients" in arrays:
-                group.gradients = self.gradients[0][part], self.gradients[1][part]
-            yield part, group
+            yield part, self.some(part)
+
+    def some(self, part: slice | NDArray[np.intp]) -> Tiles:
+        """Return some of these tiles, given by their places among all."""
+        some = copy(self)
+        arrays = vars(self)  # without H and power, if no kernel is bound
+        vars(some).update({name: arrays[name][part] for name in _OF_EACH if name in arrays})
+        if "gradients" in arrays:
+            some.gradients = self.gradients[0][part], self.gradients[1][part]
+        return some
 
     def bind(self, kernel: RotationKernel) -> None:
         """Set the kernel of the blur; fill the room the first time."""

@@ -266,3 +266,15 @@ def test_smaller_steps_are_nearer_the_exact_warps(shake) -> None:
         blurred = without_mean(seen.tiles.blurred(seen.latent)[inner(seen.tiles)])
         errors.append(np.linalg.norm(blurred - without_mean(seen.exact)))
     assert errors[0] < 0.6 * errors[1]
+
+
+def test_some_tiles_are_those_of_their_places(tiles) -> None:
+    whole = tiles.bound(RotationKernel.delta(tiles.camera))
+    _ = whole.gradients
+    places = np.array([tiles.count - 1, 0])
+    some = whole.some(places)
+    assert some.count == 2
+    for name in ("corners", "centres", "g", "filled", "power"):
+        np.testing.assert_array_equal(getattr(some, name), getattr(whole, name)[places])
+    for one, all_ in zip(some.gradients, whole.gradients, strict=True):
+        np.testing.assert_array_equal(one, all_[places])
