@@ -6,6 +6,11 @@ It starts from the structure tensor of those edges that are longer than the widt
 rotation maps this tensor to the rotations. The choice is greedy: each step takes the tile that adds
 most to the log determinant of the sum. So every axis counts, and the choice includes tiles in the
 corners, which move with the roll, and edges of every direction.
+
+A picture of few edges explains a strong edge in plain surroundings, but not texture. There texture
+is like noise, and hides what the edges say. So where such pictures are made, the weight of a tile
+is its plain share. The spectra of texture say as much as those of edges, so they need no plain
+tiles.
 """
 
 from __future__ import annotations
@@ -53,7 +58,8 @@ def chosen(
     *,
     width: float,
     allowed: Callable[[Places, Places], NDArray[np.bool_]] | None = None,
-    focus: float = _S.focus,
+    isolated: bool = False,
+    focus: float | None = None,
 ) -> Corners:
     """Choose tiles of a scale, the most informative first.
 
@@ -72,7 +78,10 @@ def chosen(
     allowed : callable, optional
         Whether tiles are allowed, from their centres (x, y) in widths of the frame; by default all
         are allowed.
-    focus : float
+    isolated : bool
+        Whether the tiles are for pictures of few edges. Then strong edges in plain surroundings are
+        wanted.
+    focus : float, optional
         Exponent of the preference for tiles in focus; 0: no preference.
 
     Returns
@@ -104,11 +113,18 @@ def chosen(
         may = allowed((x + size / 2) / wide, (y + size / 2) / wide)
         if may.any():
             y, x, sums = y[may], x[may], [one[may] for one in sums]
-    xx, xy, yy, clipped, *slopes = sums
+    xx, xy, yy, uneven, clipped, *slopes = sums
     tensors = np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)
-    believed = np.maximum(1 - _S.clipped * clipped / (size * shrink) ** 2, 0)
+    pixels = (size * shrink) ** 2
+    weight = np.maximum(1 - _S.clipped * clipped / pixels, 0)
     information = _information(scale, tensors, (x + size / 2) * shrink, (y + size / 2) * shrink)
-    information *= (believed * _focus(slopes) ** focus)[:, None, None]
+    if isolated:
+        weight *= np.maximum(1 - uneven / pixels, 0)
+    else:
+        information = _rooted(information)
+    if focus is None:
+        focus = _S.isolated_focus if isolated else _S.focus
+    information *= (weight * _focus(slopes) ** focus)[:, None, None]
     taken = _greedy(information, y, x, _S.apart * size, count)
     return [(int(y[p]), int(x[p])) for p in taken]
 
@@ -154,8 +170,9 @@ def _maps(scale: Scale, edges: _Edges, window: int) -> Iterator[Image]:
     Yields
     ------
     (h, w) arrays
-        The terms of each pixel in the structure tensor (xx, xy, yy); 1 at clipped pixels; and for
-        each direction the fourth powers of the slopes in the fine and in the coarse picture.
+        The terms of each pixel in the structure tensor (xx, xy, yy); 1 at pixels that are not
+        plain; 1 at clipped pixels; and for each direction the fourth powers of the slopes in the
+        fine and in the coarse picture.
 
     """
     length = length_of(edges.gx, edges.gy)
@@ -170,6 +187,7 @@ def _maps(scale: Scale, edges: _Edges, window: int) -> Iterator[Image]:
     yield gx * gx
     yield gx * gy
     yield gy * gy
+    yield (length > np.float32(_S.texture * edges.bound)).astype(np.float32)
     clipped = np.zeros_like(gx)
     if scale.clipped is not None:
         clipped[scale.clipped] = 1
@@ -231,17 +249,19 @@ def _sums(
 def _information(
     scale: Scale, tensors: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the information (P, 3, 3) about the rotations, in grid steps.
-
-    It grows with the square root of the structure tensors.
-    """
+    """Return the information (P, 3, 3) about the rotations, in grid steps."""
     camera = scale.camera
     points = np.stack([x, y], 1)
     turned = homographies(camera, np.diag(grid_steps(camera)))
     moved = np.swapaxes(displacements(turned, points), 1, 2)  # (P, 2, 3)
-    tensor = np.einsum("pik,pij,pjl->pkl", moved, tensors, moved)
-    total = np.trace(tensor, axis1=1, axis2=2)
-    root: NDArray[np.float64] = tensor / np.sqrt(total + 1e-12)[:, None, None]
+    information: NDArray[np.float64] = np.einsum("pik,pij,pjl->pkl", moved, tensors, moved)
+    return information
+
+
+def _rooted(information: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return information that grows with the square root of the edges' power."""
+    total = np.trace(information, axis1=1, axis2=2)
+    root: NDArray[np.float64] = information / np.sqrt(total + 1e-12)[:, None, None]
     return root
 
 

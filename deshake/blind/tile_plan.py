@@ -67,12 +67,21 @@ def planned_tiles(
     if not covers or len(corners) > most:
         count = most if covers else min(max(int(budget.tiles / size**2), _S.fewest), most)
         width = max(kernel.above(_S.cut).extent_px(), _S.narrow)
-        corners = informative_corners(pyramid, level, size, count, width=width, part=part)
+        corners = informative_corners(
+            pyramid, level, size, count, width=width, part=part, isolated=True
+        )
     return Tiles(scale, corners, size, far)
 
 
 def informative_corners(
-    pyramid: Pyramid, level: int, size: int, count: int, *, width: float, part: Part
+    pyramid: Pyramid,
+    level: int,
+    size: int,
+    count: int,
+    *,
+    width: float,
+    part: Part,
+    isolated: bool = False,
 ) -> Corners:
     """Choose the most informative tiles of a part; see `tile_choice.chosen`."""
     return chosen(
@@ -82,6 +91,7 @@ def informative_corners(
         count,
         width=width,
         allowed=lambda x, y: _belongs(_colour(x, y), part),
+        isolated=isolated,
     )
 
 

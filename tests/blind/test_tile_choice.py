@@ -133,6 +133,35 @@ def test_out_of_focus_tiles_are_avoided() -> None:
         assert ((anywhere[:, 1] < 200) != sharp_left).any()
 
 
+def test_isolated_edges_are_preferred_to_texture_where_they_are_wanted() -> None:
+    for texture_left in (True, False):
+        grey = np.full((300, 400), 0.3)
+        fine, plain = np.s_[:, :200], np.s_[:, 200:]
+        if not texture_left:
+            fine, plain = plain, fine
+        grey[fine] = texture(300, 200, cell=5)
+        grey[plain][40:120, 40:120] = 0.9
+        grey[plain][160:260, 60:160] = 0.8
+        shaken = of(cv2.blur(grey, (6, 6)))
+        plain = []
+        for isolated in (True, False):
+            places = middles(chosen(shaken, 0, SIZE, 6, width=6.0, isolated=isolated))
+            plain.append(((places[:, 1] < 200) != texture_left).sum())
+        assert plain[0] >= 4 > plain[1]
+
+
+def test_stronger_edges_are_preferred_where_they_are_isolated() -> None:
+    grey = np.full((300, 400), 0.3)
+    for n, height in enumerate((0.02, 0.5)):
+        grey[60:240, 60 + 200 * n : 140 + 200 * n] += height
+    noisy = grey + np.random.default_rng(0).normal(0, 0.001, grey.shape)
+    right = [
+        (middles(chosen(of(noisy), 0, SIZE, 4, width=6.0, isolated=isolated))[:, 1] > 200).sum()
+        for isolated in (False, True)
+    ]
+    assert right[1] == 4 > right[0]
+
+
 def test_clipped_tiles_are_avoided() -> None:
     grey = texture(300, 400)
     clipped = np.zeros(grey.shape, bool)

@@ -34,13 +34,21 @@ class Budget:
 class TileChoiceSettings:
     """Which tiles are informative (`tile_choice`).
 
-    Tuned with the whole estimate on the set `tune` of `bench.py shakes`; no record says more.
+    Tuned with the whole estimate on the set `tune` of `bench.py shakes`. `isolated_focus` and
+    `texture` were chosen on 41 photos of it and checked on 23 of other scenes, by how much better
+    the true kernel explains the chosen tiles than turned, shrunk and stretched ones do. No record
+    says more.
 
     Parameters
     ----------
     focus : float
         Exponent of a tile's focus in its weight, no unit. A larger one favours tiles in focus
         more.
+    isolated_focus : float
+        The same exponent, where isolated edges are wanted.
+    texture : float
+        Share of the bound of the gradients: where isolated edges are wanted, a pixel with a longer
+        gradient is not plain.
     largest_view : float
         Pixels of the view, the scale that the information is measured on, at most.
     apart : float
@@ -78,6 +86,8 @@ class TileChoiceSettings:
     """
 
     focus: float = 4.0
+    isolated_focus: float = 3.0
+    texture: float = 0.15
     largest_view: float = 0.8e6
     apart: float = 0.75
     nearest: float = 0.5
