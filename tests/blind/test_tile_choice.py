@@ -69,10 +69,10 @@ def test_the_choice_is_the_same_each_time(photograph) -> None:
 def test_a_choice_does_not_depend_on_the_choices_before(photograph) -> None:
     """What is kept for later choices is right, also after a choice among few tiles."""
     ways = [
-        {"width": width, "allowed": allowed, "focus": focus}
+        {"width": width, "allowed": allowed, "focus": focus, "isolated": isolated}
         for width in (6.0, 15.0)
         for allowed in (lambda x, _: x > 0.5, None, lambda _, y: y > 0.5, lambda x, _: x > 9)
-        for focus in (4.0, 0.0)
+        for focus, isolated in ((4.0, False), (0.0, False), (3.0, True))
     ]
     pyramid = of(photograph, np.random.default_rng(0).random(photograph.shape) <= 0.01)
     for level, size in ((0, SIZE), (1, SIZE), (0, 30), (2, 30)):
@@ -94,9 +94,10 @@ def test_choices_for_many_widths_take_little_memory() -> None:
     assert 0 < kept < 4 * grey.size  # less than one picture
 
 
-def test_exposure_does_not_count(photograph) -> None:
-    dim = chosen(of(photograph / 4), 0, SIZE, 8, width=6.0)
-    assert dim == chosen(of(photograph), 0, SIZE, 8, width=6.0)
+@pytest.mark.parametrize("isolated", [False, True])
+def test_exposure_does_not_count(photograph, isolated) -> None:
+    dim = chosen(of(photograph / 4), 0, SIZE, 8, width=6.0, isolated=isolated)
+    assert dim == chosen(of(photograph), 0, SIZE, 8, width=6.0, isolated=isolated)
 
 
 def test_an_edge_of_another_direction_is_taken_soon() -> None:
@@ -117,7 +118,8 @@ def test_tiles_far_from_the_middle_determine_the_roll() -> None:
         assert len({tuple(side) for side in (places > 160).tolist()}) >= 2
 
 
-def test_out_of_focus_tiles_are_avoided() -> None:
+@pytest.mark.parametrize("isolated", [False, True])
+def test_out_of_focus_tiles_are_avoided(isolated) -> None:
     grey = texture(300, 400)
     radius = 5
     disk = np.hypot(*np.mgrid[-radius : radius + 1, -radius : radius + 1]) <= radius
@@ -127,7 +129,7 @@ def test_out_of_focus_tiles_are_avoided() -> None:
         both = shaken.copy()
         side = np.s_[:, 200:] if sharp_left else np.s_[:, :200]
         both[side] = blurred[side]
-        places = middles(chosen(of(both), 0, SIZE, 6, width=6.0))
+        places = middles(chosen(of(both), 0, SIZE, 6, width=6.0, isolated=isolated))
         assert ((places[:, 1] < 200) == sharp_left).all()
         anywhere = middles(chosen(of(both), 0, SIZE, 6, width=6.0, focus=0.0))
         assert ((anywhere[:, 1] < 200) != sharp_left).any()
@@ -162,18 +164,20 @@ def test_stronger_edges_are_preferred_where_they_are_isolated() -> None:
     assert right[1] == 4 > right[0]
 
 
-def test_clipped_tiles_are_avoided() -> None:
+@pytest.mark.parametrize("isolated", [False, True])
+def test_clipped_tiles_are_avoided(isolated) -> None:
     grey = texture(300, 400)
     clipped = np.zeros(grey.shape, bool)
     clipped[:, 200:] = np.random.default_rng(0).random((300, 200)) <= 0.5
-    places = middles(chosen(of(grey, clipped), 0, SIZE, 8, width=6.0))
+    places = middles(chosen(of(grey, clipped), 0, SIZE, 8, width=6.0, isolated=isolated))
     assert (places[:, 1] < 200 + SIZE / 2).all()
 
 
-def test_flat_tiles_come_last() -> None:
+@pytest.mark.parametrize("isolated", [False, True])
+def test_flat_tiles_come_last(isolated) -> None:
     grey = np.full((300, 400), 0.5)
     grey[100:180, 200:300] = texture(80, 100)
-    corners = chosen(of(grey), 0, SIZE, 4, width=6.0)
+    corners = chosen(of(grey), 0, SIZE, 4, width=6.0, isolated=isolated)
     assert len(corners) == 4
     for y, x in corners:
         assert 100 - SIZE < y < 180

@@ -3,6 +3,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 import pytest
 from skimage import data
@@ -39,6 +40,18 @@ def kernel(photo) -> RotationKernel:
 
 def places(tiles: Tiles) -> set[tuple[int, int]]:
     return {tuple(corner) for corner in tiles.corners.tolist()}
+
+
+def test_tiles_of_a_plain_picture_are_cut_before_texture() -> None:
+    light = np.full((900, 900), 0.3, np.float32)
+    light[:, :450] += 0.5 * np.random.default_rng(0).random((180, 90)).repeat(5, 0).repeat(5, 1)
+    for top in range(60, 800, 200):
+        light[top : top + 90, 560:680] = 0.9
+    photo = Pyramid(cv2.blur(light, (7, 7)), Camera.from_focal(900.0, *light.shape))
+    nod = shake(photo.camera, [[-3.0, 0, 0], [3, 0, 0]])
+    tiles = planned_tiles(photo, 0, nod, part="all", budget=Budget(0.1e6, 0))
+    assert 4 < tiles.count < 12
+    assert (tiles.centres[:, 0] > 450).mean() > 0.7
 
 
 @pytest.mark.parametrize("level", [1, 2, 4])
