@@ -7,10 +7,9 @@ rotation maps this tensor to the rotations. The choice is greedy: each step take
 most to the log determinant of the sum. So every axis counts, and the choice includes tiles in the
 corners, which move with the roll, and edges of every direction.
 
-A picture of few edges explains a strong edge in plain surroundings, but not texture. There texture
-is like noise, and hides what the edges say. So where such pictures are made, the weight of a tile
-is its plain share. The spectra of texture say as much as those of edges, so they need no plain
-tiles.
+A picture of few edges explains a strong edge in plain surroundings. Texture is like noise for it,
+and hides what the edges say. So where such pictures are made, the plain share of a tile counts. The
+spectra of texture say as much as those of edges, so they need no plain tiles.
 """
 
 from __future__ import annotations
@@ -59,7 +58,6 @@ def chosen(
     width: float,
     allowed: Callable[[Places, Places], NDArray[np.bool_]] | None = None,
     isolated: bool = False,
-    focus: float | None = None,
 ) -> Corners:
     """Choose tiles of a scale, the most informative first.
 
@@ -81,8 +79,6 @@ def chosen(
     isolated : bool
         Whether the tiles are for pictures of few edges. Then strong edges in plain surroundings are
         wanted.
-    focus : float, optional
-        Exponent of the preference for tiles in focus; 0: no preference.
 
     Returns
     -------
@@ -119,12 +115,11 @@ def chosen(
     weight = np.maximum(1 - _S.clipped * clipped / pixels, 0)
     information = _information(scale, tensors, (x + size / 2) * shrink, (y + size / 2) * shrink)
     if isolated:
-        weight *= np.maximum(1 - uneven / pixels, 0)
+        weight *= np.maximum(1 - uneven / pixels, 0) * _focus(slopes) ** _S.isolated_focus
     else:
+        weight *= _focus(slopes) ** _S.focus
         information = _rooted(information)
-    if focus is None:
-        focus = _S.isolated_focus if isolated else _S.focus
-    information *= (weight * _focus(slopes) ** focus)[:, None, None]
+    information *= weight[:, None, None]
     taken = _greedy(information, y, x, _S.apart * size, count)
     return [(int(y[p]), int(x[p])) for p in taken]
 
