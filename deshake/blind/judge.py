@@ -55,11 +55,14 @@ class Judge:
     ----------
     tiles : Tiles
         Tiles of one scale. They should not be the tiles that the kernels were fitted to.
+    lam : float, optional
+        Squared contrast of the pyramid: price of an edge pixel, and largest misfit of a pixel.
 
     """
 
-    def __init__(self, tiles: Tiles) -> None:
+    def __init__(self, tiles: Tiles, lam: float = _S.lam) -> None:
         self.tiles = tiles
+        self.lam = lam
         self.counted = tiles.inside
         self._filled: Image | None = None
         self.still = self.energy(RotationKernel.delta(tiles.camera))
@@ -77,14 +80,16 @@ class Judge:
     def batches(cls, pyramid: Pyramid, level: int, kernel: RotationKernel) -> list[Judge]:
         """Make judges of kernels that hardly differ from one; each has a few tiles of its own.
 
-        Together they have many tiles, those for the fit of kernels, too.
+        Together they have many tiles, those for the fit of kernels, too. With less noise an edge
+        is cheaper: what tells such kernels apart is fine.
         """
         own = kernel.for_camera(pyramid.camera_at(level))
         tiles = planned_tiles(pyramid, level, own, part="all", budget=_S.batches, room=_S.room)
         seen = np.flatnonzero(tiles.inside.any((1, 2)))
         order = np.random.default_rng(_SEED).permutation(seen)
         parts = np.array_split(order, max(len(seen) // _S.batch, 1))
-        return [cls(tiles.some(np.sort(part))).near(kernel) for part in parts]
+        lam = _S.lam * float(np.clip(_noise(tiles) / _S.noisy, _S.least_price, 1))
+        return [cls(tiles.some(np.sort(part)), lam).near(kernel) for part in parts]
 
     def near(self, kernel: RotationKernel) -> Judge:
         """Return a judge of kernels that hardly differ from one, in half the time.
@@ -92,7 +97,7 @@ class Judge:
         It fills the room around the tiles only once, by that kernel.
         """
         tiles = self._bound(kernel)
-        _fill_room(tiles)
+        _fill_room(tiles, self.lam)
         judge = copy(self)
         vars(judge).update(_filled=tiles.filled, _margins={})
         return judge
@@ -112,7 +117,7 @@ class Judge:
 
     def energy(self, kernel: RotationKernel) -> float:
         """Return ``ln E`` of the L0 picture of a kernel."""
-        return float(np.log(max(self._energy(self._bound(kernel)), _S.faint * _S.lam)))
+        return float(np.log(max(self._energy(self._bound(kernel)), _S.faint * self.lam)))
 
     def sharpening(self, kernel: RotationKernel) -> float:
         """Return the gain in ``-ln nsp``: how much sparser the restored picture's gradients are."""
@@ -126,14 +131,15 @@ class Judge:
 
     def _energy(self, tiles: Tiles) -> float:
         """Return E of the L0 picture; fill the room around the tiles first, unless it is filled."""
+        lam = self.lam
         if self._filled is None:
-            _fill_room(tiles)
-        picture, _, _ = l0_picture(tiles, _S.lam, beta_max=_S.beta_max)
+            _fill_room(tiles, lam)
+        picture, _, _ = l0_picture(tiles, lam, beta_max=_S.beta_max)
         blurred = tiles.fill(picture)
         across, down = differences(picture)
-        live = across**2 + down**2 > _S.lam * _S.live
-        misfit = np.minimum((blurred - tiles.g)[self.counted].astype(np.float64) ** 2, _S.lam)
-        return float(misfit.mean() + _S.lam * live[self.counted].mean())
+        live = across**2 + down**2 > lam * _S.live
+        misfit = np.minimum((blurred - tiles.g)[self.counted].astype(np.float64) ** 2, lam)
+        return float(misfit.mean() + lam * live[self.counted].mean())
 
     @cached_property
     def _unrestored(self) -> float:
@@ -145,7 +151,7 @@ class Judge:
         """Price of a gradient in the restored picture's prior, from the photo and its noise."""
         tiles = self.tiles
         length = length_of(*differences(tiles.g))[self.counted]
-        noise = max(2 * noise_level(tiles.g.reshape(-1, tiles.block)), _S.least_noise)
+        noise = max(2 * _noise(tiles), _S.least_noise)
         return _S.prior * noise**2 / (_S.power * float((length**_S.power).mean()))
 
     def _restored(self, tiles: Tiles) -> Image:
@@ -173,10 +179,15 @@ class Judge:
         return float(length.mean() / np.sqrt((length**2).mean()))
 
 
-def _fill_room(tiles: Tiles) -> None:
+def _fill_room(tiles: Tiles, lam: float) -> None:
     """Fill the room around tiles, as a first picture of their kernel says."""
     for _ in range(2):
-        tiles.fill(l0_picture(tiles, 2 * _S.lam, beta_max=_S.beta_first)[0])
+        tiles.fill(l0_picture(tiles, 2 * lam, beta_max=_S.beta_first)[0])
+
+
+def _noise(tiles: Tiles) -> float:
+    """Return the standard deviation of the noise of tiles, in contrast of the pyramid."""
+    return float(noise_level(tiles.g.reshape(-1, tiles.block)))
 
 
 def _reach(kernel: RotationKernel) -> int:

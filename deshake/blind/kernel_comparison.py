@@ -149,15 +149,15 @@ class Comparison:
 
     def _score(self, entry: Entry, judge: Judge, level: int | None = None) -> float:
         score = entry.margin(judge) + _S.sharpening_worth * judge.sharpening(entry.kernel)
-        return score + self._match_worth * self.match(entry, level)
+        return score + _S.match_worth * self._match_share * self.match(entry, level)
 
     @cached_property
-    def _match_worth(self) -> float:
-        """What a match of 1 is worth; it is less if the frame holds few tiles, three at least."""
+    def _match_share(self) -> float:
+        """How much a match counts: less if the frame holds few tiles, three at least."""
         tiles = SETTINGS.spectral_match.tiles
         held = np.prod(self.pyramid.camera.shape) / tiles.size**2
         held = np.clip(held, _S.fewest_tiles, tiles.count)
-        return float(_S.match_worth * (1 + _S.scarce / tiles.count) / (1 + _S.scarce / held))
+        return float((1 + _S.scarce / tiles.count) / (1 + _S.scarce / held))
 
     def matches(self, entries: Sequence[Entry]) -> Scores:
         """Return the matches of kernels."""
@@ -242,7 +242,7 @@ class Comparison:
         worth = _PathWorth(
             Judge.batches(self.pyramid, level, kernel),
             self._matching(level),
-            self._match_worth,
+            _S.search_match_worth * self._match_share,
             kernel.camera,
             run,
         )

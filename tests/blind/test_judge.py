@@ -2,10 +2,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
 from deshake.blind.judge import Judge
+from deshake.blind.settings import SETTINGS
 from deshake.geometry.kernel import RotationKernel
 from deshake.operators.warps import Warps
 from deshake.signal.pyramid import Pyramid
@@ -29,6 +31,13 @@ def margins(grey, shaken, kernels, *names: str, clipped=None, level=0) -> dict[s
     """Judge a photo's kernels of some names; all have room."""
     judge = Judge.of(Pyramid(grey, shaken.camera, clipped), level, list(kernels.values()))
     return {name: judge.margin(kernels[name]) for name in names}
+
+
+def _turn(degrees: float) -> np.ndarray:
+    """Return the matrix that turns rotations about the two axes of the frame."""
+    turn = np.eye(3)
+    turn[:2, :2] = cv2.getRotationMatrix2D((0, 0), degrees, 1)[:, :2]
+    return turn
 
 
 @pytest.fixture(scope="module")
@@ -98,6 +107,31 @@ def test_batches_have_tiles_of_their_own_and_judge_alike(shaken, kernels) -> Non
     assert together["true"] > together["near"] > together["still"]
     one = Judge.of(shaken.pyramid, 0, list(kernels.values()))
     assert together["true"] == pytest.approx(one.margin(kernels["true"]), abs=0.15)
+
+
+def test_an_edge_is_cheaper_for_batches_if_there_is_less_noise(shaken, kernels) -> None:
+    usual = Judge.of(shaken.pyramid, 0, list(kernels.values())).lam
+    noise = np.random.default_rng(0).standard_normal(shaken.grey.shape).astype(np.float32)
+    prices = []
+    for sigma in (0.0, 0.003, 0.2):
+        pyramid = Pyramid(shaken.grey + np.float32(sigma) * noise, shaken.camera)
+        lams = {batch.lam for batch in Judge.batches(pyramid, 1, kernels["true"])}
+        assert len(lams) == 1
+        prices += lams
+    assert usual / 8 <= prices[0] < prices[1] < prices[2] == usual
+
+
+def test_a_cheap_edge_tells_kernels_better_apart_where_there_is_little_noise(shake) -> None:
+    gains = []
+    for noise in (0.0, 0.01):
+        shaken = shake(noise=noise)
+        true = shaken.kernel
+        turned = replace(true, theta=true.theta @ _turn(15))
+        tiles = Judge.of(shaken.pyramid, 0, [true, turned]).tiles
+        for judge in (Judge(tiles), Judge(tiles, SETTINGS.judge.lam / 8)):
+            gains.append(judge.margin(true) - judge.margin(turned))
+    assert 0 < gains[0] < gains[1]
+    assert gains[2] > gains[3]
 
 
 @pytest.mark.parametrize("is_clipped", [False, True])

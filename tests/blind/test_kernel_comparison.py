@@ -114,13 +114,13 @@ def test_margin_sharpness_and_spectra_count(entries, pyramid) -> None:
 def test_a_match_counts_less_in_a_small_frame() -> None:
     random = np.random.default_rng(0)
     shapes = (128, 128), (256, 256), (512, 512), (800, 900)
-    worths = [
-        Comparison(Pyramid(one, Camera.from_focal(600.0, *one.shape)))._match_worth
+    shares = [
+        Comparison(Pyramid(one, Camera.from_focal(600.0, *one.shape)))._match_share
         for one in (random.random(shape, np.float32) for shape in shapes)
     ]
-    expected = [0.7 * (1 + 15 / 24) / (1 + 15 / tiles) for tiles in (3, 4, 16, 24)]
-    assert worths == pytest.approx(expected)
-    assert worths[3] == pytest.approx(0.7)
+    expected = [(1 + 15 / 24) / (1 + 15 / tiles) for tiles in (3, 4, 16, 24)]
+    assert shares == pytest.approx(expected)
+    assert shares[3] == pytest.approx(1)
 
 
 @pytest.fixture(scope="module")

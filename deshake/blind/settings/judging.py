@@ -44,6 +44,12 @@ class JudgeSettings:
         The same, for all judges of a few tiles each.
     batch : int
         Number of tiles of such a judge.
+    noisy : float
+        Contrast of the pyramid: standard deviation of the noise from which `lam` is the price of an
+        edge for these judges, too. With less noise the price is lower in proportion.
+    least_price : float
+        Share of `lam`: the lowest such price. Both were found with given kernels of 88 photos, of
+        `tune` and of scenes in no set: docs/estimation.md.
     least_noise : float
         Contrast of the pyramid: a smaller standard deviation of the noise counts as this.
     power : float
@@ -69,6 +75,8 @@ class JudgeSettings:
     budget: Budget = Budget(0.12e6, 0.3e6)
     batches: Budget = Budget(1.2e6, 3e6)
     batch: int = 2
+    noisy: float = 0.006
+    least_price: float = 0.125
     least_noise: float = 0.002
     power: float = 0.8
     prior: float = 0.5
@@ -94,6 +102,8 @@ class KernelComparisonSettings:
         Margin per gain of 1 in -ln nsp.
     match_worth : float
         Margin per correlation of 1 of the spectra.
+    search_match_worth : float
+        The same, in the search for a path, whose margin is larger where an edge is cheaper.
     scarce : float
         Number of tiles n: in a frame that holds n others, the match counts by 1 / (1 + scarce / n),
         relative to a frame that holds all tiles that are wanted. A smaller frame counts as one that
@@ -120,6 +130,7 @@ class KernelComparisonSettings:
     width: float = 28.0
     sharpening_worth: float = 0.15
     match_worth: float = 0.7
+    search_match_worth: float = 0.5
     scarce: float = 15.0
     coarser: int = 2
     neighbours: int = 3
