@@ -128,10 +128,11 @@ def test_a_cheap_edge_tells_kernels_better_apart_where_there_is_little_noise(sha
         true = shaken.kernel
         turned = replace(true, theta=true.theta @ _turn(15))
         tiles = Judge.of(shaken.pyramid, 0, [true, turned]).tiles
-        for judge in (Judge(tiles), Judge(tiles, SETTINGS.judge.lam / 8)):
-            gains.append(judge.margin(true) - judge.margin(turned))
-    assert 0 < gains[0] < gains[1]
-    assert gains[2] > gains[3]
+        judges = Judge(tiles), Judge(tiles, SETTINGS.judge.lam / 8)
+        gains.append([judge.margin(true) - judge.margin(turned) for judge in judges])
+    (usual, cheap), (usual_noisy, cheap_noisy) = gains
+    assert 0 < usual < cheap
+    assert usual_noisy > cheap_noisy
 
 
 @pytest.mark.parametrize("is_clipped", [False, True])
