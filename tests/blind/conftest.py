@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
+import scipy.ndimage
 from skimage import data
 
 from deshake.blind.course import Course
 from deshake.blind.race import race
 from deshake.geometry.camera import Camera
-from deshake.geometry.kernel import RotationKernel
+from deshake.geometry.kernel import ALL_AXES, RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.operators.warps import Warps
 from deshake.run import Run
@@ -69,6 +70,25 @@ def _shake(camera: Camera | None = None, path: np.ndarray = PATH, noise: float =
 def shake() -> Callable[..., Shaken]:
     """Shake the photograph by a path (T, 3) in grid steps of a camera."""
     return _shake
+
+
+def _widened(kernel: RotationKernel, width: float) -> RotationKernel:
+    """Smooth a kernel on its grid by a Gaussian of a width in grid steps."""
+    kernel = kernel.resampled(kernel.steps, ALL_AXES)
+    low = kernel.indices.min(0) - 4
+    box = np.zeros(np.ptp(kernel.indices, axis=0) + 9)
+    box[tuple((kernel.indices - low).T)] = kernel.weights
+    sigma = [width if turns else 0.0 for turns in np.ptp(kernel.indices, axis=0) > 0]
+    box = scipy.ndimage.gaussian_filter(box, sigma)
+    used = np.argwhere(box > 1e-4)
+    wide = RotationKernel.from_indices(used + low, box[tuple(used.T)], kernel.steps, kernel.camera)
+    return wide.centred()
+
+
+@pytest.fixture(scope="session")
+def widened() -> Callable[..., RotationKernel]:
+    """Smooth a kernel on its grid by a Gaussian of a width in grid steps."""
+    return _widened
 
 
 @pytest.fixture(scope="session")

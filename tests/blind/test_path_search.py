@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-import scipy.ndimage
 
 from deshake.blind.agreement import agreement
 from deshake.blind.path_search import searched
 from deshake.blind.settings import SETTINGS
 from deshake.blind.spectral_match import SpectralMatch
 from deshake.geometry.camera import Camera
-from deshake.geometry.kernel import ALL_AXES, RotationKernel
+from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.run import Run
 
@@ -27,19 +26,6 @@ FINE = 0.06  # share of the kernel's spread: smoothing of a strict agreement
 THERE_AND_BACK = np.array([[0.0, -9, 0], [1, 0, 0], [2, 9, 0], [-2, 8, 0], [-3, -1, 0]])
 
 
-def widened(kernel: RotationKernel, width: float) -> RotationKernel:
-    """Smooth a kernel on its grid by a Gaussian of a width in grid steps."""
-    kernel = kernel.resampled(kernel.steps, ALL_AXES)
-    low = kernel.indices.min(0) - 4
-    box = np.zeros(np.ptp(kernel.indices, axis=0) + 9)
-    box[tuple((kernel.indices - low).T)] = kernel.weights
-    sigma = [width if turns else 0.0 for turns in np.ptp(kernel.indices, axis=0) > 0]
-    box = scipy.ndimage.gaussian_filter(box, sigma)
-    used = np.argwhere(box > 1e-4)
-    wide = RotationKernel.from_indices(used + low, box[tuple(used.T)], kernel.steps, kernel.camera)
-    return wide.centred()
-
-
 @pytest.fixture(scope="module")
 def folded(shake):
     """A photo of a camera that went there and back."""
@@ -47,7 +33,7 @@ def folded(shake):
 
 
 @pytest.fixture(scope="module")
-def band(folded) -> RotationKernel:
+def band(folded, widened) -> RotationKernel:
     """Its kernel, so wide that the two strokes are one band."""
     return widened(folded.kernel, 1.5)
 

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import scipy.ndimage
 
 from deshake.blind import polish
 from deshake.blind.agreement import agreement
@@ -21,16 +20,9 @@ FINE = 0.1  # share of the kernel's spread: smoothing of a strict agreement
 
 
 @pytest.fixture(scope="module")
-def thick(shaken) -> Entry:
+def thick(shaken, widened) -> Entry:
     """The true kernel, widened by more than a grid step."""
-    kernel = shaken.kernel.resampled(shaken.kernel.steps, ALL_AXES)
-    low = kernel.indices.min(0) - 3
-    box = np.zeros(np.ptp(kernel.indices, axis=0) + 7)
-    box[tuple((kernel.indices - low).T)] = kernel.weights
-    box = scipy.ndimage.gaussian_filter(box, 1.2)
-    used = np.argwhere(box > 1e-4)
-    wide = RotationKernel.from_indices(used + low, box[tuple(used.T)], kernel.steps, shaken.camera)
-    return Entry("thick", 2, 0, wide.centred())
+    return Entry("thick", 2, 0, widened(shaken.kernel, 1.2))
 
 
 def test_a_kernel_that_is_too_wide_comes_nearer_to_the_truth(thick, pyramid, shaken) -> None:
