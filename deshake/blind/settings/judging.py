@@ -48,7 +48,7 @@ class JudgeSettings:
         Contrast of the pyramid: standard deviation of the noise from which `lam` is the price of an
         edge for these judges, too. With less noise the price is lower in proportion.
     least_price : float
-        Share of `lam`: the lowest such price. Both were found with given kernels of 88 photos, of
+        Share of `lam`: the lowest such price. Both were found with given kernels of 84 photos, of
         `tune` and of scenes in no set: docs/estimation.md.
     least_noise : float
         Contrast of the pyramid: a smaller standard deviation of the noise counts as this.
