@@ -97,7 +97,7 @@ class Judge:
         It fills the room around the tiles only once, by that kernel.
         """
         tiles = self._bound(kernel)
-        _fill_room(tiles, self.lam)
+        self._fill_room(tiles)
         judge = copy(self)
         vars(judge).update(_filled=tiles.filled, _margins={})
         return judge
@@ -133,13 +133,18 @@ class Judge:
         """Return E of the L0 picture; fill the room around the tiles first, unless it is filled."""
         lam = self.lam
         if self._filled is None:
-            _fill_room(tiles, lam)
+            self._fill_room(tiles)
         picture, _, _ = l0_picture(tiles, lam, beta_max=_S.beta_max)
         blurred = tiles.fill(picture)
         across, down = differences(picture)
         live = across**2 + down**2 > lam * _S.live
         misfit = np.minimum((blurred - tiles.g)[self.counted].astype(np.float64) ** 2, lam)
         return float(misfit.mean() + lam * live[self.counted].mean())
+
+    def _fill_room(self, tiles: Tiles) -> None:
+        """Fill the room around tiles, as a first picture of their kernel says."""
+        for _ in range(2):
+            tiles.fill(l0_picture(tiles, 2 * self.lam, beta_max=_S.beta_first)[0])
 
     @cached_property
     def _unrestored(self) -> float:
@@ -177,12 +182,6 @@ class Judge:
     def _ratio(self, picture: Image) -> float:
         length = length_of(*differences(picture))[self.counted].astype(np.float64)
         return float(length.mean() / np.sqrt((length**2).mean()))
-
-
-def _fill_room(tiles: Tiles, lam: float) -> None:
-    """Fill the room around tiles, as a first picture of their kernel says."""
-    for _ in range(2):
-        tiles.fill(l0_picture(tiles, 2 * lam, beta_max=_S.beta_first)[0])
 
 
 def _noise(tiles: Tiles) -> float:

@@ -2,9 +2,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from deshake.blind.judge import Judge
 from deshake.blind.settings import SETTINGS
@@ -31,13 +31,6 @@ def margins(grey, shaken, kernels, *names: str, clipped=None, level=0) -> dict[s
     """Judge a photo's kernels of some names; all have room."""
     judge = Judge.of(Pyramid(grey, shaken.camera, clipped), level, list(kernels.values()))
     return {name: judge.margin(kernels[name]) for name in names}
-
-
-def _turn(degrees: float) -> np.ndarray:
-    """Return the matrix that turns rotations about the two axes of the frame."""
-    turn = np.eye(3)
-    turn[:2, :2] = cv2.getRotationMatrix2D((0, 0), degrees, 1)[:, :2]
-    return turn
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +119,8 @@ def test_a_cheap_edge_tells_kernels_better_apart_where_there_is_little_noise(sha
     for noise in (0.0, 0.01):
         shaken = shake(noise=noise)
         true = shaken.kernel
-        turned = replace(true, theta=true.theta @ _turn(15))
+        turn = Rotation.from_euler("z", 15, degrees=True).as_matrix()
+        turned = replace(true, theta=true.theta @ turn.T)
         tiles = Judge.of(shaken.pyramid, 0, [true, turned]).tiles
         judges = Judge(tiles), Judge(tiles, SETTINGS.judge.lam / 8)
         gains.append([judge.margin(true) - judge.margin(turned) for judge in judges])
