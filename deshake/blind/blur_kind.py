@@ -58,6 +58,15 @@ class Measures(NamedTuple):
         return self.evidence if self.directed.certain else math.inf
 
     @property
+    def hardly_shaken(self) -> bool:
+        """Whether the evidence is so little that only a kernel can show a shake.
+
+        The fine edges of a sharp photo may prefer a direction. So they need more evidence.
+        """
+        fine = self.edges is not None and self.edges.longer < _S.spread
+        return self.certain_evidence < (_S.little_if_fine if fine else _S.little)
+
+    @property
     def surely_sharp(self) -> bool:
         """Whether edges are steep and the blur does not depend on the direction.
 

@@ -161,6 +161,7 @@ def estimate_kernel(
         any_focal=any_focal,
         toned=toned and not may_rest,  # sharp drawings would take twice as long
         evidence=measures.certain_evidence if judged else math.inf,
+        hardly_shaken=judged and measures.hardly_shaken,
         hopeful=SETTINGS.course.hopeful if judged else 0.0,
         run=run.part(0, _S.race_share),
     )

@@ -49,6 +49,7 @@ def race(
     any_focal: bool = False,
     toned: bool = False,
     evidence: float = math.inf,
+    hardly_shaken: bool = False,
     hopeful: float = SETTINGS.course.hopeful,
     run: Run = Run(),
 ) -> Finish:
@@ -74,6 +75,9 @@ def race(
         than its light, and the starts may run there, too, if there is evidence of a shake.
     evidence : float
         Evidence that the photo is shaken: `Measures.certain_evidence` of `blur_kind`.
+    hardly_shaken : bool
+        Whether the evidence is little: `Measures.hardly_shaken`. Then the race ends after the two
+        finest starts, unless the spectra of the photo match their best kernel.
     hopeful : float
         Confidence of the best kernels of the starts from which they are refined. If it is 0, a
         path is searched for along any winner.
@@ -84,14 +88,22 @@ def race(
     course = Course(pyramid, axes, bound, any_focal=any_focal, run=run.silent())
     starts = first_scales(pyramid.coarsest)
     begun = run.part(0.0, 0.35)
-    ended = _begun(course, starts, begun, quick=quick, may_rest=may_rest, evidence=evidence)
+    ended = _begun(
+        course,
+        starts,
+        begun,
+        quick=quick,
+        may_rest=may_rest,
+        evidence=evidence,
+        hardly_shaken=hardly_shaken,
+    )
     if ended is not None:
         run.report(1.0, "the photo is not shaken")
         return ended
     if not quick:
         course.begin_others(run.part(0.35, 0.45))
     courses = [course]
-    if toned and evidence >= _S.little_evidence[1]:  # others would take twice as long
+    if toned and evidence >= _S.little_evidence:  # others would take twice as long
         courses = _in_both_tones(course, starts, quick=quick, run=run.part(0.45, 0.6))
     finish = _ended(courses, hopeful, quick=quick, run=run.part(0.6, 1.0))
     run.report(1.0, "kernel estimated")
@@ -106,21 +118,21 @@ def _begun(
     quick: bool,
     may_rest: bool,
     evidence: float,
+    hardly_shaken: bool,
 ) -> Finish | None:
     """Run the starts of edges; return the end of the race, if the photo is not shaken."""
     course.start(starts[:2], run.part(0.0, 0.3))
     ends = last_of_starts(course.entries)
     if may_rest and all(is_spot(entry.kernel) and entry.level == 0 for entry in ends):
         return Finish(ends[0], 0.0, 0.0, 1.0, at_rest=True)
-    first, later = _S.little_evidence
-    if evidence < first:
+    if hardly_shaken:
         ended = course.finished(course.best_begun())
-        if confidence(ended) < _S.vain[0]:
+        if ended.match < _S.least_match:
             return ended
     course.begin(starts[2:], run.part(0.3, 1.0), quick=quick)
-    if evidence < later:
+    if evidence < _S.little_evidence:
         ended = course.finished(course.leaders[0])
-        if confidence(ended) < _S.vain[1]:
+        if confidence(ended) < _S.vain:
             return ended
     return None
 

@@ -307,10 +307,13 @@ class RaceSettings:
 
     Parameters
     ----------
-    little_evidence : (float, float)
-        Evidence of a shake, no unit: with less, the race may end after the two finest starts, and
-        after all starts of edges. With less than the second, it runs in linear light alone.
-    vain : (float, float)
+    least_match : float
+        Match of the spectra: if the best kernel of the two finest starts has less, the race of a
+        photo that is hardly shaken ends there.
+    little_evidence : float
+        Evidence of a shake, no unit: with less, the race may end after all starts of edges, and it
+        runs in linear light alone.
+    vain : float
         Confidence of the best kernel: with less, it ends there.
     display_doubt : float
         Margin: if display values explain a trusted kernel worse by more than this, no starts run
@@ -325,8 +328,9 @@ class RaceSettings:
 
     """
 
-    little_evidence: tuple[float, float] = (0.1, 0.18)
-    vain: tuple[float, float] = (0.15, 0.2)
+    least_match: float = 0.04
+    little_evidence: float = 0.18
+    vain: float = 0.2
     display_doubt: float = 0.015
     display_worth: float = 0.02
     second: float = 0.57

@@ -240,6 +240,10 @@ class BlurKindSettings:
     sharp_at_half, less_evidence : float
         Sharpness at half the size. A photo with more has a narrow blur, if any; so it has less
         evidence of a shake.
+    little, little_if_fine : float
+        Evidence of a shake: a photo with less is hardly shaken; the second one if the longer spread
+        of its edges is below `spread`. Tuned on the first kernels of the photos of `tune`, and of
+        scenes in no set.
     path : float
         Extent of a hand's path over the standard deviation of the blur along it.
     quarters : int
@@ -259,6 +263,8 @@ class BlurKindSettings:
     sharp: float = 0.615
     sharp_at_half: float = 0.7
     less_evidence: float = 0.1
+    little: float = 0.2
+    little_if_fine: float = 0.4
     path: float = math.sqrt(12)
     quarters: int = 2
     quarters_pixels: float = 3e6
