@@ -116,6 +116,14 @@ def still(shaken) -> Pyramid:
 
 
 @pytest.fixture(scope="session")
+def soft(photo) -> Pyramid:
+    """A photo that is a little soft, with little noise."""
+    grain = np.random.default_rng(0).normal(0, 0.01, photo.still.shape)
+    picture = (cv2.GaussianBlur(photo.still, (0, 0), 0.7) + grain).clip(0, 1)
+    return Pyramid(picture.astype(np.float32), photo.camera)
+
+
+@pytest.fixture(scope="session")
 def grainy(still) -> Pyramid:
     """The same photo with so much noise that no kernel can be trusted."""
     grain = np.random.default_rng(0).normal(0, 0.1, still.camera.shape)

@@ -85,6 +85,25 @@ def test_what_few_tiles_say_is_no_evidence_against_a_shake(photo) -> None:
     assert small.certain_evidence == np.inf
 
 
+def test_the_fine_edges_of_a_sharp_photo_need_more_evidence(photo) -> None:
+    assert measured(of(photo)).hardly_shaken
+    assert measured(of(cv2.GaussianBlur(photo, (0, 0), 0.9))).hardly_shaken
+    assert not measured(of(cv2.blur(photo, (9, 1)))).hardly_shaken
+    directed = DirectedBlur(0.3, 3.0, 0.0, certain=True)
+    fine = Measures(
+        sharp=False,
+        sharpness=0.6,
+        sharpness_at_half=0.6,
+        directed=directed,
+        edges=EdgeSpread(1.0, 0.9),
+    )
+    assert fine.hardly_shaken
+    assert not fine._replace(edges=EdgeSpread(1.4, 1.3)).hardly_shaken
+    assert not fine._replace(edges=None).hardly_shaken
+    assert not fine._replace(directed=directed._replace(certain=False)).hardly_shaken
+    assert not fine._replace(directed=directed._replace(strength=0.5)).hardly_shaken
+
+
 def test_doubt_is_part_of_the_verdict() -> None:
     at = Measures(
         sharp=False,

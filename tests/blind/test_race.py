@@ -76,7 +76,7 @@ def test_a_blur_of_display_values_is_found_in_them(photo, ran, quick) -> None:
     assert ran == (starts * 2 if quick else [*starts, "others", *starts])
     assert agreement(found.winner.kernel, photo.kernel) > 0.9
     assert not race(light, quick=True).displayed
-    little = SETTINGS.race.little_evidence[1]
+    little = SETTINGS.race.little_evidence
     assert not race(light, toned=True, quick=True, evidence=little - 0.01).displayed
 
 
@@ -221,20 +221,25 @@ def test_it_stops_after_the_starts_if_none_of_them_is_hopeful(grainy, shaken) ->
     assert confidence(ends[True]) > 0.9
 
 
+def test_a_photo_that_is_hardly_shaken_needs_the_two_finest_starts(soft, ran) -> None:
+    ended = race(soft, may_rest=False, hardly_shaken=True)
+    assert ran == first_scales(soft.coarsest)[:2]
+    assert ended.match < SETTINGS.race.least_match
+
+
 @pytest.mark.parametrize("quick", [False, True])
 def test_a_photo_that_does_not_look_shaken_needs_few_starts(grainy, ran, quick) -> None:
     scales = first_scales(grainy.coarsest)
-    least, little = SETTINGS.race.little_evidence
-    assert least < little
-    for evidence, expected in ((least, scales[:2]), (little, scales), (1.0, [*scales, "others"])):
+    little = SETTINGS.race.little_evidence
+    for evidence, expected in ((little - 0.01, scales), (1.0, [*scales, "others"])):
         ran.clear()
-        ended = race(grainy, may_rest=False, quick=quick, evidence=evidence - 0.01)
-        assert ran == (scales if quick and len(expected) > 2 else expected)
-        assert confidence(ended) < SETTINGS.race.vain[0]
+        ended = race(grainy, may_rest=False, quick=quick, evidence=evidence)
+        assert ran == (scales if quick else expected)
+        assert confidence(ended) < SETTINGS.race.vain
 
 
 def test_a_shake_that_the_first_starts_find_is_no_matter_of_evidence(shaken, ran) -> None:
-    ended = race(shaken.pyramid, evidence=0.0)
+    ended = race(shaken.pyramid, evidence=0.0, hardly_shaken=True)
     assert ran == [*first_scales(shaken.pyramid.coarsest), "others"]
     assert agreement(ended.winner.kernel, shaken.kernel) > 0.9
 
