@@ -3,7 +3,8 @@
 Refinement alone gets stuck: a kernel that is too wide gives a latent picture that is too
 sharp, and the two fit each other. Reduced to a thin path, or to a smooth path that matches the
 spectra of the photo, a kernel that is nearly right leaves this state and comes nearer to the truth;
-a wrong one seldom gains.
+a wrong one seldom gains. A kernel that is wide for the frame sees few edges in tiles. So it is also
+refined on the whole frame (`wide_start`).
 
 Last, paths are traced closely along the best kernel, and moved to where they match the spectra of
 finer scales, too. The spectra of one scale come from few tiles, and a path of many control points
@@ -18,6 +19,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from deshake.blind.settings import SETTINGS
+from deshake.blind.wide_start import refined_on_frame
 from deshake.operators.strips import reported
 
 if TYPE_CHECKING:
@@ -129,7 +131,11 @@ class _Line:
         if self.tracing:
             return [self._traced]
         ways = [self._thin, self._smooth, self._weighed]
-        return ways if self.source is None else [partial(self._from, self.source), *ways]
+        if self.source is None:
+            return ways
+        if self.comparison.is_wide(self.best):
+            ways.append(self._on_frame)
+        return [partial(self._from, self.source), *ways]
 
     def take(self, scored: Sequence[tuple[float, Entry]]) -> None:
         """Replace the kernel by the best of others, if its score is higher."""
@@ -152,6 +158,14 @@ class _Line:
         paths = self.comparison.traced(self.best)
         last = [path.refined(self.comparison.pyramid, _S.smooth, self.axes) for path in paths[-1:]]
         return [*paths, *last]
+
+    def _on_frame(self) -> list[Entry]:
+        best, pyramid = self.best, self.comparison.pyramid
+        level = self.comparison.level(best)
+        kernels = refined_on_frame(pyramid, best.kernel, level, self.axes)
+        wide = [best._replace(name=f"{best.name}, frame", kernel=kernel) for kernel in kernels]
+        wide += [entry.refined(pyramid, _S.smooth, self.axes) for entry in wide]
+        return [entry for entry in wide if self.comparison.is_wide(entry)]
 
     def _weighed(self) -> list[Entry]:
         return [self.comparison.weighed(self.best)]

@@ -17,6 +17,8 @@ Its small values and small pieces are noise. Each start succeeds on some photos 
 differ in scale, room and price of an edge, and they are cheap. Clipped pixels count like others,
 because a periodic picture has no gaps; the race judges the kernels without them.
 
+A wide kernel that is nearly right is refined in the same way at finer scales (`refined_on_frame`).
+
 References
 ----------
 .. [1] F. Wen, R. Ying, Y. Liu, P. Liu and T.-K. Truong, "A simple local minimal intensity prior
@@ -36,19 +38,23 @@ from numpy.typing import NDArray
 
 from deshake.blind.settings import SETTINGS
 from deshake.geometry.kernel import RotationKernel
-from deshake.geometry.rotations import grid_steps
+from deshake.geometry.rotations import displacements, grid_steps, homographies
+from deshake.operators.bilinear import splat
 from deshake.operators.strips import in_order
 from deshake.operators.transforms import power_of, squared_responses
 from deshake.signal.gradients import adjoint_differences, differences, strong
 from deshake.signal.pyramid import RATIO
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from deshake.blind.candidate import Axes
     from deshake.blind.settings import WideWay
+    from deshake.geometry.camera import Camera
     from deshake.run import Run
     from deshake.signal.pyramid import Pyramid, Scale
 
-__all__ = ["wide_starts"]
+__all__ = ["refined_on_frame", "wide_starts"]
 
 Image = NDArray[np.float32]
 Spectrum = NDArray[np.complex64]
@@ -96,6 +102,64 @@ def _estimated(pyramid: Pyramid, level: int, way: WideWay, axes: Axes) -> Rotati
             across, down = frame.edges(kernel, float(prices[i]), float(darks[i]))
             kernel = _cleaned(frame.fitted(across, down, reach), axes, otherwise=kernel)
     return _of_camera(kernel, pyramid.at(level), pyramid)
+
+
+def refined_on_frame(
+    pyramid: Pyramid, kernel: RotationKernel, level: int, axes: Axes
+) -> list[RotationKernel]:
+    """Refine a wide kernel that is nearly right, without roll, from a scale to finer ones.
+
+    The last scale is a half of the first one, or coarser if the frame is large there.
+
+    Parameters
+    ----------
+    pyramid : Pyramid
+        The photo.
+    kernel : RotationKernel
+        The kernel, for the camera of the photo.
+    level : int
+        The first scale.
+    axes : three bools
+        The axes that the camera may turn about.
+
+    Returns
+    -------
+    list of RotationKernel
+        A kernel for each of a few prices of an edge, for the camera of the photo, centred; none if
+        the frame is too large at finer scales.
+
+    """
+    last = max(level - _S.finer, pyramid.level_of(_S.most_pixels))
+    levels = range(level, last - 1, -1)
+    return [_refined(pyramid, kernel, levels, price, axes) for price in _S.prices if last < level]
+
+
+def _refined(
+    pyramid: Pyramid, kernel: RotationKernel, levels: Sequence[int], price: float, axes: Axes
+) -> RotationKernel:
+    """Refine a kernel at scales, one after the other, with one price of an edge."""
+    contrast = _S.contrast / float(pyramid.at(levels[0]).picture.std())
+    weights = _filter(kernel, pyramid.camera_at(levels[0]))
+    for n, level in enumerate(levels):
+        if n:
+            weights = _resized(weights, int(np.ceil(RATIO * (len(weights) // 2))))
+        reach = len(weights) // 2
+        frame = _Frame(pyramid.at(level), reach, contrast)
+        for _ in range(_S.iterations):
+            across, down = frame.edges(weights, price, 0.0)
+            weights = _cleaned(frame.fitted(across, down, reach), axes, otherwise=weights)
+    return _of_camera(weights, pyramid.at(levels[-1]), pyramid)
+
+
+def _filter(kernel: RotationKernel, camera: Camera) -> Image:
+    """Return the filter of a kernel in the middle of a frame, (n, n), with a little room."""
+    middle = np.array([camera.width - 1, camera.height - 1]) / 2
+    moved = displacements(homographies(camera, kernel.theta), middle[None])
+    moved -= np.einsum("k,pki->pi", kernel.weights, moved)[:, None]
+    reach = int(np.ceil(np.abs(moved).max())) + _S.spare
+    side = 2 * reach + 1
+    # light moves against the displacement: the photo reads the scene there
+    return np.roll(splat(-moved, kernel.weights, (side, side))[0], (reach, reach), (0, 1))
 
 
 class _Frame:

@@ -189,6 +189,14 @@ class WideStartSettings:
         Share of the kernel's largest value: smaller ones are noise.
     least_piece : float
         Share of the kernel's light: a piece with less is noise.
+    prices : tuple of float
+        Prices of an edge, each for one refinement of a wide kernel.
+    finer : int
+        Scales from the first one of a refinement to the last.
+    most_pixels : float
+        Largest number of pixels of the frame at the last scale.
+    spare : int
+        Px around the kernel at the first scale.
 
     """
 
@@ -210,6 +218,10 @@ class WideStartSettings:
     ridge: float = 2.0
     cut: float = 0.05
     least_piece: float = 0.05
+    prices: tuple[float, ...] = (2e-3, 1e-3, 5e-4)
+    finer: int = 2
+    most_pixels: float = 0.45e6
+    spare: int = 2
 
 
 @dataclass(frozen=True)
