@@ -109,7 +109,7 @@ def refined_on_frame(
 ) -> list[RotationKernel]:
     """Refine a wide kernel that is nearly right, without roll, from a scale to finer ones.
 
-    The last scale is a half of the first one, or coarser if the frame is large there.
+    The last scale is twice as large as the first one, or less if the frame is large there.
 
     Parameters
     ----------
