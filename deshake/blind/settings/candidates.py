@@ -191,7 +191,7 @@ class WideStartSettings:
         Share of the kernel's light: a piece with less is noise.
     prices : tuple of float
         Prices of an edge, each for one refinement of a wide kernel. They were chosen on two real
-        photos and on six of those of Köhler et al., by the likeness to the kernels of PMP's results.
+        photos, `postcard` and `las_vegas`, by the likeness to the kernels of PMP's results.
     finer : int
         Scales from the first one of a refinement to the last.
     most_pixels : float
