@@ -13,6 +13,14 @@ from deshake.geometry.camera import Camera
 from deshake.signal.pyramid import Pyramid
 
 ROUND = DirectedBlur(0.05, 2.0, 10.0)
+PERHAPS = Measures(
+    sharp=False,
+    sharpness=0.55,
+    sharpness_at_half=0.55,
+    directed=DirectedBlur(0.2, 3.0, 0.0),
+    edges=EdgeSpread(2.0, 1.9),
+)
+"""The measures of a photo that is perhaps shaken."""
 
 
 def of(grey: np.ndarray) -> Pyramid:
@@ -66,14 +74,7 @@ def test_a_motion_has_a_width_and_a_direction(photo, slant, direction) -> None:
 
 
 def test_edges_are_evidence_beside_the_spectrum() -> None:
-    directed = DirectedBlur(0.14, 3.0, 60.0)
-    round_ones = Measures(
-        sharp=False,
-        sharpness=0.55,
-        sharpness_at_half=0.55,
-        directed=directed,
-        edges=EdgeSpread(2.0, 1.9),
-    )
+    round_ones = PERHAPS._replace(directed=DirectedBlur(0.14, 3.0, 60.0))
     assert judged(round_ones) == BlurKind("out of focus", certain=False)
     flat_ones = judged(round_ones._replace(edges=EdgeSpread(2.0, 0.8)))
     assert (flat_ones.kind, flat_ones.certain, flat_ones.direction) == ("shaken", True, 120)
@@ -90,13 +91,7 @@ def test_the_fine_edges_of_a_sharp_photo_need_more_evidence(photo) -> None:
     assert measured(of(cv2.GaussianBlur(photo, (0, 0), 0.9))).hardly_shaken
     assert not measured(of(cv2.blur(photo, (9, 1)))).hardly_shaken
     directed = DirectedBlur(0.3, 3.0, 0.0, certain=True)
-    fine = Measures(
-        sharp=False,
-        sharpness=0.6,
-        sharpness_at_half=0.6,
-        directed=directed,
-        edges=EdgeSpread(1.0, 0.9),
-    )
+    fine = PERHAPS._replace(directed=directed, edges=EdgeSpread(1.0, 0.9))
     assert fine.hardly_shaken
     assert not fine._replace(edges=EdgeSpread(1.4, 1.3)).hardly_shaken
     assert not fine._replace(edges=None).hardly_shaken
@@ -105,22 +100,15 @@ def test_the_fine_edges_of_a_sharp_photo_need_more_evidence(photo) -> None:
 
 
 def test_doubt_is_part_of_the_verdict() -> None:
-    at = Measures(
-        sharp=False,
-        sharpness=0.55,
-        sharpness_at_half=0.55,
-        directed=DirectedBlur(0.2, 3.0, 0.0),
-        edges=EdgeSpread(2.0, 1.9),
-    )
-    assert judged(at).kind == "shaken"
-    assert not judged(at).certain
-    assert judged(at._replace(sharpness_at_half=0.8)).kind == "out of focus"
-    assert judged(at._replace(directed=ROUND)) == BlurKind("out of focus", certain=True)
-    soft = at._replace(directed=ROUND, edges=EdgeSpread(1.0, 0.9))
+    assert judged(PERHAPS).kind == "shaken"
+    assert not judged(PERHAPS).certain
+    assert judged(PERHAPS._replace(sharpness_at_half=0.8)).kind == "out of focus"
+    assert judged(PERHAPS._replace(directed=ROUND)) == BlurKind("out of focus", certain=True)
+    soft = PERHAPS._replace(directed=ROUND, edges=EdgeSpread(1.0, 0.9))
     assert judged(soft) == BlurKind("soft", certain=True)
     assert judged(soft._replace(sharpness=0.7)) == BlurKind("sharp", certain=False)
     assert judged(soft._replace(edges=None)) == BlurKind("unclear", certain=False)
-    assert judged(at._replace(sharp=True)) == BlurKind("sharp", certain=True)
+    assert judged(PERHAPS._replace(sharp=True)) == BlurKind("sharp", certain=True)
 
 
 def test_quarters_that_are_shaken_in_several_directions(photo) -> None:
