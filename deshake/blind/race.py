@@ -126,9 +126,9 @@ def _begun(
     if may_rest and all(is_spot(entry.kernel) and entry.level == 0 for entry in ends):
         return Finish(ends[0], 0.0, 0.0, 1.0, at_rest=True)
     if hardly_shaken:
-        ended = course.finished(course.best_begun())
-        if ended.match < _S.least_match:
-            return ended
+        best = course.best_begun()
+        if course.comparison.match(best) < _S.least_match:
+            return course.finished(best)
     course.begin(starts[2:], run.part(0.3, 1.0), quick=quick)
     if evidence < _S.little_evidence:
         ended = course.finished(course.leaders[0])

@@ -92,15 +92,10 @@ def _estimated(pyramid: Pyramid, level: int, way: WideWay, axes: Axes) -> Rotati
     scales = 1 + round(np.log(way.reach / _S.least_reach) / np.log(RATIO))
     prices = np.geomspace(way.first, way.last, scales * _S.iterations)
     darks = np.linspace(_S.dark, 0, len(prices), endpoint=False)
-    contrast = _S.contrast / float(pyramid.at(level).picture.std())
     reaches = [int(np.ceil(way.reach / RATIO**coarser)) for coarser in reversed(range(scales))]
-    kernel = _first_kernel(reaches[0])
-    for n, reach in enumerate(reaches):
-        kernel = _resized(kernel, reach)
-        frame = _Frame(pyramid.at(level + scales - 1 - n), reach, contrast)
-        for i in range(n * _S.iterations, (n + 1) * _S.iterations):
-            across, down = frame.edges(kernel, float(prices[i]), float(darks[i]))
-            kernel = _cleaned(frame.fitted(across, down, reach), axes, otherwise=kernel)
+    levels = range(level + scales - 1, level - 1, -1)
+    frames = _frames(pyramid, levels, reaches, contrast_of=level)
+    kernel = _alternated(frames, _first_kernel(reaches[0]), prices, darks, axes)
     return _of_camera(kernel, pyramid.at(level), pyramid)
 
 
@@ -130,25 +125,51 @@ def refined_on_frame(
 
     """
     last = max(level - _S.finer, pyramid.level_of(_S.most_pixels))
+    if last >= level:
+        return []
+    first = _filter(kernel, pyramid.camera_at(level))
     levels = range(level, last - 1, -1)
-    return [_refined(pyramid, kernel, levels, price, axes) for price in _S.prices if last < level]
+    reaches = [len(first) // 2]
+    for _ in levels[1:]:
+        reaches.append(int(np.ceil(RATIO * reaches[-1])))
+    frames = _frames(pyramid, levels, reaches, contrast_of=level)
+    count = len(frames) * _S.iterations
+    refined = [
+        _alternated(frames, first, np.full(count, price), np.zeros(count), axes)
+        for price in _S.prices
+    ]
+    return [_of_camera(one, pyramid.at(last), pyramid) for one in refined]
 
 
-def _refined(
-    pyramid: Pyramid, kernel: RotationKernel, levels: Sequence[int], price: float, axes: Axes
-) -> RotationKernel:
-    """Refine a kernel at scales, one after the other, with one price of an edge."""
-    contrast = _S.contrast / float(pyramid.at(levels[0]).picture.std())
-    weights = _filter(kernel, pyramid.camera_at(levels[0]))
-    for n, level in enumerate(levels):
+def _frames(
+    pyramid: Pyramid, levels: Sequence[int], reaches: Sequence[int], *, contrast_of: int
+) -> list[_Frame]:
+    """Make the frames of scales, all in a contrast that suits one of the scales."""
+    contrast = _S.contrast / float(pyramid.at(contrast_of).picture.std())
+    return [
+        _Frame(pyramid.at(level), reach, contrast)
+        for level, reach in zip(levels, reaches, strict=True)
+    ]
+
+
+def _alternated(
+    frames: Sequence[_Frame],
+    kernel: Image,
+    prices: NDArray[np.float64],
+    darks: NDArray[np.float64],
+    axes: Axes,
+) -> Image:
+    """Alternate the two steps on frames, from coarse to fine; the kernel is for the first one.
+
+    There is a price of an edge, and a brightness of dark pixels, for each iteration of each frame.
+    """
+    for n, frame in enumerate(frames):
         if n:
-            weights = _resized(weights, int(np.ceil(RATIO * (len(weights) // 2))))
-        reach = len(weights) // 2
-        frame = _Frame(pyramid.at(level), reach, contrast)
-        for _ in range(_S.iterations):
-            across, down = frame.edges(weights, price, 0.0)
-            weights = _cleaned(frame.fitted(across, down, reach), axes, otherwise=weights)
-    return _of_camera(weights, pyramid.at(levels[-1]), pyramid)
+            kernel = _resized(kernel, frame.reach)
+        for i in range(n * _S.iterations, (n + 1) * _S.iterations):
+            across, down = frame.edges(kernel, float(prices[i]), float(darks[i]))
+            kernel = _cleaned(frame.fitted(across, down, frame.reach), axes, otherwise=kernel)
+    return kernel
 
 
 def _filter(kernel: RotationKernel, camera: Camera) -> Image:
@@ -169,7 +190,7 @@ class _Frame:
     """
 
     def __init__(self, scale: Scale, reach: int, contrast: float) -> None:
-        self.shape = scale.camera.shape
+        self.shape, self.reach = scale.camera.shape, reach
         h, w = self.shape
         rows, columns = (scipy.fft.next_fast_len(n + 2 * reach, real=True) for n in self.shape)
         picture = np.empty((rows, columns), np.float32)

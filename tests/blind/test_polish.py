@@ -83,12 +83,14 @@ def test_paths_that_are_traced_come_nearer_to_the_truth(shake, monkeypatch) -> N
     assert near[1] > near[0] + 0.01 > agreement(entry.kernel, photo.kernel, smoothing=FINE)
 
 
-def test_only_a_kernel_that_is_wide_for_the_frame_is_refined_on_all_of_it(shake, thick) -> None:
+def test_only_a_kernel_that_is_wide_for_the_frame_is_refined_on_all_of_it(
+    shake, thick, pyramid
+) -> None:
     path = np.array([[-6.0, -30, 0], [-18.0, 12, 0], [-6.0, 25, 0], [26, 30, 0]])
     photo = shake(Camera.from_focal(2500.0, 270, 300), path=path)
     wide, narrow = Entry("wide", 0, 3, photo.kernel), thick._replace(level=0)
-    for entry, pyramid in ((wide, photo.pyramid), (narrow, shake().pyramid)):
-        comparison = Comparison(pyramid)
+    for entry, scales in ((wide, photo.pyramid), (narrow, pyramid)):
+        comparison = Comparison(scales)
         line = polish._Line(comparison, entry, entry, ALL_AXES)
         assert comparison.is_wide(entry) == (entry is wide)
         assert (line._on_frame in line.ways()) == (entry is wide)

@@ -22,16 +22,18 @@ from deshake.signal.pyramid import Pyramid, Scale
 ALL_AXES = True, True, True
 PATH = np.array([[-6.0, -9.6, 0], [-6.0, 4.0, 0], [-2.0, 8.0, 0], [8.0, 9.6, 0]])  # in grid steps
 REACH = 4
-HOOK = np.zeros((2 * REACH + 1, 2 * REACH + 1), np.float32)
-"""A small kernel that is not symmetric."""
-HOOK[2, 3:7] = 0.15
-HOOK[3:5, 6] = 0.2
 
 
 @pytest.fixture(scope="module")
 def wide(shake):
     """A photo of 200 x 240 pixels, shaken by 19 pixels without roll."""
     return shake(Camera.from_focal(240.0, 200, 240), path=PATH)
+
+
+@pytest.fixture(scope="module")
+def thick(wide, widened):
+    """The true kernel, smoothed by more than a grid step."""
+    return widened(wide.kernel, 1.5)
 
 
 @pytest.fixture(scope="module")
@@ -50,6 +52,15 @@ def frame(picture):
     """The frame of a random picture, in its own contrast."""
     scale = Scale(picture, Camera.from_focal(70.0, 60, 70), None, 1.0)
     return wide_start._Frame(scale, REACH, 1.0)
+
+
+@pytest.fixture
+def hook():
+    """A small kernel that is not symmetric."""
+    kernel = np.zeros((2 * REACH + 1, 2 * REACH + 1), np.float32)
+    kernel[2, 3:7] = 0.15
+    kernel[3:5, 6] = 0.2
+    return kernel
 
 
 def blurred(picture, kernel):
@@ -104,12 +115,6 @@ def test_a_tiny_photo_has_none(wide) -> None:
     assert wide_starts(small, ALL_AXES, Run(1)) == []
 
 
-@pytest.fixture(scope="module")
-def thick(wide, widened):
-    """The true kernel, smoothed by more than a grid step."""
-    return widened(wide.kernel, 1.5)
-
-
 def test_a_kernel_that_is_too_wide_is_refined_on_the_frame(wide, thick) -> None:
     kernels = refined_on_frame(wide.pyramid, thick, 2, ALL_AXES)
     assert len(kernels) == len(SETTINGS.wide_start.prices)
@@ -156,16 +161,16 @@ def test_the_frame_holds_the_picture_and_leads_to_its_other_side_beyond_it(frame
     assert np.ptp(np.diff(down, axis=0), axis=0).max() < 1e-6
 
 
-def test_the_kernel_step_finds_the_kernel_of_known_edges(frame) -> None:
+def test_the_kernel_step_finds_the_kernel_of_known_edges(frame, hook) -> None:
     edges = rough_edges(frame)
-    frame.gradients = [scipy.fft.rfft2(blurred(edge, HOOK)) for edge in edges]
-    np.testing.assert_allclose(frame.fitted(*edges, REACH), HOOK, rtol=0, atol=0.01)
+    frame.gradients = [scipy.fft.rfft2(blurred(edge, hook)) for edge in edges]
+    np.testing.assert_allclose(frame.fitted(*edges, REACH), hook, rtol=0, atol=0.01)
 
 
-def test_the_kernel_step_minimises_its_least_squares(frame) -> None:
+def test_the_kernel_step_minimises_its_least_squares(frame, hook) -> None:
     edges, ridge = rough_edges(frame), SETTINGS.wide_start.ridge
     noise = np.random.default_rng(2)
-    photo = [blurred(edge, HOOK) + noise.standard_normal(edge.shape) for edge in edges]
+    photo = [blurred(edge, hook) + noise.standard_normal(edge.shape) for edge in edges]
     frame.gradients = [scipy.fft.rfft2(part) for part in photo]
     whole = frame.fitted(*edges, min(frame.picture.shape) // 2 - 1)
 
@@ -188,25 +193,25 @@ def test_the_darkest_pixel_of_each_patch_becomes_black_if_it_is_dark(frame) -> N
     np.testing.assert_array_equal(frame._darkened(latent, 0.04), latent)
 
 
-def test_edges_beyond_the_frame_do_not_count(frame) -> None:
-    across, down = frame.edges(HOOK / HOOK.sum(), 1e-4, 0.1)
+def test_edges_beyond_the_frame_do_not_count(frame, hook) -> None:
+    across, down = frame.edges(hook / hook.sum(), 1e-4, 0.1)
     for part in (across, down):
         assert part.any()
         assert not part[59:].any()
         assert not part[:, 69:].any()
 
 
-def test_small_values_and_pieces_are_discarded_and_the_kernel_is_centred() -> None:
-    noisy = HOOK.copy()
+def test_small_values_and_pieces_are_discarded_and_the_kernel_is_centred(hook) -> None:
+    noisy = hook.copy()
     noisy[8, 0] = 0.04  # a piece with less than a twentieth of the light
     noisy[0, 8] = -0.3
     noisy[7, 7] = 0.005
-    cleaned = wide_start._cleaned(noisy, ALL_AXES, otherwise=HOOK)
+    cleaned = wide_start._cleaned(noisy, ALL_AXES, otherwise=hook)
     assert cleaned.sum() == pytest.approx(1)
-    assert (cleaned > 0).sum() == (HOOK > 0).sum()
+    assert (cleaned > 0).sum() == (hook > 0).sum()
     steps = np.arange(-REACH, REACH + 1)
     assert max(abs(cleaned.sum(axis) @ steps) for axis in (0, 1)) <= 0.5
 
 
-def test_a_step_that_finds_nothing_keeps_the_kernel() -> None:
-    assert wide_start._cleaned(np.zeros_like(HOOK), ALL_AXES, otherwise=HOOK) is HOOK
+def test_a_step_that_finds_nothing_keeps_the_kernel(hook) -> None:
+    assert wide_start._cleaned(np.zeros_like(hook), ALL_AXES, otherwise=hook) is hook
