@@ -225,8 +225,9 @@ class Comparison:
         The search leaves out the sparsity, which prefers a kernel that is too wide where the photo
         is out of focus. The margin counts on many tiles: paths that are near each other are
         compared on a few of them at once, and on others in the next generation. There the match
-        changes in proportion to the path. There is no search for a kernel that is wide for the
-        frame, nor for one of a few pixels.
+        changes in proportion to the path. The search fits the path to its scale, so a gain there
+        may be no gain at all: a finer scale decides. There is no search for a kernel that is wide
+        for the frame, nor for one of a few pixels.
 
         Parameters
         ----------
@@ -246,11 +247,34 @@ class Comparison:
             kernel.camera,
             run,
         )
-        found = searched(kernel, self._finer_spectra(level), worth.of, worth.around, run)
-        if found is None or worth.of(found) < worth.of(kernel) + _S.gain:
+        gain = self._gain_over(kernel, level)
+        found = searched(
+            kernel,
+            self._finer_spectra(level),
+            worth.of,
+            worth.around,
+            lambda path: gain(path) >= -_S.vain,
+            run,
+        )
+        if found is None or gain(found) < _S.gain:
             return entry
         path = entry._replace(name=f"{entry.name}, path", kernel=found)
         return entry if self.hopeless(path) else path
+
+    def _gain_over(self, kernel: RotationKernel, level: int) -> Callable[[RotationKernel], float]:
+        """Return a measure of other kernels: how much their margin exceeds that of one kernel.
+
+        It is that of many tiles, at a finer scale than that of the kernel.
+        """
+        judges = Judge.batches(self.pyramid, max(level - _S.confirming, 0), kernel)
+        own = _mean_margin(judges, kernel)
+
+        def gain(other: RotationKernel) -> float:
+            if not judges[0].has_room(other):  # all have the same room
+                return -_S.penalty
+            return _mean_margin(judges, other) - own
+
+        return gain
 
     def weighed(self, entry: Entry) -> Entry:
         """Fit the weights of a kernel to the spectra of the photo."""
@@ -325,8 +349,8 @@ class _PathWorth(NamedTuple):
         """Return what a kernel is worth on the tiles of all batches."""
         if not self.batches[0].has_room(kernel):  # all have the same room
             return -_S.penalty
-        margin = float(np.mean([batch.margin(kernel) for batch in self.batches]))
-        return margin + self.match_worth * _mean_match(self.spectra, kernel)
+        match = _mean_match(self.spectra, kernel)
+        return _mean_margin(self.batches, kernel) + self.match_worth * match
 
     def around(self, number: int, middle: SmoothPath) -> Callable[[SmoothPath], float]:
         """Return what paths near one are worth, on the tiles of one batch."""
@@ -341,6 +365,10 @@ class _PathWorth(NamedTuple):
             return batch.margin(kernel) + self.match_worth * (match + change)
 
         return worth
+
+
+def _mean_margin(judges: Sequence[Judge], kernel: RotationKernel) -> float:
+    return float(np.mean([judge.margin(kernel) for judge in judges]))
 
 
 def _mean_match(spectra: Sequence[SpectralMatch], kernel: RotationKernel) -> float:

@@ -45,6 +45,7 @@ def searched(
     scales: Sequence[SpectralMatch],
     worth: Callable[[RotationKernel], float],
     around: Callable[[int, SmoothPath], Callable[[SmoothPath], float]],
+    is_hopeful: Callable[[RotationKernel], bool],
     run: Run,
 ) -> RotationKernel | None:
     """Search for a smooth path along a kernel that is worth as much as possible.
@@ -60,13 +61,17 @@ def searched(
     around : callable
         Returns a measure of the paths of a generation, from its number and a path that they are
         near. The measure is a callable like `worth`, but of a path.
+    is_hopeful : callable
+        Returns whether a path that the evolution would begin with gives hope. If it does not, there
+        is no evolution.
     run : Run
         Threads to use, and who receives the progress.
 
     Returns
     -------
     RotationKernel or None
-        The path, on the grid of the kernel's camera; None if the kernel is a point.
+        The path, on the grid of the kernel's camera; None if the kernel is a point, or without
+        hope.
 
     """
     once = close_path(kernel, scales[-1].camera)
@@ -82,6 +87,8 @@ def searched(
     best = _ranked(settled, worth_of, run)[: _S.descending]
     moved = [descended(scales, path, _S.iterations, run)[1] for path in best]
     path = _ranked([best[0], *moved], worth_of, run)[0]
+    if not is_hopeful(path.kernel(kernel.camera)):
+        return None
     waves = _waves(path)
 
     def objectives(number: int, mean: Points) -> Callable[[Points], float]:

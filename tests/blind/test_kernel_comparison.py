@@ -7,6 +7,7 @@ import pytest
 
 from deshake.blind.agreement import agreement
 from deshake.blind.entry import Entry
+from deshake.blind.judge import Judge
 from deshake.blind.kernel_comparison import Comparison
 from deshake.blind.settings import SETTINGS
 from deshake.blind.spectral_match import SpectralMatch
@@ -208,12 +209,13 @@ def test_a_path_is_searched_along_a_kernel_unless_it_is_very_wide_or_narrow(near
     assert comparison.searched(point, Run()) is point
 
 
-def test_a_path_that_is_worth_less_does_not_win(entries, pyramid, monkeypatch) -> None:
+def shrunk(entry: Entry, share: float) -> Entry:
+    return entry._replace(kernel=replace(entry.kernel, theta=share * entry.kernel.theta))
+
+
+def test_a_path_that_is_worse_does_not_win(entries, pyramid, monkeypatch) -> None:
     comparison, true = Comparison(pyramid), entries[0]
-    half, short, nearer = (
-        true._replace(kernel=replace(true.kernel, theta=share * true.kernel.theta))
-        for share in (0.5, 0.85, 0.95)
-    )
+    half, short, nearer = (shrunk(true, share) for share in (0.5, 0.85, 0.95))
     monkeypatch.setattr("deshake.blind.kernel_comparison.searched", lambda *_: half.kernel)
     assert comparison.searched(true, Run()) is true
     monkeypatch.setattr("deshake.blind.kernel_comparison.searched", lambda *_: nearer.kernel)
@@ -221,3 +223,33 @@ def test_a_path_that_is_worth_less_does_not_win(entries, pyramid, monkeypatch) -
     much = replace(SETTINGS.kernel_comparison, gain=2.0)
     monkeypatch.setattr("deshake.blind.kernel_comparison._S", much)
     assert comparison.searched(short, Run()) is short
+
+
+def test_a_finer_scale_decides_on_a_path(nearly, monkeypatch) -> None:
+    photo, entry = nearly
+    margins = []
+    for level in (1, 0):
+        judges = Judge.batches(photo.pyramid, level, entry.kernel)
+        pair = entry.kernel, photo.kernel
+        margins.append([np.mean([judge.margin(kernel) for judge in judges]) for kernel in pair])
+    (own, own_true), (finer, finer_true) = margins
+    assert finer_true - finer > own_true - own + 0.005
+    limit = (own_true - own + finer_true - finer) / 2
+    monkeypatch.setattr("deshake.blind.kernel_comparison.searched", lambda *_: photo.kernel)
+    for scales, wins in ((2, True), (1, True), (0, False)):
+        changed = replace(SETTINGS.kernel_comparison, confirming=scales, gain=limit)
+        monkeypatch.setattr("deshake.blind.kernel_comparison._S", changed)
+        found = Comparison(photo.pyramid).searched(entry, Run())
+        assert found.kernel is (photo if wins else entry).kernel
+
+
+def test_a_search_is_vain_if_it_begins_far_below_the_kernel(entries, pyramid, monkeypatch) -> None:
+    true, asked = entries[0], []
+
+    def searched(*given: object) -> None:
+        is_hopeful = given[4]
+        asked.extend(is_hopeful(shrunk(true, share).kernel) for share in (1.0, 0.98, 0.5, 2.0))
+
+    monkeypatch.setattr("deshake.blind.kernel_comparison.searched", searched)
+    assert Comparison(pyramid).searched(true, Run()) is true
+    assert asked == [True, True, False, False]

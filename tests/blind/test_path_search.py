@@ -47,6 +47,11 @@ def nearness(kernel: RotationKernel, truth: RotationKernel) -> float:
     return agreement(kernel, truth, smoothing=FINE)
 
 
+def never(_number: int, _middle: SmoothPath) -> Callable[[SmoothPath], float]:
+    """Measure no generation, because there is none."""
+    raise AssertionError
+
+
 def along(folded, band, scales, run=Run()) -> RotationKernel:
     """Search for a path that is as near to the true kernel as possible."""
 
@@ -57,7 +62,7 @@ def along(folded, band, scales, run=Run()) -> RotationKernel:
         assert nearness(middle.kernel(band.camera), folded.kernel) > 0.5
         return lambda path: worth(path.kernel(band.camera))
 
-    path = searched(band, scales, worth, around, run)
+    path = searched(band, scales, worth, around, lambda _: True, run)
     assert path is not None
     return path
 
@@ -95,6 +100,7 @@ def test_folded_paths_take_part(folded, widened, scales, monkeypatch) -> None:
         scales,
         lambda kernel: float(seen.append(kernel) or 0),
         lambda *_: lambda _path: 0.0,
+        lambda _: True,
         Run(1),
     )
     near = [nearness(kernel, folded.kernel) for kernel in seen[:13]]
@@ -103,7 +109,25 @@ def test_folded_paths_take_part(folded, widened, scales, monkeypatch) -> None:
 
 def test_there_is_no_path_along_a_point(folded, scales) -> None:
     point = RotationKernel.delta(folded.camera)
-    assert searched(point, scales, lambda _: 0.0, lambda *_: lambda _path: 0.0, Run()) is None
+    assert searched(point, scales, lambda _: 0.0, never, lambda _: True, Run()) is None
+
+
+def test_there_is_no_evolution_without_hope(folded, band, scales) -> None:
+    """The path that it would begin with is asked for, the best of those that are ranked."""
+    ranked: list[tuple[float, RotationKernel]] = []
+    begun: list[RotationKernel] = []
+
+    def worth(kernel: RotationKernel) -> float:
+        ranked.append((nearness(kernel, folded.kernel), kernel))
+        return ranked[-1][0]
+
+    def is_hopeful(kernel: RotationKernel) -> bool:
+        begun.append(kernel)
+        return False
+
+    assert searched(band, scales, worth, never, is_hopeful, Run(1)) is None
+    (kernel,) = begun
+    assert nearness(kernel, folded.kernel) == max(value for value, _ in ranked)
 
 
 def test_the_result_does_not_depend_on_the_threads(folded, band, scales, monkeypatch) -> None:
