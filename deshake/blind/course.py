@@ -311,13 +311,11 @@ class Course:
         best, ends = _zoomed(best, ratio), _zoomed(ends, ratio)
         polish = run.part(0.5, 1.0)
         last = polished(self.comparison, best, ends, self.axes, polish)
-        return selected([self.finished(one.entry, one.judge) for one in last])
+        ended = [self.finished(one.entry, one.judge) for one in last]
+        return selected([one._replace(lead=self.comparison.lead(one.winner)) for one in ended])
 
     def searched(self, ended: Finish, run: Run) -> Finish:
-        """Replace the winner by a path along it, if one is better.
-
-        It is fitted to the tiles kept apart, too. So what the winner was worth before still counts.
-        """
+        """Replace the winner by a better path along it; what it was worth before still counts."""
         return ended._replace(winner=self.comparison.searched(ended.winner, run))
 
     def _focus(self, best: Sequence[Entry]) -> float:

@@ -23,6 +23,9 @@ class Finish(NamedTuple):
         Correlation of the spectra of the photo with those of the winner, -1..1.
     agreement : float
         Mean agreement of the winner with the nearest kernels of other starts, 0..1.
+    lead : float, optional
+        How much better the winner explains the photo than the same kernel turned, a difference of
+        margins; None if the race ended before that was worth the time.
     at_rest : bool
         Whether the race stopped early, because the winner is a small round spot.
     zoom : float
@@ -39,3 +42,4 @@ class Finish(NamedTuple):
     at_rest: bool
     zoom: float = 1.0
     displayed: bool = False
+    lead: float | None = None

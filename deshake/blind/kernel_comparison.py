@@ -66,6 +66,7 @@ class Comparison:
         self._matches: dict[tuple[RotationKernel, int], float] = {}
         self._paths: dict[RotationKernel, RotationKernel] = {}
         self._scores: dict[tuple[Judge, RotationKernel], float] = {}
+        self._finer: dict[RotationKernel, list[Judge]] = {}
 
     def zoomed(self, ratio: float) -> Comparison:
         """Return the comparison for a focal length `ratio` times as long."""
@@ -266,7 +267,7 @@ class Comparison:
 
         It is that of many tiles, at a finer scale than that of the kernel.
         """
-        judges = Judge.batches(self.pyramid, max(level - _S.confirming, 0), kernel)
+        judges = self._finer_judges(kernel, level)
         own = _mean_margin(judges, kernel)
 
         def gain(other: RotationKernel) -> float:
@@ -275,6 +276,25 @@ class Comparison:
             return _mean_margin(judges, other) - own
 
         return gain
+
+    def lead(self, entry: Entry) -> float:
+        """Return how much better a kernel explains the photo than the same kernel turned.
+
+        It is the gain of the margin over the mean of some turns about the optical axis, on many
+        tiles of a finer scale. If the camera did not move, no direction of a kernel is better than
+        others.
+        """
+        kernel = entry.kernel
+        judges = self._finer_judges(kernel, self.level(entry))
+        turned = [_mean_margin(judges, kernel.turned(angle)) for angle in _S.turns]
+        return _mean_margin(judges, kernel) - float(np.mean(turned))
+
+    def _finer_judges(self, kernel: RotationKernel, level: int) -> list[Judge]:
+        """Return judges of kernels that hardly differ from one of a scale, at a finer scale."""
+        if kernel not in self._finer:
+            finer = max(level - _S.confirming, 0)
+            self._finer[kernel] = Judge.batches(self.pyramid, finer, kernel)
+        return self._finer[kernel]
 
     def weighed(self, entry: Entry) -> Entry:
         """Fit the weights of a kernel to the spectra of the photo."""

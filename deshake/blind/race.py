@@ -77,7 +77,8 @@ def race(
         Evidence that the photo is shaken: `Measures.certain_evidence` of `blur_kind`.
     hardly_shaken : bool
         Whether the evidence is little: `Measures.hardly_shaken`. Then the race ends after the two
-        finest starts, unless the spectra of the photo match their best kernel.
+        finest starts, unless the spectra of the photo match their best kernel, or its direction
+        matters.
     hopeful : float
         Confidence of the best kernels of the starts from which they are refined. If it is 0, a
         path is searched for along any winner.
@@ -126,8 +127,8 @@ def _begun(
     if may_rest and all(is_spot(entry.kernel) and entry.level == 0 for entry in ends):
         return Finish(ends[0], 0.0, 0.0, 1.0, at_rest=True)
     if hardly_shaken:
-        best = course.best_begun()
-        if course.comparison.match(best) < _S.least_match:
+        best, comparison = course.best_begun(), course.comparison
+        if comparison.match(best) < _S.least_match and comparison.lead(best) < _S.least_lead:
             return course.finished(best)
     course.begin(starts[2:], run.part(0.3, 1.0), quick=quick)
     if evidence < _S.little_evidence:

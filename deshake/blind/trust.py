@@ -30,6 +30,9 @@ def confidence(ended: Finish) -> float:
         - _S.of_agreement * np.log10(1 + _S.closest - min(ended.agreement, 1.0))
         + _S.of_match * np.clip(ended.match, 0, _S.most_match)
     )
+    if ended.lead is not None:
+        lead = _S.of_lead * (ended.lead - _S.usual_lead)
+        log_odds += np.clip(lead, _S.least_of_lead, _S.most_of_lead)
     return _chance(float(log_odds))
 
 

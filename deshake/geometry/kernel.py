@@ -209,6 +209,18 @@ class RotationKernel:
             theta = compose(-(self.weights @ theta), theta)
         return replace(self, theta=theta)
 
+    def turned(self, degrees: float) -> RotationKernel:
+        """Return the kernel with all its directions turned clockwise about the optical axis.
+
+        The rotations are those about axes that are turned, too, with the centroid as their middle.
+        They leave the grid.
+        """
+        turn = np.radians(degrees)
+        matrix = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+        theta = self.theta - self.centroid
+        theta[:, :2] = theta[:, :2] @ matrix
+        return replace(self, theta=theta)
+
     def shifted(self, offset: ArrayLike) -> RotationKernel:
         """Return the kernel moved by whole grid steps, (3,) integers."""
         return replace(self, theta=(self.indices + np.asarray(offset)) * self.steps)

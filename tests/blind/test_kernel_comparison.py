@@ -243,6 +243,16 @@ def test_a_finer_scale_decides_on_a_path(nearly, monkeypatch) -> None:
         assert found.kernel is (photo if wins else entry).kernel
 
 
+def test_a_right_kernel_leads_over_turned_ones(entries, pyramid, still) -> None:
+    """On a photo of a camera at rest no direction is better than another."""
+    comparison, true = Comparison(pyramid), entries[0]
+    lead = comparison.lead(true)
+    assert lead > 0.1
+    assert comparison.lead(true._replace(kernel=true.kernel.turned(90))) < 0
+    assert comparison.lead(entries[3]) == pytest.approx(0, abs=1e-6)
+    assert Comparison(still).lead(true) < lead / 4
+
+
 def test_a_search_is_vain_if_it_begins_far_below_the_kernel(entries, pyramid, monkeypatch) -> None:
     true, asked = entries[0], []
 

@@ -48,6 +48,22 @@ def test_it_rises_with_the_match_of_the_spectra(ended) -> None:
     assert 0.9 < chances[-1] < 1
 
 
+def test_it_rises_with_the_lead_over_turned_kernels(ended) -> None:
+    leads = (-0.1, 0.0, 0.03, 0.06, 0.09, 0.5)
+    chances = [confidence(ended._replace(lead=lead)) for lead in leads]
+    assert chances == sorted(chances)
+    unknown = confidence(ended)
+    assert chances[2] < unknown / 10
+    assert chances[3] < unknown < chances[4]
+
+
+def test_a_kernel_without_a_lead_is_never_trusted(ended) -> None:
+    """The other terms of a photo out of focus may speak for its kernel."""
+    best = ended._replace(margin=0.1, match=0.25, agreement=0.98)
+    assert confidence(best) > 0.95
+    assert confidence(best._replace(lead=0.01)) < 0.2
+
+
 def test_where_nothing_moved_there_is_nothing_to_trust(ended) -> None:
     assert confidence(ended._replace(at_rest=True)) == 0
 

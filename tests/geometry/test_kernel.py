@@ -168,6 +168,22 @@ def test_dilation_adds_all_neighbours_at_no_weight() -> None:
     assert len(kernel.dilated().dilated().weights) == 5**3 + 5**3
 
 
+def test_a_turned_kernel_has_turned_displacements() -> None:
+    camera = Camera.from_focal(2000.0, 300, 400)
+    path = np.array([[0.0, -9, 0], [2, 0, 0], [0, 9, 0]]) * grid_steps(camera)
+    kernel = RotationKernel.from_path(path, camera).centred()
+    middle = camera.matrix[:2, 2][None]
+    moved, turned = (
+        displacements(homographies(camera, one.theta), middle)[:, 0]
+        for one in (kernel, kernel.turned(90))
+    )
+    down = np.stack([-moved[:, 1], moved[:, 0]], -1)  # clockwise, y points down
+    np.testing.assert_allclose(turned, down, atol=0.02)
+    np.testing.assert_allclose(kernel.turned(30).turned(-30).theta, kernel.theta, atol=1e-12)
+    np.testing.assert_allclose(kernel.turned(47).centroid, kernel.centroid, atol=1e-12)
+    assert kernel.turned(47).weights is kernel.weights
+
+
 def test_centred_kernel_has_its_mean_at_the_origin() -> None:
     path = wander(3) + 30 * STEPS
     kernel = RotationKernel.from_path(path, CAMERA)

@@ -320,9 +320,10 @@ class RaceSettings:
 
     Parameters
     ----------
-    least_match : float
-        Match of the spectra: if the best kernel of the two finest starts has less, the race of a
-        photo that is hardly shaken ends there.
+    least_match, least_lead : float
+        Match of the spectra, and lead over the same kernel turned, a difference of margins. If the
+        best kernel of the two finest starts has less of both, the race of a photo that is hardly
+        shaken ends there.
     little_evidence : float
         Evidence of a shake, no unit: with less, the race may end after all starts of edges, and it
         runs in linear light alone.
@@ -342,6 +343,7 @@ class RaceSettings:
     """
 
     least_match: float = 0.04
+    least_lead: float = 0.07
     little_evidence: float = 0.18
     vain: float = 0.2
     display_doubt: float = 0.015

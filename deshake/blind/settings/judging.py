@@ -128,6 +128,8 @@ class KernelComparisonSettings:
     vain : float
         Margin: if the path where the evolution begins loses more there, there is no evolution.
         All three were chosen on 23 photos of the set `tune` and 11 of other scenes.
+    turns : tuple of float
+        Degrees: turns of a kernel that should explain the photo worse.
 
     """
 
@@ -145,6 +147,7 @@ class KernelComparisonSettings:
     confirming: int = 2
     gain: float = 0.003
     vain: float = 0.02
+    turns: tuple[float, ...] = (60.0, 90.0, 120.0)
 
 
 @dataclass(frozen=True)
@@ -306,6 +309,14 @@ class TrustSettings:
         Log odds per correlation of 1 of the spectra.
     most_match : float
         Correlation: a higher one counts as this, and a negative one as none.
+    of_lead : float
+        Log odds per unit by which the lead of a kernel over the same kernel turned exceeds
+        `usual_lead`.
+    usual_lead : float
+        Lead, a difference of margins: of 29 photos that are not shaken, 27 have less; of 64 that
+        are, and whose kernels are right, one does, and its shake is 3 px wide.
+    least_of_lead, most_of_lead : float
+        Log odds by the lead, at least and at most.
     drawn : float
         Log odds of a path that explains the streaks of lights perfectly.
     of_misfit : float
@@ -321,5 +332,9 @@ class TrustSettings:
     closest: float = 0.005
     of_match: float = 17.0
     most_match: float = 0.4
+    of_lead: float = 100.0
+    usual_lead: float = 0.075
+    least_of_lead: float = -5.0
+    most_of_lead: float = 0.7
     drawn: float = 4.5
     of_misfit: float = 10.0
