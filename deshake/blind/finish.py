@@ -25,7 +25,7 @@ class Finish(NamedTuple):
         Mean agreement of the winner with the nearest kernels of other starts, 0..1.
     lead : float, optional
         How much better the winner explains the photo than the same kernel turned, a difference of
-        margins; None if the race ended before that was worth the time.
+        margins; None if the winner is a disk, or if the race ended before that was worth the time.
     at_rest : bool
         Whether the race stopped early, because the winner is a small round spot.
     zoom : float

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deshake.blind.judge import Judge
+from deshake.blind.kernel_faults import is_filled
 from deshake.blind.path_search import searched
 from deshake.blind.settings import SETTINGS, SpectrumTiles
 from deshake.blind.spectral_match import SpectralMatch, match_of_path, traced
@@ -277,14 +278,16 @@ class Comparison:
 
         return gain
 
-    def lead(self, entry: Entry) -> float:
+    def lead(self, entry: Entry) -> float | None:
         """Return how much better a kernel explains the photo than the same kernel turned.
 
         It is the gain of the margin over the mean of some turns about the optical axis, on many
         tiles of a finer scale. If the camera did not move, no direction of a kernel is better than
-        others.
+        others. It is None for a disk, the kernel of a photo out of focus, which has no direction.
         """
         kernel = entry.kernel
+        if is_filled(kernel):
+            return None
         judges = self._finer_judges(kernel, self.level(entry))
         turned = [_mean_margin(judges, kernel.turned(angle)) for angle in _S.turns]
         return _mean_margin(judges, kernel) - float(np.mean(turned))

@@ -128,8 +128,10 @@ def _begun(
         return Finish(ends[0], 0.0, 0.0, 1.0, at_rest=True)
     if hardly_shaken:
         best, comparison = course.best_begun(), course.comparison
-        if comparison.match(best) < _S.least_match and comparison.lead(best) < _S.least_lead:
-            return course.finished(best)
+        if comparison.match(best) < _S.least_match:
+            lead = comparison.lead(best)
+            if lead is None or lead < _S.least_lead:
+                return course.finished(best)
     course.begin(starts[2:], run.part(0.3, 1.0), quick=quick)
     if evidence < _S.little_evidence:
         ended = course.finished(course.leaders[0])

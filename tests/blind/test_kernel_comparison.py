@@ -253,6 +253,16 @@ def test_a_right_kernel_leads_over_turned_ones(entries, pyramid, still) -> None:
     assert Comparison(still).lead(true) < lead / 4
 
 
+def test_a_disk_has_no_direction_and_no_lead(entries, pyramid) -> None:
+    place = np.arange(-7, 8)
+    indices = np.stack(np.meshgrid(place, place, [0], indexing="ij"), -1).reshape(-1, 3)
+    indices = indices[np.linalg.norm(indices, axis=1) < 6.5]
+    even = np.full(len(indices), 1 / len(indices))
+    camera = pyramid.camera
+    disk = RotationKernel.from_indices(indices, even, grid_steps(camera), camera)
+    assert Comparison(pyramid).lead(entries[0]._replace(kernel=disk)) is None
+
+
 def test_a_search_is_vain_if_it_begins_far_below_the_kernel(entries, pyramid, monkeypatch) -> None:
     true, asked = entries[0], []
 

@@ -332,7 +332,7 @@ class TrustSettings:
     closest: float = 0.005
     of_match: float = 17.0
     most_match: float = 0.4
-    of_lead: float = 100.0
+    of_lead: float = 60.0
     usual_lead: float = 0.075
     least_of_lead: float = -5.0
     most_of_lead: float = 0.7
