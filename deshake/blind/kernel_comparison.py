@@ -253,10 +253,10 @@ class Comparison:
         found = searched(
             kernel,
             self._finer_spectra(level),
-            worth.of,
-            worth.around,
-            lambda path: gain(path) >= -_S.vain,
-            run,
+            worth=worth.of,
+            around=worth.around,
+            is_hopeful=lambda path: gain(path) >= -_S.vain,
+            run=run,
         )
         if found is None or gain(found) < _S.gain:
             return entry

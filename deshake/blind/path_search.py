@@ -43,6 +43,7 @@ _S: Final = SETTINGS.path_search
 def searched(
     kernel: RotationKernel,
     scales: Sequence[SpectralMatch],
+    *,
     worth: Callable[[RotationKernel], float],
     around: Callable[[int, SmoothPath], Callable[[SmoothPath], float]],
     is_hopeful: Callable[[RotationKernel], bool],

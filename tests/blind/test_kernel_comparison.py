@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -16,6 +17,9 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.run import Run
 from deshake.signal.pyramid import Pyramid
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 
 @pytest.fixture(scope="module")
@@ -216,9 +220,9 @@ def shrunk(entry: Entry, share: float) -> Entry:
 def test_a_path_that_is_worse_does_not_win(entries, pyramid, monkeypatch) -> None:
     comparison, true = Comparison(pyramid), entries[0]
     half, short, nearer = (shrunk(true, share) for share in (0.5, 0.85, 0.95))
-    monkeypatch.setattr("deshake.blind.kernel_comparison.searched", lambda *_: half.kernel)
+    monkeypatch.setattr("deshake.blind.kernel_comparison.searched", lambda *_, **__: half.kernel)
     assert comparison.searched(true, Run()) is true
-    monkeypatch.setattr("deshake.blind.kernel_comparison.searched", lambda *_: nearer.kernel)
+    monkeypatch.setattr("deshake.blind.kernel_comparison.searched", lambda *_, **__: nearer.kernel)
     assert comparison.searched(short, Run()).kernel is nearer.kernel
     much = replace(SETTINGS.kernel_comparison, gain=2.0)
     monkeypatch.setattr("deshake.blind.kernel_comparison._S", much)
@@ -235,7 +239,7 @@ def test_a_finer_scale_decides_on_a_path(nearly, monkeypatch) -> None:
     (own, own_true), (finer, finer_true) = margins
     assert finer_true - finer > own_true - own + 0.005
     limit = (own_true - own + finer_true - finer) / 2
-    monkeypatch.setattr("deshake.blind.kernel_comparison.searched", lambda *_: photo.kernel)
+    monkeypatch.setattr("deshake.blind.kernel_comparison.searched", lambda *_, **__: photo.kernel)
     for scales, wins in ((2, True), (1, True), (0, False)):
         changed = replace(SETTINGS.kernel_comparison, confirming=scales, gain=limit)
         monkeypatch.setattr("deshake.blind.kernel_comparison._S", changed)
@@ -266,8 +270,7 @@ def test_a_disk_has_no_direction_and_no_lead(entries, pyramid) -> None:
 def test_a_search_is_vain_if_it_begins_far_below_the_kernel(entries, pyramid, monkeypatch) -> None:
     true, asked = entries[0], []
 
-    def searched(*given: object) -> None:
-        is_hopeful = given[4]
+    def searched(*_: object, is_hopeful: Callable[[RotationKernel], bool], **__: object) -> None:
         asked.extend(is_hopeful(shrunk(true, share).kernel) for share in (1.0, 0.98, 0.5, 2.0))
 
     monkeypatch.setattr("deshake.blind.kernel_comparison.searched", searched)

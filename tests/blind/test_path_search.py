@@ -62,7 +62,7 @@ def along(folded, band, scales, run=Run()) -> RotationKernel:
         assert nearness(middle.kernel(band.camera), folded.kernel) > 0.5
         return lambda path: worth(path.kernel(band.camera))
 
-    path = searched(band, scales, worth, around, lambda _: True, run)
+    path = searched(band, scales, worth=worth, around=around, is_hopeful=lambda _: True, run=run)
     assert path is not None
     return path
 
@@ -98,10 +98,10 @@ def test_folded_paths_take_part(folded, widened, scales, monkeypatch) -> None:
     searched(
         widened(folded.kernel, 2.0),
         scales,
-        lambda kernel: float(seen.append(kernel) or 0),
-        lambda *_: lambda _path: 0.0,
-        lambda _: True,
-        Run(1),
+        worth=lambda kernel: float(seen.append(kernel) or 0),
+        around=lambda *_: lambda _path: 0.0,
+        is_hopeful=lambda _: True,
+        run=Run(1),
     )
     near = [nearness(kernel, folded.kernel) for kernel in seen[:13]]
     assert max(near[1:]) > near[0] + 0.005
@@ -109,7 +109,8 @@ def test_folded_paths_take_part(folded, widened, scales, monkeypatch) -> None:
 
 def test_there_is_no_path_along_a_point(folded, scales) -> None:
     point = RotationKernel.delta(folded.camera)
-    assert searched(point, scales, lambda _: 0.0, never, lambda _: True, Run()) is None
+    measures = {"worth": lambda _: 0.0, "around": never, "is_hopeful": lambda _: True}
+    assert searched(point, scales, **measures, run=Run()) is None
 
 
 def test_there_is_no_evolution_without_hope(folded, band, scales) -> None:
@@ -125,7 +126,8 @@ def test_there_is_no_evolution_without_hope(folded, band, scales) -> None:
         begun.append(kernel)
         return False
 
-    assert searched(band, scales, worth, never, is_hopeful, Run(1)) is None
+    measures = {"worth": worth, "around": never, "is_hopeful": is_hopeful}
+    assert searched(band, scales, **measures, run=Run(1)) is None
     (kernel,) = begun
     assert nearness(kernel, folded.kernel) == max(value for value, _ in ranked)
 
