@@ -272,11 +272,13 @@ def test_a_path_that_is_searched_for_wins_if_it_is_better(ended, shaken, monkeyp
     course.entries = [ended.winner]
     shorter = replace(ended.winner.kernel, theta=0.85 * ended.winner.kernel.theta)
     short = course.finished(ended.winner._replace(kernel=shorter))
-    monkeypatch.setattr("deshake.blind.kernel_comparison.searched", lambda *_: ended.winner.kernel)
+    monkeypatch.setattr(
+        "deshake.blind.kernel_comparison.searched", lambda *_, **__: ended.winner.kernel
+    )
     found = course.searched(short, Run(1))
     assert found.winner.kernel is ended.winner.kernel
     assert found[1:] == short[1:]  # the path is fitted to the tiles that measure these
-    monkeypatch.setattr("deshake.blind.kernel_comparison.searched", lambda *_: shorter)
+    monkeypatch.setattr("deshake.blind.kernel_comparison.searched", lambda *_, **__: shorter)
     assert course.searched(found, Run(1)) == found
 
 

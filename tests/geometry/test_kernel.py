@@ -181,7 +181,7 @@ def test_a_turned_kernel_has_turned_displacements() -> None:
     np.testing.assert_allclose(turned, down, atol=0.02)
     np.testing.assert_allclose(kernel.turned(30).turned(-30).theta, kernel.theta, atol=1e-12)
     np.testing.assert_allclose(kernel.turned(47).centroid, kernel.centroid, atol=1e-12)
-    assert kernel.turned(47).weights is kernel.weights
+    np.testing.assert_array_equal(kernel.turned(47).weights, kernel.weights)
 
 
 def test_centred_kernel_has_its_mean_at_the_origin() -> None:
