@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,6 +34,11 @@ def test_a_known_shake_wins(ended, shaken) -> None:
 def test_the_margin_and_the_agreement_of_a_winner_are_high(ended) -> None:
     assert ended.margin > 0.05
     assert 0.8 < ended.agreement <= 1 + 1e-6
+
+
+def test_the_kernel_of_a_shake_has_a_lead(ended) -> None:
+    assert ended.lead > SETTINGS.trust.usual_lead
+    assert confidence(ended) > confidence(ended._replace(lead=None))
 
 
 def test_a_winner_is_centred_and_knows_its_scale(ended, pyramid) -> None:
@@ -225,6 +231,14 @@ def test_a_photo_that_is_hardly_shaken_needs_the_two_finest_starts(soft, ran) ->
     ended = race(soft, may_rest=False, hardly_shaken=True)
     assert ran == first_scales(soft.coarsest)[:2]
     assert ended.match < SETTINGS.race.least_match
+
+
+@pytest.mark.parametrize("changed", ["least_match", "least_lead"])
+def test_a_match_or_a_lead_is_enough_to_go_on(soft, ran, monkeypatch, changed) -> None:
+    least = replace(SETTINGS.race, **{changed: -1.0})
+    monkeypatch.setattr("deshake.blind.race._S", least)
+    race(soft, may_rest=False, hardly_shaken=True)
+    assert ran[: len(first_scales(soft.coarsest))] == first_scales(soft.coarsest)
 
 
 @pytest.mark.parametrize("quick", [False, True])
