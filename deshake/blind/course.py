@@ -311,8 +311,10 @@ class Course:
         best, ends = _zoomed(best, ratio), _zoomed(ends, ratio)
         polish = run.part(0.5, 1.0)
         last = polished(self.comparison, best, ends, self.axes, polish)
-        ended = [self.finished(one.entry, one.judge) for one in last]
-        return selected([one._replace(lead=self.comparison.lead(one.winner)) for one in ended])
+        return selected(
+            self.finished(one.entry, one.judge)._replace(lead=self.comparison.lead(one.entry))
+            for one in last
+        )
 
     def searched(self, ended: Finish, run: Run) -> Finish:
         """Replace the winner by a better path along it; what it was worth before still counts."""

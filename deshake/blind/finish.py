@@ -23,15 +23,15 @@ class Finish(NamedTuple):
         Correlation of the spectra of the photo with those of the winner, -1..1.
     agreement : float
         Mean agreement of the winner with the nearest kernels of other starts, 0..1.
-    lead : float, optional
-        How much better the winner explains the photo than the same kernel turned, a difference of
-        margins; None if the winner is a disk, or if the race ended before that was worth the time.
     at_rest : bool
         Whether the race stopped early, because the winner is a small round spot.
     zoom : float
         Focal length of the winner's camera over that of the photo's; 1 if it is known.
     displayed : bool
         Whether the race looked at the display values of the photo in place of its light.
+    lead : float, optional
+        How much better the winner explains the photo than the same kernel turned, a difference of
+        margins; None if the winner is a disk, or if the race ended before that was worth the time.
 
     """
 

@@ -67,7 +67,7 @@ class Comparison:
         self._matches: dict[tuple[RotationKernel, int], float] = {}
         self._paths: dict[RotationKernel, RotationKernel] = {}
         self._scores: dict[tuple[Judge, RotationKernel], float] = {}
-        self._finer: dict[RotationKernel, list[Judge]] = {}
+        self._batches: dict[tuple[RotationKernel, int], list[Judge]] = {}
 
     def zoomed(self, ratio: float) -> Comparison:
         """Return the comparison for a focal length `ratio` times as long."""
@@ -243,13 +243,13 @@ class Comparison:
             return entry
         level, kernel = self.level(entry), entry.kernel
         worth = _PathWorth(
-            Judge.batches(self.pyramid, level, kernel),
+            self._batches_at(level, kernel),
             self._matching(level),
             _S.search_match_worth * self._match_share,
             kernel.camera,
             run,
         )
-        gain = self._gain_over(kernel, level)
+        gain = self._gain_over(entry)
         found = searched(
             kernel,
             self._finer_spectra(level),
@@ -263,13 +263,13 @@ class Comparison:
         path = entry._replace(name=f"{entry.name}, path", kernel=found)
         return entry if self.hopeless(path) else path
 
-    def _gain_over(self, kernel: RotationKernel, level: int) -> Callable[[RotationKernel], float]:
+    def _gain_over(self, entry: Entry) -> Callable[[RotationKernel], float]:
         """Return a measure of other kernels: how much their margin exceeds that of one kernel.
 
         It is that of many tiles, at a finer scale than that of the kernel.
         """
-        judges = self._finer_judges(kernel, level)
-        own = _mean_margin(judges, kernel)
+        judges = self._finer_batches(entry)
+        own = _mean_margin(judges, entry.kernel)
 
         def gain(other: RotationKernel) -> float:
             if not judges[0].has_room(other):  # all have the same room
@@ -288,16 +288,20 @@ class Comparison:
         kernel = entry.kernel
         if is_filled(kernel):
             return None
-        judges = self._finer_judges(kernel, self.level(entry))
+        judges = self._finer_batches(entry)
         turned = [_mean_margin(judges, kernel.turned(angle)) for angle in _S.turns]
         return _mean_margin(judges, kernel) - float(np.mean(turned))
 
-    def _finer_judges(self, kernel: RotationKernel, level: int) -> list[Judge]:
-        """Return judges of kernels that hardly differ from one of a scale, at a finer scale."""
-        if kernel not in self._finer:
-            finer = max(level - _S.confirming, 0)
-            self._finer[kernel] = Judge.batches(self.pyramid, finer, kernel)
-        return self._finer[kernel]
+    def _finer_batches(self, entry: Entry) -> list[Judge]:
+        """Return the batches of judges for a kernel at a finer scale, or at the photo's size."""
+        return self._batches_at(max(self.level(entry) - _S.confirming, 0), entry.kernel)
+
+    def _batches_at(self, level: int, kernel: RotationKernel) -> list[Judge]:
+        """Return the batches of judges for a kernel at a scale; see `Judge.batches`."""
+        key = kernel, level
+        if key not in self._batches:
+            self._batches[key] = Judge.batches(self.pyramid, level, kernel)
+        return self._batches[key]
 
     def weighed(self, entry: Entry) -> Entry:
         """Fit the weights of a kernel to the spectra of the photo."""

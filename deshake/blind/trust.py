@@ -10,7 +10,7 @@ import numpy as np
 from deshake.blind.settings import SETTINGS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable
 
     from deshake.blind.drawn_path import Drawing
     from deshake.blind.finish import Finish
@@ -36,10 +36,15 @@ def confidence(ended: Finish) -> float:
     return _chance(float(log_odds))
 
 
-def selected(best: Sequence[Finish]) -> Finish:
-    """Return the first result, or, if it is hopeless, the one with the highest confidence."""
-    hopeless = confidence(best[0]) < SETTINGS.course.hopeful
-    return max(best, key=confidence) if hopeless else best[0]
+def selected(best: Iterable[Finish]) -> Finish:
+    """Return the first result, or, if it is hopeless, the one with the highest confidence.
+
+    The others are asked for only then.
+    """
+    others = iter(best)
+    first = next(others)
+    hopeless = confidence(first) < SETTINGS.course.hopeful
+    return max([first, *others], key=confidence) if hopeless else first
 
 
 def drawn_confidence(drawn: Drawing) -> float:

@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deshake.geometry.rotations import compose, displacements, grid_steps, homographies
+from deshake.geometry.rotations import (
+    compose,
+    displacements,
+    grid_steps,
+    homographies,
+    rotation_matrices,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -212,14 +218,10 @@ class RotationKernel:
     def turned(self, degrees: float) -> RotationKernel:
         """Return the kernel with all its directions turned clockwise about the optical axis.
 
-        The rotations are those about axes that are turned, too, with the centroid as their middle.
-        They leave the grid.
+        Its centroid moves to the origin. The rotations leave the grid.
         """
-        turn = np.radians(degrees)
-        matrix = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-        theta = self.theta - self.centroid
-        theta[:, :2] = theta[:, :2] @ matrix
-        return replace(self, theta=theta)
+        turn = rotation_matrices([0, 0, np.radians(degrees)])
+        return replace(self, theta=(self.theta - self.centroid) @ turn.T)
 
     def shifted(self, offset: ArrayLike) -> RotationKernel:
         """Return the kernel moved by whole grid steps, (3,) integers."""
