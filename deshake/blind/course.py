@@ -7,8 +7,9 @@ finest scale that it can reach.
 The score of the comparison then ranks the kernels, on tiles that no candidate used
 (`kernel_comparison`). A smooth path through each kernel is fitted to the spectra of the photo
 (`spectral_match`). The best kernels are refined, with roll and without, fitted to the spectra once
-more, and ranked again. The best kernels of two starts are polished (`polish`). A path is searched
-for along the winner (`path_search`).
+more, and ranked again. If the best one is wide for the frame, it may be a part of a kernel, and
+grows (`growth`). The best kernels of two starts are polished (`polish`). A path is searched for
+along the winner (`path_search`).
 
 Every second start carries its kernel as a thin path from scale to scale. Wide shakes often
 succeed in only one of the two ways. Very wide shakes have starts of their own (`wide_start`). If
@@ -32,6 +33,7 @@ from deshake.blind.candidate import Candidate
 from deshake.blind.entry import Entry, all_refined, best_of_starts, last_of_starts, nearest
 from deshake.blind.finish import Finish
 from deshake.blind.focal_search import best_zoom
+from deshake.blind.growth import grown
 from deshake.blind.kernel_comparison import Comparison
 from deshake.blind.polish import polished
 from deshake.blind.settings import SETTINGS
@@ -73,6 +75,7 @@ class Course:
         bound: float | None,
         *,
         any_focal: bool,
+        toned: bool = False,
         run: Run,
     ) -> None:
         self.pyramid = pyramid
@@ -80,6 +83,7 @@ class Course:
         self.bound = bound
         self.comparison = Comparison(pyramid, run)
         self.any_focal = any_focal and not pyramid.camera.is_uniform
+        self.toned = toned
         self.zoom = 1.0
         self.entries: list[Entry] = []
         self.ends: list[Entry] = []
@@ -102,6 +106,7 @@ class Course:
             self.axes,
             self.bound,
             any_focal=self.any_focal,
+            toned=self.toned,
             run=self.comparison.run,
         )
 
@@ -309,6 +314,9 @@ class Course:
         best = self._best_of_starts(self._contenders(starts))[:lines]
         ratio = self._focus(best)
         best, ends = _zoomed(best, ratio), _zoomed(ends, ratio)
+        leader = grown(self.comparison, best[0], self.axes, toned=self.toned)
+        if leader is not best[0]:
+            best = [leader]  # the kernel of another start would have to grow, too
         polish = run.part(0.5, 1.0)
         last = polished(self.comparison, best, ends, self.axes, polish)
         return selected(

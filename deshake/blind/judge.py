@@ -57,11 +57,14 @@ class Judge:
         Tiles of one scale. They should not be the tiles that the kernels were fitted to.
     lam : float, optional
         Squared contrast of the pyramid: price of an edge pixel, and largest misfit of a pixel.
+    level : int, optional
+        The scale of the tiles.
 
     """
 
-    def __init__(self, tiles: Tiles, lam: float = _S.lam) -> None:
+    def __init__(self, tiles: Tiles, lam: float = _S.lam, level: int = 0) -> None:
         self.tiles = tiles
+        self.level = level
         self.lam = lam
         self.counted = tiles.inside
         self._filled: Image | None = None
@@ -74,7 +77,7 @@ class Judge:
         camera = pyramid.camera_at(level)
         widest = max((kernel.for_camera(camera) for kernel in kernels), key=_reach)
         tiles = planned_tiles(pyramid, level, widest, part="apart", budget=_S.budget, room=_S.room)
-        return cls(tiles)
+        return cls(tiles, level=level)
 
     @classmethod
     def batches(cls, pyramid: Pyramid, level: int, kernel: RotationKernel) -> list[Judge]:
@@ -89,7 +92,7 @@ class Judge:
         order = np.random.default_rng(_SEED).permutation(seen)
         parts = np.array_split(order, max(len(seen) // _S.batch, 1))
         lam = _S.lam * float(np.clip(_noise(tiles) / _S.noisy, _S.least_price, 1))
-        return [cls(tiles.some(np.sort(part)), lam).near(kernel) for part in parts]
+        return [cls(tiles.some(np.sort(part)), lam, level).near(kernel) for part in parts]
 
     def near(self, kernel: RotationKernel) -> Judge:
         """Return a judge of kernels that hardly differ from one, in half the time.

@@ -94,6 +94,11 @@ class Comparison:
             self._scores[judge, entry.kernel] = score
         return np.array([self._scores[judge, entry.kernel] for entry, judge in pairs])
 
+    def scores_at(self, level: int, entries: Sequence[Entry]) -> Scores:
+        """Return the scores of kernels, all at one scale; none is penalised."""
+        self._make_room(level, entries)
+        return self.scores_by([(entry, self._judges[level]) for entry in entries])
+
     def hopeless(self, entry: Entry) -> bool:
         """Return whether a kernel is a small round spot, or far too wide for the photo."""
         widest = _S.widest * min(self.pyramid.camera.shape)
@@ -145,13 +150,12 @@ class Comparison:
             return False
         if self.match(wide) <= self.match(narrow, level):
             return False
-        self._make_room(level, [wide, narrow])
-        judge = self._judges[level]
-        return bool(self.scores_by([(wide, judge)])[0] > self._score(narrow, judge, level))
+        one, other = self.scores_at(level, [wide, narrow])
+        return bool(one > other)
 
-    def _score(self, entry: Entry, judge: Judge, level: int | None = None) -> float:
+    def _score(self, entry: Entry, judge: Judge) -> float:
         score = entry.margin(judge) + _S.sharpening_worth * judge.sharpening(entry.kernel)
-        return score + _S.match_worth * self._match_share * self.match(entry, level)
+        return score + _S.match_worth * self._match_share * self.match(entry, judge.level)
 
     @cached_property
     def _match_share(self) -> float:

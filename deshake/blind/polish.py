@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
+from deshake.blind.growth import on_frame
 from deshake.blind.settings import SETTINGS
-from deshake.blind.wide_start import refined_on_frame
 from deshake.operators.strips import reported
 
 if TYPE_CHECKING:
@@ -160,10 +160,8 @@ class _Line:
         return [*paths, *last]
 
     def _on_frame(self) -> list[Entry]:
-        best, pyramid = self.best, self.comparison.pyramid
-        level = self.comparison.level(best)
-        kernels = refined_on_frame(pyramid, best.kernel, level, self.axes)
-        wide = [best._replace(name=f"{best.name}, frame", kernel=kernel) for kernel in kernels]
+        pyramid = self.comparison.pyramid
+        wide = on_frame(self.comparison, self.best, [pyramid], _S.frame, self.axes)
         wide += [entry.refined(pyramid, _S.smooth, self.axes) for entry in wide]
         return [entry for entry in wide if self.comparison.is_wide(entry)]
 

@@ -86,7 +86,8 @@ def race(
         Threads to use, and who receives the progress.
 
     """
-    course = Course(pyramid, axes, bound, any_focal=any_focal, run=run.silent())
+    toned = toned and evidence >= _S.little_evidence  # others would take twice as long
+    course = Course(pyramid, axes, bound, any_focal=any_focal, toned=toned, run=run.silent())
     starts = first_scales(pyramid.coarsest)
     begun = run.part(0.0, 0.35)
     ended = _begun(
@@ -104,7 +105,7 @@ def race(
     if not quick:
         course.begin_others(run.part(0.35, 0.45))
     courses = [course]
-    if toned and evidence >= _S.little_evidence:  # others would take twice as long
+    if toned:
         courses = _in_both_tones(course, starts, quick=quick, run=run.part(0.45, 0.6))
     finish = _ended(courses, hopeful, quick=quick, run=run.part(0.6, 1.0))
     run.report(1.0, "kernel estimated")

@@ -13,11 +13,14 @@ squares between the edges of S and those of the photo g, which has a closed form
 
     w = F^-1( sum conj(F D S) F D g / (sum |F D S|^2 + gamma) )
 
-Its small values and small pieces are noise. Each start succeeds on some photos only. The starts
-differ in scale, room and price of an edge, and they are cheap. Clipped pixels count like others,
+Its small values and small pieces are noise. In a start, these are values that are small beside the
+largest one. Each start succeeds on some photos only. The starts differ in scale, room and price of
+an edge, and they are cheap. Clipped pixels count like others,
 because a periodic picture has no gaps; the race judges the kernels without them.
 
-A wide kernel that is nearly right is refined in the same way at finer scales (`refined_on_frame`).
+A kernel that is nearly right, or a part of a wide one, is refined in the same way
+(`refined_on_frame`). Then the smallest values that together hold a share of the light are noise: a
+long faint tail may hold more.
 
 References
 ----------
@@ -37,6 +40,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from deshake.blind.settings import SETTINGS
+from deshake.blind.trimming import without_light
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import displacements, grid_steps, homographies
 from deshake.operators.bilinear import splat
@@ -46,10 +50,10 @@ from deshake.signal.gradients import adjoint_differences, differences, strong
 from deshake.signal.pyramid import RATIO
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from deshake.blind.candidate import Axes
-    from deshake.blind.settings import WideWay
+    from deshake.blind.settings import FrameWay, WideWay
     from deshake.geometry.camera import Camera
     from deshake.run import Run
     from deshake.signal.pyramid import Pyramid, Scale
@@ -95,50 +99,49 @@ def _estimated(pyramid: Pyramid, level: int, way: WideWay, axes: Axes) -> Rotati
     reaches = [int(np.ceil(way.reach / RATIO**coarser)) for coarser in reversed(range(scales))]
     levels = range(level + scales - 1, level - 1, -1)
     frames = _frames(pyramid, levels, reaches, contrast_of=level)
-    kernel = _alternated(frames, _first_kernel(reaches[0]), prices, darks, axes)
+    first = _first_kernel(reaches[0])
+    kernel = _alternated(frames, first, prices, darks, axes, without_noise=_without_small_values)
     return _of_camera(kernel, pyramid.at(level), pyramid)
 
 
 def refined_on_frame(
-    pyramid: Pyramid, kernel: RotationKernel, level: int, axes: Axes
-) -> list[RotationKernel]:
-    """Refine a wide kernel that is nearly right, without roll, from a scale to finer ones.
-
-    The last scale is twice as large as the first one, or less if the frame is large there.
+    pyramid: Pyramid, kernel: RotationKernel, level: int, way: FrameWay, axes: Axes
+) -> RotationKernel | None:
+    """Estimate a wide kernel again from a part of it, without roll, from coarse to fine.
 
     Parameters
     ----------
     pyramid : Pyramid
         The photo.
     kernel : RotationKernel
-        The kernel, for the camera of the photo.
+        The kernel to begin with, for the camera of the photo.
     level : int
-        The first scale.
+        The scale that suits this kernel.
+    way : FrameWay
+        The scales, the room of the kernel, and the prices.
     axes : three bools
         The axes that the camera may turn about.
 
     Returns
     -------
-    list of RotationKernel
-        A kernel for each of a few prices of an edge, for the camera of the photo, centred; none if
-        the frame is too large at finer scales.
+    RotationKernel or None
+        The kernel, for the camera of the photo, centred; None if the frame is too large for these
+        scales.
 
     """
-    last = max(level - _S.finer, pyramid.level_of(_S.most_pixels))
-    if last >= level:
-        return []
-    first = _filter(kernel, pyramid.camera_at(level))
-    levels = range(level, last - 1, -1)
-    reaches = [len(first) // 2]
-    for _ in levels[1:]:
-        reaches.append(int(np.ceil(RATIO * reaches[-1])))
-    frames = _frames(pyramid, levels, reaches, contrast_of=level)
-    count = len(frames) * _S.iterations
-    refined = [
-        _alternated(frames, first, np.full(count, price), np.zeros(count), axes)
-        for price in _S.prices
-    ]
-    return [_of_camera(one, pyramid.at(last), pyramid) for one in refined]
+    first, last = level + way.first, max(level + way.last, pyramid.level_of(_S.most_pixels))
+    if last >= first:
+        return None
+    drawn = _filter(kernel, pyramid.camera_at(first))
+    reach = int(np.ceil(way.room * (len(drawn) // 2)))
+    drawn = np.pad(drawn, reach - len(drawn) // 2)
+    levels = range(first, last - 1, -1)
+    reaches = [int(np.ceil(reach * RATIO ** (first - one))) for one in levels]
+    frames = _frames(pyramid, levels, reaches, contrast_of=first)
+    prices = np.geomspace(way.dear, way.cheap, len(frames) * way.iterations)
+    darks = np.zeros_like(prices)
+    grown = _alternated(frames, drawn, prices, darks, axes, without_noise=_without_faint_values)
+    return _of_camera(grown, pyramid.at(last), pyramid)
 
 
 def _frames(
@@ -158,17 +161,21 @@ def _alternated(
     prices: NDArray[np.float64],
     darks: NDArray[np.float64],
     axes: Axes,
+    *,
+    without_noise: Callable[[Image], Image],
 ) -> Image:
     """Alternate the two steps on frames, from coarse to fine; the kernel is for the first one.
 
     There is a price of an edge, and a brightness of dark pixels, for each iteration of each frame.
     """
+    iterations = len(prices) // len(frames)
     for n, frame in enumerate(frames):
         if n:
             kernel = _resized(kernel, frame.reach)
-        for i in range(n * _S.iterations, (n + 1) * _S.iterations):
+        for i in range(n * iterations, (n + 1) * iterations):
             across, down = frame.edges(kernel, float(prices[i]), float(darks[i]))
-            kernel = _cleaned(frame.fitted(across, down, frame.reach), axes, otherwise=kernel)
+            fitted = without_noise(frame.fitted(across, down, frame.reach))
+            kernel = _cleaned(fitted, axes, otherwise=kernel)
     return kernel
 
 
@@ -288,10 +295,22 @@ def _resized(kernel: Image, reach: int) -> Image:
     return np.asarray(finer / finer.sum(), np.float32)
 
 
+def _without_small_values(kernel: Image) -> Image:
+    """Discard the values that are small beside the largest one."""
+    kept: Image = np.where(kernel < _S.cut * kernel.max(), 0, kernel)
+    return kept
+
+
+def _without_faint_values(kernel: Image) -> Image:
+    """Discard the smallest values, as long as they hold less than a share of the light."""
+    kept = without_light(np.maximum(kernel, 0).ravel().astype(np.float64), _S.faint)
+    return kept.reshape(kernel.shape).astype(np.float32)
+
+
 def _cleaned(kernel: Image, axes: Axes, otherwise: Image) -> Image:
-    """Discard small values and small pieces, and centre the kernel; its sum is 1."""
+    """Discard small pieces, and centre the kernel; its sum is 1."""
     reach = len(kernel) // 2
-    kernel = np.where(kernel < _S.cut * kernel.max(), 0, kernel)
+    kernel = kernel.copy()
     steps = np.arange(-reach, reach + 1)
     if not axes[0]:  # a turn about X moves the picture up and down
         kernel[steps != 0] = 0

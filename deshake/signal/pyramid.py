@@ -160,7 +160,14 @@ class Pyramid:
 
     def displayed(self) -> Pyramid:
         """Return the photo in the root of its light, which approximates display values."""
-        other = Pyramid(self._grey, self.camera, is_displayed=True)
+        return self._toned(is_displayed=True)
+
+    def in_other_tones(self) -> Pyramid:
+        """Return the photo in the root of its light, or in light if this is the root."""
+        return self._toned(is_displayed=not self.is_displayed)
+
+    def _toned(self, *, is_displayed: bool) -> Pyramid:
+        other = Pyramid(self._grey, self.camera, is_displayed=is_displayed)
         other._clipped = self._clipped
         return other
 

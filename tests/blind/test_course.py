@@ -19,7 +19,9 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.run import Run
 
 if TYPE_CHECKING:
+    from deshake.blind.candidate import Axes
     from deshake.blind.finish import Finish
+    from deshake.blind.kernel_comparison import Comparison
     from deshake.signal.pyramid import Pyramid
 
 pytestmark = pytest.mark.long
@@ -199,6 +201,30 @@ def test_the_kernels_of_a_tiny_photo_are_polished_as_if_in_doubt(
     assert course.sure
     course.finish(Run(1))
     assert counts == [lines]
+
+
+@pytest.mark.parametrize("grows", [True, False])
+def test_a_kernel_that_grows_is_polished_alone(photo, monkeypatch, grows) -> None:
+    grown: list[tuple[Entry, bool]] = []
+    taken: list[list[Entry]] = []
+
+    def grow(_: Comparison, entry: Entry, __: Axes, *, toned: bool) -> Entry:
+        grown.append((entry, toned))
+        return entry._replace(name="grown") if grows else entry
+
+    def polish(comparison: Comparison, best: list[Entry], *arguments: Any) -> list[Polished]:
+        taken.append(best)
+        return polished(comparison, best, *arguments)
+
+    monkeypatch.setattr("deshake.blind.course.grown", grow)
+    monkeypatch.setattr("deshake.blind.course.polished", polish)
+    course = begun(photo.pyramid)
+    course.toned = True
+    course.finish(Run(1))
+    (leader, toned), (best, *others) = grown[0], taken[0]
+    assert toned
+    assert best == (leader._replace(name="grown") if grows else leader)
+    assert len(others) == (0 if grows else 1)
 
 
 def test_starts_of_edges_in_doubt_are_followed_by_others(grainy) -> None:

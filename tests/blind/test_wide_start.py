@@ -116,27 +116,52 @@ def test_a_tiny_photo_has_none(wide) -> None:
 
 
 def test_a_kernel_that_is_too_wide_is_refined_on_the_frame(wide, thick) -> None:
-    kernels = refined_on_frame(wide.pyramid, thick, 2, ALL_AXES)
-    assert len(kernels) == len(SETTINGS.wide_start.prices)
-    near = [agreement(one, wide.kernel, smoothing=0.1) for one in kernels]
-    assert max(near) > agreement(thick, wide.kernel, smoothing=0.1) + 0.02
-    assert max(near) > 0.9
-    for kernel in kernels:
-        assert kernel.camera is wide.camera
-        np.testing.assert_allclose(kernel.centroid, 0, atol=1e-3 * kernel.steps.min())
+    kernel = refined_on_frame(wide.pyramid, thick, 2, SETTINGS.polish.frame[1], ALL_AXES)
+    near = agreement(kernel, wide.kernel, smoothing=0.1)
+    assert near > agreement(thick, wide.kernel, smoothing=0.1) + 0.02
+    assert near > 0.9
+    assert kernel.camera is wide.camera
+    np.testing.assert_allclose(kernel.centroid, 0, atol=1e-3 * kernel.steps.min())
+
+
+def test_a_part_of_a_path_becomes_the_whole(wide) -> None:
+    part = RotationKernel.from_path(PATH[:2] * grid_steps(wide.camera), wide.camera).centred()
+    assert agreement(part, wide.kernel) < 0.7
+    for way in SETTINGS.growth.ways:
+        kernel = refined_on_frame(wide.pyramid, part, 0, way, ALL_AXES)
+        assert agreement(kernel, wide.kernel) > 0.95
+        assert kernel.extent_px() > 1.5 * part.extent_px()
 
 
 def test_a_camera_that_turns_about_one_axis_is_refined_along_a_line(wide, thick) -> None:
-    for kernel in refined_on_frame(wide.pyramid, thick, 2, (False, True, False)):
-        assert np.ptp(kernel.theta[:, 0]) < 1e-2 * kernel.steps[0]
-        assert np.ptp(kernel.theta[:, 1]) > 5 * kernel.steps[1]
+    kernel = refined_on_frame(
+        wide.pyramid, thick, 2, SETTINGS.polish.frame[1], (False, True, False)
+    )
+    assert np.ptp(kernel.theta[:, 0]) < 1e-2 * kernel.steps[0]
+    assert np.ptp(kernel.theta[:, 1]) > 5 * kernel.steps[1]
 
 
-def test_a_frame_that_is_large_at_finer_scales_refines_nothing(wide, thick, monkeypatch) -> None:
+def test_nothing_is_refined_on_a_frame_that_is_too_large(wide, thick, monkeypatch) -> None:
     small = replace(SETTINGS.wide_start, most_pixels=np.prod(wide.camera.shape) / 4)
     monkeypatch.setattr(wide_start, "_S", small)
-    assert refined_on_frame(wide.pyramid, thick, 2, ALL_AXES) == []
-    assert len(refined_on_frame(wide.pyramid, thick, 3, ALL_AXES)) == len(small.prices)
+    assert refined_on_frame(wide.pyramid, thick, 2, SETTINGS.polish.frame[1], ALL_AXES) is None
+    assert refined_on_frame(wide.pyramid, thick, 3, SETTINGS.polish.frame[1], ALL_AXES) is not None
+
+
+@pytest.mark.parametrize("faint", [0.05, 0.3])
+def test_a_refinement_keeps_a_faint_tail_with_much_of_the_light(faint, monkeypatch) -> None:
+    """The limit of the starts, relative to the largest value, discards all of the tail."""
+    monkeypatch.setattr(wide_start, "_S", replace(SETTINGS.wide_start, faint=faint))
+    kernel = np.zeros((41, 41), np.float32)
+    kernel[20, 2:39] = 0.4 / 37
+    kernel[20, 2] = 0.6
+    kernel[0, 0] = -0.1
+    kept = wide_start._without_faint_values(kernel)
+    assert kept[20, 2] == np.float32(0.6)
+    assert np.count_nonzero(kept) == np.count_nonzero(kept > 0)
+    lost = kernel[20].sum() - kept.sum()
+    assert faint - 0.02 < lost / kernel[20].sum() < faint
+    assert np.count_nonzero(wide_start._without_small_values(kernel)) == 1
 
 
 def test_the_filter_of_a_kernel_is_how_it_blurs_a_point() -> None:
@@ -206,6 +231,7 @@ def test_small_values_and_pieces_are_discarded_and_the_kernel_is_centred(hook) -
     noisy[8, 0] = 0.04  # a piece with less than a twentieth of the light
     noisy[0, 8] = -0.3
     noisy[7, 7] = 0.005
+    noisy = wide_start._without_small_values(noisy)
     cleaned = wide_start._cleaned(noisy, ALL_AXES, otherwise=hook)
     assert cleaned.sum() == pytest.approx(1)
     assert (cleaned > 0).sum() == (hook > 0).sum()

@@ -204,6 +204,18 @@ def test_a_camera_needs_no_picture(sharp) -> None:
         assert cameras[2].focal_px == pytest.approx(focal / 2)
 
 
+def test_the_other_tones_are_display_values_or_light(sharp) -> None:
+    light = of(sharp)
+    shown = light.in_other_tones()
+    back = shown.in_other_tones()
+    assert shown.is_displayed
+    assert not back.is_displayed
+    for level in (0, 1, 2):
+        expected = light.displayed().at(level).picture
+        np.testing.assert_array_equal(shown.at(level).picture, expected)
+        np.testing.assert_array_equal(back.at(level).picture, light.at(level).picture)
+
+
 def test_displayed_pictures_that_are_forgotten_are_made_again(sharp) -> None:
     shown = of(sharp).displayed().zoomed(1.2)
     first = [shown.at(level).picture for level in (0, 1, 2)]

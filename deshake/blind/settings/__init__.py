@@ -9,6 +9,8 @@ from deshake.blind.settings.candidates import (
     CandidateSettings,
     CourseSettings,
     EntrySettings,
+    FrameWay,
+    GrowthSettings,
     PolishSettings,
     RaceSettings,
     Refinement,
@@ -66,6 +68,7 @@ __all__ = [
     "SETTINGS",
     "Budget",
     "EdgesSettings",
+    "FrameWay",
     "PathScales",
     "Refinement",
     "SpectrumTiles",
@@ -91,7 +94,7 @@ class EdgesSettings:
         The tiles.
     sharp_edges, kernel_step, latent_picture
         The picture of edges, and the kernel.
-    candidate, wide_start, entry, course, race, polish
+    candidate, wide_start, growth, entry, course, race, polish
         The race.
     trimming, camera_path, soft_scene, spectral_match, spectral_start, path_search
         The paths of a camera.
@@ -116,6 +119,7 @@ class EdgesSettings:
     latent_picture: LatentPictureSettings = field(default_factory=LatentPictureSettings)
     candidate: CandidateSettings = field(default_factory=CandidateSettings)
     wide_start: WideStartSettings = field(default_factory=WideStartSettings)
+    growth: GrowthSettings = field(default_factory=GrowthSettings)
     entry: EntrySettings = field(default_factory=EntrySettings)
     course: CourseSettings = field(default_factory=CourseSettings)
     race: RaceSettings = field(default_factory=RaceSettings)

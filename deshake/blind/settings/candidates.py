@@ -10,6 +10,8 @@ __all__ = [
     "CandidateSettings",
     "CourseSettings",
     "EntrySettings",
+    "FrameWay",
+    "GrowthSettings",
     "PolishSettings",
     "RaceSettings",
     "Refinement",
@@ -162,6 +164,31 @@ class WideWay:
 
 
 @dataclass(frozen=True)
+class FrameWay:
+    """One refinement of a wide kernel on the whole frame.
+
+    Parameters
+    ----------
+    first, last : int
+        The first scale and the last one, counted from the scale of the kernel; coarser is more.
+    room : float
+        Room of the kernel at the first scale, as a factor of its own reach.
+    dear, cheap : float
+        Squared contrast: price of an edge in the first iteration, and in the last one.
+    iterations : int
+        Iterations at each scale.
+
+    """
+
+    first: int
+    last: int
+    room: float
+    dear: float
+    cheap: float
+    iterations: int
+
+
+@dataclass(frozen=True)
 class WideStartSettings:
     """Kernels of very wide shakes (`wide_start`).
 
@@ -174,7 +201,7 @@ class WideStartSettings:
     least_reach : float
         Px: reach of the kernel's room at the first scale, about.
     iterations : int
-        Iterations at each scale.
+        Iterations of a start at each scale.
     contrast : float
         Standard deviation of the frame: its picture is scaled to it.
     dark : float
@@ -186,18 +213,17 @@ class WideStartSettings:
     ridge : float
         Squared contrast: what the least squares of the kernel add to the power of the edges.
     cut : float
-        Share of the kernel's largest value: smaller ones are noise.
+        Share of the kernel's largest value: in a start, smaller ones are noise.
+    faint : float
+        Share of the kernel's light: in a refinement, the smallest values that hold less are noise.
+        A camera that rests and then goes far leaves a faint tail, which the limit of the starts
+        cuts off.
     least_piece : float
         Share of the kernel's light: a piece with less is noise.
-    prices : tuple of float
-        Prices of an edge, each for one refinement of a wide kernel. They were chosen on two real
-        photos, `postcard` and `las_vegas`, by the likeness to the kernels of PMP's results.
-    finer : int
-        Scales from the first one of a refinement to the last.
     most_pixels : float
         Largest number of pixels of the frame at the last scale.
     spare : int
-        Px around the kernel at the first scale.
+        Px around a kernel that is refined, at the first scale.
 
     """
 
@@ -218,11 +244,46 @@ class WideStartSettings:
     growth: float = 2.0
     ridge: float = 2.0
     cut: float = 0.05
+    faint: float = 0.3
     least_piece: float = 0.05
-    prices: tuple[float, ...] = (2e-3, 1e-3, 5e-4)
-    finer: int = 2
     most_pixels: float = 0.45e6
     spare: int = 2
+
+
+@dataclass(frozen=True)
+class GrowthSettings:
+    """The growth of wide kernels (`growth`).
+
+    Parameters
+    ----------
+    least_share : float
+        Width of a kernel that grows, as a share of the shorter side of the frame.
+    ways : tuple of FrameWay
+        How it grows.
+    rounds : int
+        Largest number of rounds.
+    coarser : int
+        Scales from that of the kernel to that of the comparison.
+    vain : float
+        Score: if all kernels of the first way score so much less, the round ends.
+    gain : float
+        Score: a kernel that takes the place scores so much more.
+    refinement : Refinement
+        How the best new kernel is refined.
+
+    """
+
+    least_share: float = 0.04
+    ways: tuple[FrameWay, ...] = (
+        FrameWay(2, 1, 2.0, 8e-3, 1e-3, 10),
+        FrameWay(2, 0, 2.0, 8e-3, 1e-3, 8),
+        FrameWay(1, 0, 2.0, 8e-3, 1e-3, 10),
+    )
+    rounds: int = 2
+    coarser: int = 3
+    vain: float = 0.04
+    gain: float = 0.01
+    refinement: Refinement = Refinement(2e-3, iterations=3, budget=Budget(0.6e6, 0.6e6, 1.2e6))
 
 
 @dataclass(frozen=True)
@@ -363,6 +424,9 @@ class PolishSettings:
         The first kernel of a start once more, with a higher price: from fewer edges.
     thin, smooth : Refinement
         Refinement of a thin path, and of a smooth path.
+    frame : tuple of FrameWay
+        Refinements of a kernel that is wide for the frame. The prices were chosen on two real
+        photos, `postcard` and `las_vegas`, by the likeness to the kernels of PMP's results.
     rounds : int
         Largest number of rounds; a round that does not raise the score is the last.
     tracings : int
@@ -373,5 +437,8 @@ class PolishSettings:
     other_edges: Refinement = Refinement(1e-2)
     thin: Refinement = Refinement(2e-3, iterations=4, budget=Budget(0.6e6, 0.6e6, 1.2e6))
     smooth: Refinement = Refinement(2e-3, iterations=3, budget=Budget(0.6e6, 0.6e6, 1.2e6))
+    frame: tuple[FrameWay, ...] = tuple(
+        FrameWay(0, -2, 1.0, price, price, 5) for price in (2e-3, 1e-3, 5e-4)
+    )
     rounds: int = 4
     tracings: int = 3

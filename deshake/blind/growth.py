@@ -1,0 +1,130 @@
+"""Grow kernels that are wide for the frame: find the parts of the path that they lack.
+
+A camera may rest, and then go far but fast. Then the kernel of a start is often a part of the path:
+where the camera rested. At the scale of that part it scores higher than the whole path does at its
+own, coarser scale. The rest of the path is faint. But in a wide room around the part, and with
+every edge of the frame, the kernel step finds it.
+
+So the kernel is estimated again on the whole frame, from coarse to fine, in a room twice as wide
+(`refined_on_frame` in `wide_start`). In display values dark parts weigh more. So this is done in
+the tones of the race, and in the others. All kernels are compared at one scale, which also suits a
+kernel that is almost three times as wide. The best new one is refined in tiles, with roll. If it is
+better than the kernel, it grows once more.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from deshake.blind.settings import SETTINGS
+from deshake.blind.wide_start import refined_on_frame
+from deshake.operators.strips import in_order
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from deshake.blind.candidate import Axes
+    from deshake.blind.entry import Entry
+    from deshake.blind.kernel_comparison import Comparison
+    from deshake.blind.settings import FrameWay
+    from deshake.signal.pyramid import Pyramid
+
+__all__ = ["grown", "on_frame"]
+
+_S: Final = SETTINGS.growth
+
+
+def grown(comparison: Comparison, entry: Entry, axes: Axes, *, toned: bool) -> Entry:
+    """Grow a kernel that may be a part of a wide one, as long as its score rises.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The photo, and the judge of its kernels.
+    entry : Entry
+        The kernel.
+    axes : three bools
+        The axes that the camera may turn about.
+    toned : bool
+        Whether the kernel also grows in the other tones: display values in place of light.
+
+    Returns
+    -------
+    Entry
+        The best kernel; the given one if it is narrow for the frame, or if none is better.
+
+    """
+    pyramid = comparison.pyramid
+    if entry.width < _S.least_share * min(pyramid.camera.shape):
+        return entry
+    tones = [pyramid, pyramid.in_other_tones()] if toned else [pyramid]
+    best = entry
+    for _ in range(_S.rounds):
+        larger = _larger(comparison, best, tones, axes)
+        if larger is None:
+            break
+        best = larger
+    return best
+
+
+def on_frame(
+    comparison: Comparison,
+    entry: Entry,
+    tones: Sequence[Pyramid],
+    ways: Sequence[FrameWay],
+    axes: Axes,
+) -> list[Entry]:
+    """Refine a kernel on the whole frame in each of the tones, in each way.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The photo, and the judge of its kernels.
+    entry : Entry
+        The kernel.
+    tones : sequence of Pyramid
+        The photo in these tones.
+    ways : sequence of FrameWay
+        The scales, the room of the kernel, and the prices.
+    axes : three bools
+        The axes that the camera may turn about.
+
+    Returns
+    -------
+    list of Entry
+        The kernels, without those that are hopeless.
+
+    """
+    level = comparison.level(entry)
+    work = in_order(
+        lambda job: refined_on_frame(job[0], entry.kernel, level, job[1], axes),
+        [(pyramid, way) for pyramid in tones for way in ways],
+        comparison.run,
+    )
+    name = f"{entry.name}, frame"
+    new = [entry._replace(name=name, kernel=kernel) for _, kernel in work if kernel is not None]
+    return [one for one in new if not comparison.hopeless(one)]
+
+
+def _larger(
+    comparison: Comparison, entry: Entry, tones: Sequence[Pyramid], axes: Axes
+) -> Entry | None:
+    """Return a better kernel that grows from one in a round, or None.
+
+    The first way is the cheapest. If all its kernels are far worse, no other way is tried.
+    """
+    coarse = min(comparison.level(entry) + _S.coarser, comparison.pyramid.coarsest)
+    first, *others = _S.ways
+    new = on_frame(comparison, entry, tones, [first], axes)
+    own, *scores = comparison.scores_at(coarse, [entry, *new]).tolist()
+    if max(scores, default=-np.inf) < own - _S.vain:
+        return None
+    new += on_frame(comparison, entry, tones, others, axes)
+    best = new[int(np.argmax(comparison.scores_at(coarse, new)))]
+    kernels = [best, comparison.matched(best)]
+    kernels += [one.refined(comparison.pyramid, _S.refinement, axes) for one in kernels]
+    kernels = [one for one in kernels if not comparison.hopeless(one)]
+    own, *scores = comparison.scores_at(coarse, [entry, *kernels]).tolist()
+    return kernels[int(np.argmax(scores))] if max(scores) > own + _S.gain else None

@@ -1,0 +1,105 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from deshake.blind import growth
+from deshake.blind.agreement import agreement
+from deshake.blind.entry import Entry
+from deshake.blind.growth import grown
+from deshake.blind.kernel_comparison import Comparison
+from deshake.blind.settings import SETTINGS
+from deshake.blind.wide_start import refined_on_frame
+from deshake.geometry.camera import Camera
+
+FLAT = True, True, False
+PATH = np.array([[-24.0, -34, 0], [-12, -20, 0], [2, -14, 0], [10, 8, 0], [-2, 24, 0], [14, 36, 0]])
+
+
+@pytest.fixture(scope="module")
+def wide(shake):
+    """A photo of 360 x 420 pixels, shaken by a fifth of its shorter side, without roll."""
+    return shake(Camera.from_focal(3300.0, 360, 420), path=PATH)
+
+
+@pytest.fixture(scope="module")
+def part(wide) -> Entry:
+    """The first 60 percent of the kernel, and where the camera was then."""
+    order = np.argsort(wide.kernel.theta[:, 1])
+    first = order[: round(0.6 * len(order))]
+    weights = wide.kernel.weights[first]
+    kernel = replace(wide.kernel, theta=wide.kernel.theta[first], weights=weights / weights.sum())
+    return Entry("part", 3, 2, kernel.centred())
+
+
+@pytest.fixture(scope="module")
+def comparison(wide) -> Comparison:
+    return Comparison(wide.pyramid)
+
+
+@pytest.fixture
+def refinements(monkeypatch):
+    """The tones and ways in which kernels are refined on the frame."""
+    made = []
+
+    def refined(pyramid, kernel, level, way, axes):
+        made.append((pyramid.is_displayed, way))
+        return refined_on_frame(pyramid, kernel, level, way, axes)
+
+    monkeypatch.setattr(growth, "refined_on_frame", refined)
+    return made
+
+
+def test_a_part_of_a_wide_path_grows_to_the_whole(wide, part, comparison) -> None:
+    whole = grown(comparison, part, FLAT, toned=False)
+    truth = wide.kernel
+    assert agreement(part.kernel, truth) < 0.85
+    assert agreement(whole.kernel, truth) > 0.97
+    assert whole.width > 1.4 * part.width
+    assert whole.start == part.start
+    level = comparison.level(whole)
+    after, before = comparison.scores_at(level, [whole, part])
+    assert after > before + SETTINGS.growth.gain
+
+
+def test_the_true_kernel_stays(wide, comparison) -> None:
+    true = Entry("true", 3, 2, wide.kernel)
+    assert grown(comparison, true, FLAT, toned=False) is true
+
+
+def test_a_kernel_that_is_narrow_for_the_frame_stays_without_any_work(
+    wide, part, comparison, refinements
+) -> None:
+    least = SETTINGS.growth.least_share * min(wide.camera.shape)
+    kernel = part.kernel
+    narrow = part._replace(kernel=replace(kernel, theta=kernel.theta * 0.9 * least / part.width))
+    assert grown(comparison, narrow, FLAT, toned=False) is narrow
+    assert refinements == []
+
+
+def test_a_kernel_grows_in_both_tones_and_all_ways(part, comparison, refinements) -> None:
+    grown(comparison, part, FLAT, toned=True)
+    first, *others = SETTINGS.growth.ways
+    ordered = [(False, first), (True, first)]
+    ordered += [(shown, way) for shown in (False, True) for way in others]
+    assert refinements[: len(ordered)] == ordered
+
+
+def test_if_the_first_way_is_far_worse_no_other_is_tried(
+    part, comparison, refinements, monkeypatch
+) -> None:
+    hard = replace(SETTINGS.growth, vain=-1.0)
+    monkeypatch.setattr(growth, "_S", hard)
+    assert grown(comparison, part, FLAT, toned=False) is part
+    assert [way for _, way in refinements] == [hard.ways[0]]
+
+
+def test_kernels_that_are_too_wide_for_the_photo_are_left_out(
+    wide, part, comparison, monkeypatch
+) -> None:
+    huge = replace(wide.kernel, theta=wide.kernel.theta * 3)
+    monkeypatch.setattr(growth, "refined_on_frame", lambda *_: huge)
+    assert comparison.hopeless(part._replace(kernel=huge))
+    assert grown(comparison, part, FLAT, toned=False) is part
