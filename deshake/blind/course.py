@@ -314,7 +314,7 @@ class Course:
         best = self._best_of_starts(self._contenders(starts))[:lines]
         ratio = self._focus(best)
         best, ends = _zoomed(best, ratio), _zoomed(ends, ratio)
-        leader = grown(self.comparison, best[0], self.axes, toned=self.toned)
+        leader = grown(self.comparison, best[0], self.axes, self.bound, toned=self.toned)
         if leader is not best[0]:
             best = [leader]  # the kernel of another start would have to grow, too
         polish = run.part(0.5, 1.0)

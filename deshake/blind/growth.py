@@ -36,7 +36,9 @@ __all__ = ["grown", "on_frame"]
 _S: Final = SETTINGS.growth
 
 
-def grown(comparison: Comparison, entry: Entry, axes: Axes, *, toned: bool) -> Entry:
+def grown(
+    comparison: Comparison, entry: Entry, axes: Axes, bound: float | None, *, toned: bool
+) -> Entry:
     """Grow a kernel that may be a part of a wide one, as long as its score rises.
 
     Parameters
@@ -47,6 +49,8 @@ def grown(comparison: Comparison, entry: Entry, axes: Axes, *, toned: bool) -> E
         The kernel.
     axes : three bools
         The axes that the camera may turn about.
+    bound : float or None
+        Largest extent of the kernel in pixels of the photo.
     toned : bool
         Whether the kernel also grows in the other tones: display values in place of light.
 
@@ -63,7 +67,7 @@ def grown(comparison: Comparison, entry: Entry, axes: Axes, *, toned: bool) -> E
     best = entry
     for _ in range(_S.rounds):
         larger = _larger(comparison, best, tones, axes)
-        if larger is None:
+        if larger is None or (bound is not None and larger.kernel.extent_px() > bound):
             break
         best = larger
     return best

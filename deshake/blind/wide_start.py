@@ -15,8 +15,8 @@ squares between the edges of S and those of the photo g, which has a closed form
 
 Its small values and small pieces are noise. In a start, these are values that are small beside the
 largest one. Each start succeeds on some photos only. The starts differ in scale, room and price of
-an edge, and they are cheap. Clipped pixels count like others,
-because a periodic picture has no gaps; the race judges the kernels without them.
+an edge, and they are cheap. Clipped pixels count like others, because a periodic picture has no
+gaps; the race judges the kernels without them.
 
 A kernel that is nearly right, or a part of a wide one, is refined in the same way
 (`refined_on_frame`). Then the smallest values that together hold a share of the light are noise: a

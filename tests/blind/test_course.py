@@ -208,7 +208,8 @@ def test_a_kernel_that_grows_is_polished_alone(photo, monkeypatch, grows) -> Non
     grown: list[tuple[Entry, bool]] = []
     taken: list[list[Entry]] = []
 
-    def grow(_: Comparison, entry: Entry, __: Axes, *, toned: bool) -> Entry:
+    def grow(_: Comparison, entry: Entry, __: Axes, bound: float | None, *, toned: bool) -> Entry:
+        assert bound == 77
         grown.append((entry, toned))
         return entry._replace(name="grown") if grows else entry
 
@@ -219,7 +220,7 @@ def test_a_kernel_that_grows_is_polished_alone(photo, monkeypatch, grows) -> Non
     monkeypatch.setattr("deshake.blind.course.grown", grow)
     monkeypatch.setattr("deshake.blind.course.polished", polish)
     course = begun(photo.pyramid)
-    course.toned = True
+    course.toned, course.bound = True, 77.0
     course.finish(Run(1))
     (leader, toned), (best, *others) = grown[0], taken[0]
     assert toned

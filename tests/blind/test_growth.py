@@ -53,7 +53,7 @@ def refinements(monkeypatch):
 
 
 def test_a_part_of_a_wide_path_grows_to_the_whole(wide, part, comparison) -> None:
-    whole = grown(comparison, part, FLAT, toned=False)
+    whole = grown(comparison, part, FLAT, None, toned=False)
     truth = wide.kernel
     assert agreement(part.kernel, truth) < 0.85
     assert agreement(whole.kernel, truth) > 0.97
@@ -66,7 +66,7 @@ def test_a_part_of_a_wide_path_grows_to_the_whole(wide, part, comparison) -> Non
 
 def test_the_true_kernel_stays(wide, comparison) -> None:
     true = Entry("true", 3, 2, wide.kernel)
-    assert grown(comparison, true, FLAT, toned=False) is true
+    assert grown(comparison, true, FLAT, None, toned=False) is true
 
 
 def test_a_kernel_that_is_narrow_for_the_frame_stays_without_any_work(
@@ -75,16 +75,21 @@ def test_a_kernel_that_is_narrow_for_the_frame_stays_without_any_work(
     least = SETTINGS.growth.least_share * min(wide.camera.shape)
     kernel = part.kernel
     narrow = part._replace(kernel=replace(kernel, theta=kernel.theta * 0.9 * least / part.width))
-    assert grown(comparison, narrow, FLAT, toned=False) is narrow
+    assert grown(comparison, narrow, FLAT, None, toned=False) is narrow
     assert refinements == []
 
 
 def test_a_kernel_grows_in_both_tones_and_all_ways(part, comparison, refinements) -> None:
-    grown(comparison, part, FLAT, toned=True)
+    grown(comparison, part, FLAT, None, toned=True)
     first, *others = SETTINGS.growth.ways
     ordered = [(False, first), (True, first)]
     ordered += [(shown, way) for shown in (False, True) for way in others]
     assert refinements[: len(ordered)] == ordered
+
+
+def test_a_kernel_does_not_grow_beyond_its_bound(part, comparison) -> None:
+    bound = 1.2 * part.kernel.extent_px()
+    assert grown(comparison, part, FLAT, bound, toned=False) is part
 
 
 def test_if_the_first_way_is_far_worse_no_other_is_tried(
@@ -92,7 +97,7 @@ def test_if_the_first_way_is_far_worse_no_other_is_tried(
 ) -> None:
     hard = replace(SETTINGS.growth, vain=-1.0)
     monkeypatch.setattr(growth, "_S", hard)
-    assert grown(comparison, part, FLAT, toned=False) is part
+    assert grown(comparison, part, FLAT, None, toned=False) is part
     assert [way for _, way in refinements] == [hard.ways[0]]
 
 
@@ -102,4 +107,4 @@ def test_kernels_that_are_too_wide_for_the_photo_are_left_out(
     huge = replace(wide.kernel, theta=wide.kernel.theta * 3)
     monkeypatch.setattr(growth, "refined_on_frame", lambda *_: huge)
     assert comparison.hopeless(part._replace(kernel=huge))
-    assert grown(comparison, part, FLAT, toned=False) is part
+    assert grown(comparison, part, FLAT, None, toned=False) is part
