@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from deshake.blind.entry import all_refined
 from deshake.blind.settings import SETTINGS
 from deshake.blind.wide_start import refined_on_frame
 from deshake.operators.strips import in_order
@@ -74,13 +75,9 @@ def grown(
 
 
 def on_frame(
-    comparison: Comparison,
-    entry: Entry,
-    tones: Sequence[Pyramid],
-    ways: Sequence[FrameWay],
-    axes: Axes,
-) -> list[Entry]:
-    """Refine a kernel on the whole frame in each of the tones, in each way.
+    comparison: Comparison, entry: Entry, pyramid: Pyramid, way: FrameWay, axes: Axes
+) -> Entry | None:
+    """Refine a kernel on the whole frame; this is a piece of work for one thread.
 
     Parameters
     ----------
@@ -88,28 +85,24 @@ def on_frame(
         The photo, and the judge of its kernels.
     entry : Entry
         The kernel.
-    tones : sequence of Pyramid
-        The photo in these tones.
-    ways : sequence of FrameWay
+    pyramid : Pyramid
+        The photo in the tones in which the kernel is refined.
+    way : FrameWay
         The scales, the room of the kernel, and the prices.
     axes : three bools
         The axes that the camera may turn about.
 
     Returns
     -------
-    list of Entry
-        The kernels, without those that are hopeless.
+    Entry or None
+        The kernel; None if the frame is too large, or if the kernel is hopeless.
 
     """
-    level = comparison.level(entry)
-    work = in_order(
-        lambda job: refined_on_frame(job[0], entry.kernel, level, job[1], axes),
-        [(pyramid, way) for pyramid in tones for way in ways],
-        comparison.run,
-    )
-    name = f"{entry.name}, frame"
-    new = [entry._replace(name=name, kernel=kernel) for _, kernel in work if kernel is not None]
-    return [one for one in new if not comparison.hopeless(one)]
+    kernel = refined_on_frame(pyramid, entry.kernel, comparison.level(entry), way, axes)
+    if kernel is None:
+        return None
+    new = entry._replace(name=f"{entry.name}, frame", kernel=kernel)
+    return None if comparison.hopeless(new) else new
 
 
 def _larger(
@@ -119,16 +112,23 @@ def _larger(
 
     The first way is the cheapest. If all its kernels are far worse, no other way is tried.
     """
+
+    def in_ways(ways: Sequence[FrameWay]) -> list[Entry]:
+        jobs = [(pyramid, way) for pyramid in tones for way in ways]
+        work = in_order(lambda job: on_frame(comparison, entry, *job, axes), jobs, comparison.run)
+        return [new for _, new in work if new is not None]
+
     coarse = min(comparison.level(entry) + _S.coarser, comparison.pyramid.coarsest)
     first, *others = _S.ways
-    new = on_frame(comparison, entry, tones, [first], axes)
+    new = in_ways([first])
     own, *scores = comparison.scores_at(coarse, [entry, *new]).tolist()
     if max(scores, default=-np.inf) < own - _S.vain:
         return None
-    new += on_frame(comparison, entry, tones, others, axes)
+    new += in_ways(others)
     best = new[int(np.argmax(comparison.scores_at(coarse, new)))]
     kernels = [best, comparison.matched(best)]
-    kernels += [one.refined(comparison.pyramid, _S.refinement, axes) for one in kernels]
+    jobs = [(one, SETTINGS.polish.smooth, axes) for one in kernels]
+    kernels += all_refined(comparison.pyramid, jobs, comparison.run)
     kernels = [one for one in kernels if not comparison.hopeless(one)]
     own, *scores = comparison.scores_at(coarse, [entry, *kernels]).tolist()
     return kernels[int(np.argmax(scores))] if max(scores) > own + _S.gain else None

@@ -161,7 +161,8 @@ class _Line:
 
     def _on_frame(self) -> list[Entry]:
         pyramid = self.comparison.pyramid
-        wide = on_frame(self.comparison, self.best, [pyramid], _S.frame, self.axes)
+        new = [on_frame(self.comparison, self.best, pyramid, way, self.axes) for way in _S.frame]
+        wide = [entry for entry in new if entry is not None]
         wide += [entry.refined(pyramid, _S.smooth, self.axes) for entry in wide]
         return [entry for entry in wide if self.comparison.is_wide(entry)]
 

@@ -101,3 +101,20 @@ def test_only_a_kernel_that_is_wide_for_the_frame_is_refined_on_all_of_it(
         for one in found:
             assert comparison.is_wide(one)
             assert agreement(one.kernel, entry.kernel) > 0.7
+
+
+def test_two_kernels_that_are_wide_for_the_frame_share_two_threads(shake, monkeypatch) -> None:
+    """Each is refined on the frame within a thread; no work there may wait for another thread."""
+    path = np.array([[-6.0, -30, 0], [-18.0, 12, 0], [-6.0, 25, 0], [26, 30, 0]])
+    photo = shake(Camera.from_focal(2500.0, 270, 300), path=path)
+    one = Entry("one", 0, 3, photo.kernel)
+    other = one._replace(name="other", start=1)
+    comparison = Comparison(photo.pyramid, Run(2))
+    lines = [polish._Line(comparison, entry, entry, ALL_AXES) for entry in (one, other)]
+    before = [line.score for line in lines]
+    for line in lines:
+        assert line._on_frame()
+        monkeypatch.setattr(line, "ways", lambda way=line._on_frame: [way])
+    polish._advance(comparison, lines, Run(2))
+    assert [line.score for line in lines] >= before
+    assert all(line.source is None for line in lines)

@@ -9,14 +9,10 @@ from deshake.blind.settings.candidates import (
     CandidateSettings,
     CourseSettings,
     EntrySettings,
-    FrameWay,
-    GrowthSettings,
     PolishSettings,
     RaceSettings,
     Refinement,
     Way,
-    WideStartSettings,
-    WideWay,
 )
 from deshake.blind.settings.choosing_tiles import (
     Budget,
@@ -62,6 +58,12 @@ from deshake.blind.settings.paths import (
     SpectralStartSettings,
     SpectrumTiles,
     TrimmingSettings,
+)
+from deshake.blind.settings.whole_frame import (
+    FrameWay,
+    GrowthSettings,
+    WideStartSettings,
+    WideWay,
 )
 
 __all__ = [

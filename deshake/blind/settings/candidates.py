@@ -1,23 +1,20 @@
-"""The constants of the race: candidates, wide starts, refinements, and the polish."""
+"""The constants of the race: candidates, refinements, and the polish."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from deshake.blind.settings.choosing_tiles import Budget
+from deshake.blind.settings.whole_frame import FrameWay
 
 __all__ = [
     "CandidateSettings",
     "CourseSettings",
     "EntrySettings",
-    "FrameWay",
-    "GrowthSettings",
     "PolishSettings",
     "RaceSettings",
     "Refinement",
     "Way",
-    "WideStartSettings",
-    "WideWay",
 ]
 
 
@@ -140,150 +137,6 @@ class Refinement:
     most: int = 160
     room: bool = True
     budget: Budget = Budget(0.25e6, 0.3e6)
-
-
-@dataclass(frozen=True)
-class WideWay:
-    """One start of a very wide shake.
-
-    Parameters
-    ----------
-    side : int
-        Px: shorter side of the frame at the last scale, about.
-    reach : int
-        Px of the last scale: the kernel's room, from its centre.
-    first, last : float
-        Squared contrast: price of an edge in the first iteration, and in the last one.
-
-    """
-
-    side: int
-    reach: int
-    first: float
-    last: float
-
-
-@dataclass(frozen=True)
-class FrameWay:
-    """One refinement of a wide kernel on the whole frame.
-
-    Parameters
-    ----------
-    first, last : int
-        The first scale and the last one, counted from the scale of the kernel; coarser is more.
-    room : float
-        Room of the kernel at the first scale, as a factor of its own reach.
-    dear, cheap : float
-        Squared contrast: price of an edge in the first iteration, and in the last one.
-    iterations : int
-        Iterations at each scale.
-
-    """
-
-    first: int
-    last: int
-    room: float
-    dear: float
-    cheap: float
-    iterations: int
-
-
-@dataclass(frozen=True)
-class WideStartSettings:
-    """Kernels of very wide shakes (`wide_start`).
-
-    The ways are five of 72 that were tried on three real photos shaken by a tenth of the frame.
-
-    Parameters
-    ----------
-    ways : tuple of WideWay
-        The starts. In small photos the finest scales are missing.
-    least_reach : float
-        Px: reach of the kernel's room at the first scale, about.
-    iterations : int
-        Iterations of a start at each scale.
-    contrast : float
-        Standard deviation of the frame: its picture is scaled to it.
-    dark : float
-        On the scale of that picture: a darker pixel may be black. It falls to 0.
-    patch, least_patch : float, int
-        Side of a patch with a dark pixel: over the mean side of the frame, and least px.
-    beta_max, growth : float
-        Largest weight of the split gradients, and its factor from step to step.
-    ridge : float
-        Squared contrast: what the least squares of the kernel add to the power of the edges.
-    cut : float
-        Share of the kernel's largest value: in a start, smaller ones are noise.
-    faint : float
-        Share of the kernel's light: in a refinement, the smallest values that hold less are noise.
-        A camera that rests and then goes far leaves a faint tail, which the limit of the starts
-        cuts off.
-    least_piece : float
-        Share of the kernel's light: a piece with less is noise.
-    most_pixels : float
-        Largest number of pixels of the frame at the last scale.
-    spare : int
-        Px around a kernel that is refined, at the first scale.
-
-    """
-
-    ways: tuple[WideWay, ...] = (
-        WideWay(135, 12, 0.025, 1e-3),
-        WideWay(135, 12, 0.075, 2.5e-3),
-        WideWay(190, 12, 0.025, 1e-3),
-        WideWay(190, 20, 0.025, 1e-3),
-        WideWay(270, 20, 0.025, 1e-3),
-    )
-    least_reach: float = 3.0
-    iterations: int = 5
-    contrast: float = 0.25
-    dark: float = 0.1
-    patch: float = 0.025
-    least_patch: int = 4
-    beta_max: float = 1e3
-    growth: float = 2.0
-    ridge: float = 2.0
-    cut: float = 0.05
-    faint: float = 0.3
-    least_piece: float = 0.05
-    most_pixels: float = 0.45e6
-    spare: int = 2
-
-
-@dataclass(frozen=True)
-class GrowthSettings:
-    """The growth of wide kernels (`growth`).
-
-    Parameters
-    ----------
-    least_share : float
-        Width of a kernel that grows, as a share of the shorter side of the frame.
-    ways : tuple of FrameWay
-        How it grows.
-    rounds : int
-        Largest number of rounds.
-    coarser : int
-        Scales from that of the kernel to that of the comparison.
-    vain : float
-        Score: if all kernels of the first way score so much less, the round ends.
-    gain : float
-        Score: a kernel that takes the place scores so much more.
-    refinement : Refinement
-        How the best new kernel is refined.
-
-    """
-
-    least_share: float = 0.04
-    ways: tuple[FrameWay, ...] = (
-        FrameWay(2, 1, 2.0, 8e-3, 1e-3, 10),
-        FrameWay(2, 0, 2.0, 8e-3, 1e-3, 8),
-        FrameWay(1, 0, 2.0, 8e-3, 1e-3, 10),
-    )
-    rounds: int = 2
-    coarser: int = 3
-    vain: float = 0.04
-    gain: float = 0.01
-    refinement: Refinement = Refinement(2e-3, iterations=3, budget=Budget(0.6e6, 0.6e6, 1.2e6))
 
 
 @dataclass(frozen=True)
