@@ -59,7 +59,7 @@ from deshake.blind.settings.paths import (
     SpectrumTiles,
     TrimmingSettings,
 )
-from deshake.blind.settings.whole_frame import (
+from deshake.blind.settings.wide_kernels import (
     FrameWay,
     GrowthSettings,
     WideStartSettings,

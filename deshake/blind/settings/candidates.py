@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from deshake.blind.settings.choosing_tiles import Budget
-from deshake.blind.settings.whole_frame import FrameWay
+from deshake.blind.settings.wide_kernels import FrameWay
 
 __all__ = [
     "CandidateSettings",
