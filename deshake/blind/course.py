@@ -96,8 +96,7 @@ class Course:
         """
         if quick:
             return self.finished(self.best())
-        worthwhile = any(self.confidence(leader) >= hopeful for leader in self.leaders)
-        return self.finish(run) if worthwhile else self.finished(self.leaders[0])
+        return self.finish(run) if self.gives_hope(hopeful) else self.finished(self.leaders[0])
 
     def in_display_values(self) -> Course:
         """Return the course in the display values of the photo, before any start."""
@@ -249,6 +248,10 @@ class Course:
         if not self.leaders:
             return False
         return self.confidence(self.leaders[0]) >= SETTINGS.estimate.doubtful
+
+    def gives_hope(self, least: float) -> bool:
+        """Return whether one of the best kernels has so much confidence."""
+        return any(self.confidence(leader) >= least for leader in self.leaders)
 
     def may_be_wide(self, leader: Entry) -> bool:
         """Return whether the shake may be wider than most starts can find."""

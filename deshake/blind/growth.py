@@ -110,7 +110,8 @@ def _larger(
 ) -> Entry | None:
     """Return a better kernel that grows from one in a round, or None.
 
-    The first way is the cheapest. If all its kernels are far worse, no other way is tried.
+    The first way is the cheapest. If all its kernels are far worse, or hardly wider, no other way
+    is tried.
     """
 
     def in_ways(ways: Sequence[FrameWay]) -> list[Entry]:
@@ -122,7 +123,8 @@ def _larger(
     first, *others = _S.ways
     new = in_ways([first])
     own, *scores = comparison.scores_at(coarse, [entry, *new]).tolist()
-    if max(scores, default=-np.inf) < own - _S.vain:
+    wider = [one.width > _S.wider * entry.width for one in new]
+    if not any(wide and score >= own - _S.vain for wide, score in zip(wider, scores, strict=True)):
         return None
     new += in_ways(others)
     best = new[int(np.argmax(comparison.scores_at(coarse, new)))]

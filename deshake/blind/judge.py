@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from deshake.blind.tiles import Tiles
     from deshake.signal.pyramid import Pyramid
 
-__all__ = ["Judge"]
+__all__ = ["Judge", "mean_margin"]
 
 Image = NDArray[np.float32]
 
@@ -185,6 +185,11 @@ class Judge:
     def _ratio(self, picture: Image) -> float:
         length = length_of(*differences(picture))[self.counted].astype(np.float64)
         return float(length.mean() / np.sqrt((length**2).mean()))
+
+
+def mean_margin(judges: Sequence[Judge], kernel: RotationKernel) -> float:
+    """Return the mean margin of a kernel over judges."""
+    return float(np.mean([judge.margin(kernel) for judge in judges]))
 
 
 def _noise(tiles: Tiles) -> float:

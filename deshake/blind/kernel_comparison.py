@@ -12,16 +12,17 @@ from __future__ import annotations
 
 from functools import cached_property
 from threading import Lock
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.blind.judge import Judge
+from deshake.blind.judge import Judge, mean_margin
 from deshake.blind.kernel_faults import is_filled
 from deshake.blind.path_search import searched
+from deshake.blind.path_worth import PathWorth
 from deshake.blind.settings import SETTINGS, SpectrumTiles
-from deshake.blind.spectral_match import SpectralMatch, match_of_path, traced
+from deshake.blind.spectral_match import SpectralMatch, mean_match, traced
 from deshake.blind.spot import is_spot
 from deshake.operators.strips import in_order
 from deshake.run import Run
@@ -30,10 +31,8 @@ from deshake.signal.pyramid import RATIO
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from deshake.blind.camera_path import SmoothPath
     from deshake.blind.entry import Entry
     from deshake.blind.tile_plan import Part
-    from deshake.geometry.camera import Camera
     from deshake.geometry.kernel import RotationKernel
     from deshake.signal.pyramid import Pyramid
 
@@ -193,7 +192,7 @@ class Comparison:
         If the scale has too few tiles, finer ones take its place. The kernel is wide there, and so
         are the tiles.
         """
-        return _mean_match(self._matching(level), kernel)
+        return mean_match(self._matching(level), kernel)
 
     def _matching(self, level: int) -> list[SpectralMatch]:
         """Return the spectra of a scale and of the scales next to it, or of finer ones."""
@@ -246,7 +245,7 @@ class Comparison:
         if self.is_wide(entry) or entry.width < _S.narrowest:
             return entry
         level, kernel = self.level(entry), entry.kernel
-        worth = _PathWorth(
+        worth = PathWorth(
             self._batches_at(level, kernel),
             self._matching(level),
             _S.search_match_worth * self._match_share,
@@ -273,12 +272,12 @@ class Comparison:
         It is that of many tiles, at a finer scale than that of the kernel.
         """
         judges = self._finer_batches(entry)
-        own = _mean_margin(judges, entry.kernel)
+        own = mean_margin(judges, entry.kernel)
 
         def gain(other: RotationKernel) -> float:
             if not judges[0].has_room(other):  # all have the same room
                 return -_S.penalty
-            return _mean_margin(judges, other) - own
+            return mean_margin(judges, other) - own
 
         return gain
 
@@ -293,8 +292,8 @@ class Comparison:
         if is_filled(kernel):
             return None
         judges = self._finer_batches(entry)
-        turned = [_mean_margin(judges, kernel.turned(angle)) for angle in _S.turns]
-        return _mean_margin(judges, kernel) - float(np.mean(turned))
+        turned = [mean_margin(judges, kernel.turned(angle)) for angle in _S.turns]
+        return mean_margin(judges, kernel) - float(np.mean(turned))
 
     def _finer_batches(self, entry: Entry) -> list[Judge]:
         """Return the batches of judges for a kernel at a finer scale, or at the photo's size."""
@@ -350,57 +349,3 @@ class Comparison:
         judge = self._judges.get(level)
         if judge is None or not all(judge.has_room(kernel) for kernel in kernels):
             self._judges[level] = Judge.of(self.pyramid, level, kernels)
-
-
-class _PathWorth(NamedTuple):
-    """What the paths along a kernel are worth.
-
-    Parameters
-    ----------
-    batches : list of Judge
-        Judges that have a few tiles each.
-    spectra : list of SpectralMatch
-        The scales of the match.
-    match_worth : float
-        What a match of 1 is worth.
-    camera : Camera
-        The camera of the kernel.
-    run : Run
-        Threads to use.
-
-    """
-
-    batches: list[Judge]
-    spectra: list[SpectralMatch]
-    match_worth: float
-    camera: Camera
-    run: Run
-
-    def of(self, kernel: RotationKernel) -> float:
-        """Return what a kernel is worth on the tiles of all batches."""
-        if not self.batches[0].has_room(kernel):  # all have the same room
-            return -_S.penalty
-        match = _mean_match(self.spectra, kernel)
-        return _mean_margin(self.batches, kernel) + self.match_worth * match
-
-    def around(self, number: int, middle: SmoothPath) -> Callable[[SmoothPath], float]:
-        """Return what paths near one are worth, on the tiles of one batch."""
-        batch = self.batches[number % len(self.batches)]
-        match, slope = match_of_path(self.spectra, middle, self.run)
-
-        def worth(path: SmoothPath) -> float:
-            kernel = path.kernel(self.camera)
-            if not batch.has_room(kernel):
-                return -_S.penalty
-            change = float(np.vdot(slope, path.controls - middle.controls))
-            return batch.margin(kernel) + self.match_worth * (match + change)
-
-        return worth
-
-
-def _mean_margin(judges: Sequence[Judge], kernel: RotationKernel) -> float:
-    return float(np.mean([judge.margin(kernel) for judge in judges]))
-
-
-def _mean_match(spectra: Sequence[SpectralMatch], kernel: RotationKernel) -> float:
-    return float(np.mean([one.value(kernel) for one in spectra]))

@@ -178,21 +178,26 @@ def _is_better(shown: Course, light: Comparison, score: float) -> bool:
 def _ended(courses: Sequence[Course], hopeful: float, run: Run, *, quick: bool) -> Finish:
     """Return the end of the first course; if it is undecided, that of another that is trusted.
 
-    A path is searched for along the winner, unless the photo stays as it is.
+    If the first gives no hope from the beginning, another that does may end, too. A path is
+    searched for along the winner, unless the photo stays as it is.
     """
     last, first, score = courses[0], courses[0].comparison, courses[0].score(courses[0].leaders)
+    hope, even = SETTINGS.course.hopeful, SETTINGS.estimate.even
+    begun = last.gives_hope(hope)
     finish = last.end(hopeful, quick=quick, run=run.part(0.0, 0.5))
-    if not quick and SETTINGS.course.hopeful <= confidence(finish) < SETTINGS.estimate.even:
+    undecided = hope <= confidence(finish) < even
+    others = [other for other in courses[1:] if undecided or (not begun and other.gives_hope(hope))]
+    if not quick and others:
         courses[0].pyramid.forget()
-        for other in courses[1:]:
+        for other in others:
             least = _S.second
             if other.pyramid.is_displayed:
                 other.begin_spectral(run.part(0.5, 0.6))
                 if _is_better(other, first, score):
-                    least = SETTINGS.estimate.even
+                    least = even
             second = other.end(hopeful, quick=quick, run=run.part(0.6, 0.8))
             if confidence(second) >= least:
                 last, finish = other, second
-    if quick or confidence(finish) < (SETTINGS.estimate.even if hopeful else 0):
+    if quick or confidence(finish) < (even if hopeful else 0):
         return finish
     return last.searched(finish, run.part(0.8, 1.0))

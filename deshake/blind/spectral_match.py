@@ -46,7 +46,14 @@ if TYPE_CHECKING:
     from deshake.geometry.kernel import RotationKernel
     from deshake.signal.pyramid import Pyramid
 
-__all__ = ["SpectralMatch", "close_path", "descended", "match_of_path", "traced"]
+__all__ = [
+    "SpectralMatch",
+    "close_path",
+    "descended",
+    "match_of_path",
+    "mean_match",
+    "traced",
+]
 
 Image = NDArray[np.float32]
 Spectrum = NDArray[np.complex64]
@@ -218,6 +225,11 @@ class SpectralMatch:
         length = max(self.fluctuations.product(fluctuations, fluctuations) ** 0.5, 1e-6)
         match = self.fluctuations.product(self.observed, fluctuations) / length
         return _Expected(spectra, power, fluctuations, length, match)
+
+
+def mean_match(scales: Sequence[SpectralMatch], kernel: RotationKernel) -> float:
+    """Return the mean correlation of a kernel at some scales."""
+    return float(np.mean([one.value(kernel) for one in scales]))
 
 
 def descended(

@@ -32,6 +32,7 @@ References
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import cv2
@@ -94,13 +95,14 @@ def wide_starts(pyramid: Pyramid, axes: Axes, run: Run) -> list[tuple[int, Rotat
 def _estimated(pyramid: Pyramid, level: int, way: WideWay, axes: Axes) -> RotationKernel:
     """Estimate a kernel from coarse to fine; the last scale is `level`."""
     scales = 1 + round(np.log(way.reach / _S.least_reach) / np.log(RATIO))
-    prices = np.geomspace(way.first, way.last, scales * _S.iterations)
+    prices = np.geomspace(way.first, way.last, scales * way.iterations)
     darks = np.linspace(_S.dark, 0, len(prices), endpoint=False)
     reaches = [int(np.ceil(way.reach / RATIO**coarser)) for coarser in reversed(range(scales))]
     levels = range(level + scales - 1, level - 1, -1)
     frames = _frames(pyramid, levels, reaches, contrast_of=level)
     first = _first_kernel(reaches[0])
-    kernel = _alternated(frames, first, prices, darks, axes, without_noise=_without_small_values)
+    noise = partial(_without_noise, cut=way.cut, faint=way.faint)
+    kernel = _alternated(frames, first, prices, darks, axes, without_noise=noise)
     return _of_camera(kernel, pyramid.at(level), pyramid)
 
 
@@ -140,7 +142,8 @@ def refined_on_frame(
     frames = _frames(pyramid, levels, reaches, contrast_of=first)
     prices = np.geomspace(way.dear, way.cheap, len(frames) * way.iterations)
     darks = np.zeros_like(prices)
-    grown = _alternated(frames, drawn, prices, darks, axes, without_noise=_without_faint_values)
+    noise = partial(_without_noise, cut=0.0, faint=_S.faint)
+    grown = _alternated(frames, drawn, prices, darks, axes, without_noise=noise)
     return _of_camera(grown, pyramid.at(last), pyramid)
 
 
@@ -295,16 +298,10 @@ def _resized(kernel: Image, reach: int) -> Image:
     return np.asarray(finer / finer.sum(), np.float32)
 
 
-def _without_small_values(kernel: Image) -> Image:
-    """Discard the values that are small beside the largest one."""
-    kept: Image = np.where(kernel < _S.cut * kernel.max(), 0, kernel)
-    return kept
-
-
-def _without_faint_values(kernel: Image) -> Image:
-    """Discard the smallest values, as long as they hold less than a share of the light."""
-    kept = without_light(np.maximum(kernel, 0).ravel().astype(np.float64), _S.faint)
-    return kept.reshape(kernel.shape).astype(np.float32)
+def _without_noise(kernel: Image, cut: float, faint: float) -> Image:
+    """Discard values that are small beside the largest one, and those that hold little light."""
+    kept = np.where(kernel < cut * kernel.max(), 0, kernel).ravel().astype(np.float64)
+    return without_light(kept, faint).reshape(kernel.shape).astype(np.float32)
 
 
 def _cleaned(kernel: Image, axes: Axes, otherwise: Image) -> Image:

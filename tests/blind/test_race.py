@@ -104,13 +104,18 @@ def test_another_course_ends_only_where_the_first_is_undecided(ended, pyramid, m
     class Course:
         comparison, leaders = None, (None,)
 
-        def __init__(self, finish: Finish, score: float = 0.0) -> None:
+        def __init__(self, finish: Finish, score: float = 0.0, *, hope: bool = True) -> None:
             self.finish = finish
             self.best = score
+            self.hope = hope
             self.pyramid = pyramid.displayed() if finish.displayed else pyramid
 
         def score(self, _: Sequence[Entry | None]) -> float:
             return self.best
+
+        def gives_hope(self, least: float) -> bool:
+            assert least == SETTINGS.course.hopeful
+            return self.hope
 
         def begin_spectral(self, _: Run) -> None:
             ran.append("spectral")
@@ -133,6 +138,14 @@ def test_another_course_ends_only_where_the_first_is_undecided(ended, pyramid, m
         ran.clear()
         assert _ended([Course(first), Course(other)], 0.15, Run(1), quick=False) is kept
         assert ran == [first, *then]
+    for hope, kept, then in (
+        (True, trusted, ["spectral", trusted, "searched"]),
+        (False, hopeless, []),
+    ):
+        ran.clear()
+        courses = [Course(hopeless, hope=False), Course(trusted, hope=hope)]
+        assert _ended(courses, 0.15, Run(1), quick=False) is kept
+        assert ran == [hopeless, *then]
     even, second = SETTINGS.estimate.even, SETTINGS.race.second
     doubtful = next(
         end

@@ -76,7 +76,7 @@ def rough_edges(frame):
 
 
 def test_a_known_wide_shake_is_recovered(wide, starts) -> None:
-    assert [level for level, _ in starts] == [1, 1, 0, 0]
+    assert [level for level, _ in starts] == [1, 0, 1, 1, 0]
     assert max(agreement(kernel, wide.kernel) for _, kernel in starts) > 0.95
 
 
@@ -149,19 +149,18 @@ def test_nothing_is_refined_on_a_frame_that_is_too_large(wide, thick, monkeypatc
 
 
 @pytest.mark.parametrize("faint", [0.05, 0.3])
-def test_a_refinement_keeps_a_faint_tail_with_much_of_the_light(faint, monkeypatch) -> None:
-    """The limit of the starts, relative to the largest value, discards all of the tail."""
-    monkeypatch.setattr(wide_start, "_S", replace(SETTINGS.wide_start, faint=faint))
+def test_a_limit_of_light_keeps_a_faint_tail_with_much_of_it(faint) -> None:
+    """A limit relative to the largest value discards all of the tail."""
     kernel = np.zeros((41, 41), np.float32)
     kernel[20, 2:39] = 0.4 / 37
     kernel[20, 2] = 0.6
     kernel[0, 0] = -0.1
-    kept = wide_start._without_faint_values(kernel)
+    kept = wide_start._without_noise(kernel, 0.0, faint)
     assert kept[20, 2] == np.float32(0.6)
     assert np.count_nonzero(kept) == np.count_nonzero(kept > 0)
     lost = kernel[20].sum() - kept.sum()
     assert faint - 0.02 < lost / kernel[20].sum() < faint
-    assert np.count_nonzero(wide_start._without_small_values(kernel)) == 1
+    assert np.count_nonzero(wide_start._without_noise(kernel, 0.05, 0.0)) == 1
 
 
 def test_the_filter_of_a_kernel_is_how_it_blurs_a_point() -> None:
@@ -231,7 +230,7 @@ def test_small_values_and_pieces_are_discarded_and_the_kernel_is_centred(hook) -
     noisy[8, 0] = 0.04  # a piece with less than a twentieth of the light
     noisy[0, 8] = -0.3
     noisy[7, 7] = 0.005
-    noisy = wide_start._without_small_values(noisy)
+    noisy = wide_start._without_noise(noisy, 0.05, 0.0)
     cleaned = wide_start._cleaned(noisy, ALL_AXES, otherwise=hook)
     assert cleaned.sum() == pytest.approx(1)
     assert (cleaned > 0).sum() == (hook > 0).sum()

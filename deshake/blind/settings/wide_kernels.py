@@ -19,6 +19,12 @@ class WideWay:
         Px of the last scale: the kernel's room, from its centre.
     first, last : float
         Squared contrast: price of an edge in the first iteration, and in the last one.
+    iterations : int
+        Iterations at each scale.
+    cut : float
+        Share of the kernel's largest value: smaller ones are noise.
+    faint : float
+        Share of the kernel's light: the smallest values that hold less are noise.
 
     """
 
@@ -26,6 +32,9 @@ class WideWay:
     reach: int
     first: float
     last: float
+    iterations: int = 5
+    cut: float = 0.05
+    faint: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -65,8 +74,6 @@ class WideStartSettings:
         The starts. In small photos the finest scales are missing.
     least_reach : float
         Px: reach of the kernel's room at the first scale, about.
-    iterations : int
-        Iterations of a start at each scale.
     contrast : float
         Standard deviation of the frame: its picture is scaled to it.
     dark : float
@@ -77,8 +84,6 @@ class WideStartSettings:
         Largest weight of the split gradients, and its factor from step to step.
     ridge : float
         Squared contrast: what the least squares of the kernel add to the power of the edges.
-    cut : float
-        Share of the kernel's largest value: in a start, smaller ones are noise.
     faint : float
         Share of the kernel's light: in a refinement, the smallest values that hold less are noise.
         A camera that rests and then goes far leaves a faint tail, which the limit of the starts
@@ -94,13 +99,14 @@ class WideStartSettings:
 
     ways: tuple[WideWay, ...] = (
         WideWay(135, 12, 0.025, 1e-3),
-        WideWay(135, 12, 0.075, 2.5e-3),
         WideWay(190, 12, 0.025, 1e-3),
-        WideWay(190, 20, 0.025, 1e-3),
         WideWay(270, 20, 0.025, 1e-3),
+        WideWay(135, 12, 0.025, 1e-3, 8, 0.0, 0.3),
+        WideWay(135, 12, 0.075, 2.5e-3, 8, 0.0, 0.3),
+        WideWay(190, 20, 0.025, 1e-3, 8, 0.0, 0.3),
+        WideWay(270, 20, 0.025, 1e-3, 8, 0.0, 0.3),
     )
     least_reach: float = 3.0
-    iterations: int = 5
     contrast: float = 0.25
     dark: float = 0.1
     patch: float = 0.025
@@ -108,7 +114,6 @@ class WideStartSettings:
     beta_max: float = 1e3
     growth: float = 2.0
     ridge: float = 2.0
-    cut: float = 0.05
     faint: float = 0.3
     least_piece: float = 0.05
     most_pixels: float = 0.45e6
@@ -129,8 +134,9 @@ class GrowthSettings:
         Largest number of rounds.
     coarser : int
         Scales from that of the kernel to that of the comparison.
-    vain : float
-        Score: if all kernels of the first way score so much less, the round ends.
+    vain, wider : float, float
+        Score, and factor of the width: if no kernel of the first way scores at most so much less
+        and is so much wider, the round ends.
     gain : float
         Score: a kernel that takes the place scores so much more.
 
@@ -144,5 +150,6 @@ class GrowthSettings:
     )
     rounds: int = 2
     coarser: int = 3
-    vain: float = 0.04
+    vain: float = 0.1
+    wider: float = 1.2
     gain: float = 0.01
