@@ -151,6 +151,7 @@ def _in_both_tones(course: Course, starts: Sequence[int], run: Run, *, quick: bo
     shown = course.in_display_values()
     leader, score = course.leaders[0], course.score(course.leaders)
     worse = shown.score(course.leaders) < score - _S.display_doubt
+    worse |= shown.comparison.match(leader) < course.comparison.match(leader) - _S.match_doubt
     in_light = worse and course.confidence(leader) >= SETTINGS.estimate.even
     if in_light and (course.sure or quick):
         return [course]

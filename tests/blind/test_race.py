@@ -168,31 +168,38 @@ def test_another_course_ends_only_where_the_first_is_undecided(ended, pyramid, m
 @pytest.mark.parametrize(
     ("case", "least", "both"),
     [
-        ((0.9, 0.1, False), None, False),  # beyond doubt, and worse in display values
-        ((0.6, 0.1, False), 0.25, False),  # trusted and worse: a very wide shake must be better
-        ((0.6, 0.1, True), 0.25, True),
-        ((0.3, 0.1, False), -1.0, True),  # not trusted
-        ((0.9, 0.2, False), -1.0, True),  # not worse in display values
+        ((0.9, 0.1, 0.25, False), None, False),  # beyond doubt, and worse in display values
+        ((0.9, 0.2, 0.23, False), None, False),  # beyond doubt, and matches worse there
+        (
+            (0.6, 0.1, 0.25, False),
+            0.25,
+            False,
+        ),  # trusted and worse: a very wide shake must be better
+        ((0.6, 0.1, 0.25, True), 0.25, True),
+        ((0.3, 0.1, 0.25, False), -1.0, True),  # not trusted
+        ((0.9, 0.2, 0.25, False), -1.0, True),  # not worse in display values
     ],
 )
 def test_very_wide_shakes_may_show_that_display_values_are_better(
     pyramid, monkeypatch, case, least, both
 ) -> None:
-    chance, shown_score, better = case  # of the leader; of display values; of very wide shakes
+    # of the leader; of display values, twice; of very wide shakes
+    chance, shown_score, shown_match, better = case
     log: list[str | float] = []
 
     class Course:
         leaders = ("leader",)
         sure = chance >= SETTINGS.estimate.doubtful
 
-        def __init__(self, score: float) -> None:
-            self.best, self.pyramid, self.comparison = score, pyramid, self
+        def __init__(self, score: float, match: float) -> None:
+            self.best, self.matched = score, match
+            self.pyramid, self.comparison = pyramid, self
 
         def in_display_values(self) -> Course:
-            return Course(shown_score)
+            return Course(shown_score, shown_match)
 
         def match(self, _: str) -> float:
-            return 0.25
+            return self.matched
 
         def score(self, _: Sequence[str]) -> float:
             return self.best
@@ -210,7 +217,7 @@ def test_very_wide_shakes_may_show_that_display_values_are_better(
             log.append("adopted")
 
     monkeypatch.setattr("deshake.blind.race._is_better", lambda *_: better)
-    courses = _in_both_tones(Course(0.2), [1], Run(1), quick=False)
+    courses = _in_both_tones(Course(0.2, 0.25), [1], Run(1), quick=False)
     assert len(courses) == 1 + both
     expected = [] if least is None else [least]
     assert log == expected + ["edges", "adopted"] * both

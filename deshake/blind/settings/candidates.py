@@ -243,9 +243,9 @@ class RaceSettings:
         runs in linear light alone.
     vain : float
         Confidence of the best kernel: with less, it ends there.
-    display_doubt : float
-        Margin: if display values explain a trusted kernel worse by more than this, no starts run
-        in them.
+    display_doubt, match_doubt : float
+        Margin, and match: if display values explain a trusted kernel worse by more than one of
+        these, no starts of edges run in them.
     display_worth : float
         Margin: least gain of the score of the starts that justifies display values.
     second : float
@@ -261,6 +261,7 @@ class RaceSettings:
     little_evidence: float = 0.18
     vain: float = 0.2
     display_doubt: float = 0.015
+    match_doubt: float = 0.01
     display_worth: float = 0.02
     second: float = 0.57
 
