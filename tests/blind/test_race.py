@@ -170,11 +170,7 @@ def test_another_course_ends_only_where_the_first_is_undecided(ended, pyramid, m
     [
         ((0.9, 0.1, 0.25, False), None, False),  # beyond doubt, and worse in display values
         ((0.9, 0.2, 0.23, False), None, False),  # beyond doubt, and matches worse there
-        (
-            (0.6, 0.1, 0.25, False),
-            0.25,
-            False,
-        ),  # trusted and worse: a very wide shake must be better
+        ((0.6, 0.1, 0.25, False), 0.25, False),  # trusted: a very wide shake must be better
         ((0.6, 0.1, 0.25, True), 0.25, True),
         ((0.3, 0.1, 0.25, False), -1.0, True),  # not trusted
         ((0.9, 0.2, 0.25, False), -1.0, True),  # not worse in display values
