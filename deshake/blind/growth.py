@@ -20,7 +20,7 @@ import numpy as np
 
 from deshake.blind.entry import all_refined
 from deshake.blind.settings import SETTINGS
-from deshake.blind.wide_start import refined_on_frame
+from deshake.blind.wide_start import levels_on_frame, refined_on_frame
 from deshake.operators.strips import in_order
 
 if TYPE_CHECKING:
@@ -95,13 +95,14 @@ def on_frame(
     Returns
     -------
     Entry or None
-        The kernel; None if the frame is too large, or if the kernel is hopeless.
+        The kernel; None if the photo has no scale so coarse, or if the kernel is hopeless.
 
     """
     kernel = refined_on_frame(pyramid, entry.kernel, comparison.level(entry), way, axes)
     if kernel is None:
         return None
     new = entry._replace(name=f"{entry.name}, frame", kernel=kernel)
+    new = new._replace(level=max(new.level, comparison.level(new) - _S.finer))
     return None if comparison.hopeless(new) else new
 
 
@@ -119,8 +120,11 @@ def _larger(
         work = in_order(lambda job: on_frame(comparison, entry, *job, axes), jobs, comparison.run)
         return [new for _, new in work if new is not None]
 
-    coarse = min(comparison.level(entry) + _S.coarser, comparison.pyramid.coarsest)
+    pyramid, level = comparison.pyramid, comparison.level(entry)
+    coarse = min(level + _S.coarser, pyramid.coarsest)
     first, *others = _S.ways
+    used = levels_on_frame(pyramid, level, first)
+    others = [way for way in others if levels_on_frame(pyramid, level, way) != used]
     new = in_ways([first])
     own, *scores = comparison.scores_at(coarse, [entry, *new]).tolist()
     wider = [one.width > _S.wider * entry.width for one in new]
@@ -130,7 +134,7 @@ def _larger(
     best = new[int(np.argmax(comparison.scores_at(coarse, new)))]
     kernels = [best, comparison.matched(best)]
     jobs = [(one, SETTINGS.polish.smooth, axes) for one in kernels]
-    kernels += all_refined(comparison.pyramid, jobs, comparison.run)
+    kernels += all_refined(pyramid, jobs, comparison.run)
     kernels = [one for one in kernels if not comparison.hopeless(one)]
     own, *scores = comparison.scores_at(coarse, [entry, *kernels]).tolist()
     return kernels[int(np.argmax(scores))] if max(scores) > own + _S.gain else None

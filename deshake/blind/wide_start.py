@@ -13,14 +13,15 @@ squares between the edges of S and those of the photo g, which has a closed form
 
     w = F^-1( sum conj(F D S) F D g / (sum |F D S|^2 + gamma) )
 
-Its small values and small pieces are noise. In a start, these are values that are small beside the
-largest one. Each start succeeds on some photos only. The starts differ in scale, room and price of
-an edge, and they are cheap. Clipped pixels count like others, because a periodic picture has no
-gaps; the race judges the kernels without them.
+Its small values and small pieces are noise. In some starts these are values that are small beside
+the largest one. In others they are the smallest values that together hold a share of the light: a
+camera that rests and then goes far leaves a long faint tail, and it may hold more. Each start
+succeeds on some photos only. The starts differ in scale, room, noise and price of an edge, and they
+are cheap. Clipped pixels count like others, because a periodic picture has no gaps; the race judges
+the kernels without them.
 
 A kernel that is nearly right, or a part of a wide one, is refined in the same way
-(`refined_on_frame`). Then the smallest values that together hold a share of the light are noise: a
-long faint tail may hold more.
+(`refined_on_frame`), with noise by its share of the light.
 
 References
 ----------
@@ -59,7 +60,7 @@ if TYPE_CHECKING:
     from deshake.run import Run
     from deshake.signal.pyramid import Pyramid, Scale
 
-__all__ = ["refined_on_frame", "wide_starts"]
+__all__ = ["levels_on_frame", "refined_on_frame", "wide_starts"]
 
 Image = NDArray[np.float32]
 Spectrum = NDArray[np.complex64]
@@ -127,11 +128,10 @@ def refined_on_frame(
     Returns
     -------
     RotationKernel or None
-        The kernel, for the camera of the photo, centred; None if the frame is too large for these
-        scales.
+        The kernel, for the camera of the photo, centred; None if the photo has no scale so coarse.
 
     """
-    first, last = level + way.first, max(level + way.last, pyramid.level_of(_S.most_pixels))
+    first, last = levels_on_frame(pyramid, level, way)
     if last >= first:
         return None
     drawn = _filter(kernel, pyramid.camera_at(first))
@@ -145,6 +145,16 @@ def refined_on_frame(
     noise = partial(_without_noise, cut=0.0, faint=_S.faint)
     grown = _alternated(frames, drawn, prices, darks, axes, without_noise=noise)
     return _of_camera(grown, pyramid.at(last), pyramid)
+
+
+def levels_on_frame(pyramid: Pyramid, level: int, way: FrameWay) -> tuple[int, int]:
+    """Return the first scale of a refinement on the frame, and the last one.
+
+    `level` is the scale that suits the kernel. If the frame is too large at these scales, coarser
+    ones take their place.
+    """
+    last = max(level + way.last, pyramid.level_of(_S.most_pixels))
+    return min(last + way.first - way.last, pyramid.coarsest), last
 
 
 def _frames(

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deshake.blind import growth
+from deshake.blind import growth, wide_start
 from deshake.blind.agreement import agreement
 from deshake.blind.entry import Entry
-from deshake.blind.growth import grown
+from deshake.blind.growth import grown, on_frame
 from deshake.blind.kernel_comparison import Comparison
 from deshake.blind.settings import SETTINGS
-from deshake.blind.wide_start import refined_on_frame
+from deshake.blind.wide_start import levels_on_frame, refined_on_frame
 from deshake.geometry.camera import Camera
 
 FLAT = True, True, False
@@ -92,10 +92,11 @@ def test_a_kernel_does_not_grow_beyond_its_bound(part, comparison) -> None:
     assert grown(comparison, part, FLAT, bound, toned=False) is part
 
 
-def test_if_the_first_way_is_far_worse_no_other_is_tried(
-    part, comparison, refinements, monkeypatch
+@pytest.mark.parametrize("limit", [{"vain": -1.0}, {"wider": 3.0}])
+def test_if_the_first_way_is_far_worse_or_hardly_wider_no_other_is_tried(
+    part, comparison, refinements, monkeypatch, limit
 ) -> None:
-    hard = replace(SETTINGS.growth, vain=-1.0)
+    hard = replace(SETTINGS.growth, **limit)
     monkeypatch.setattr(growth, "_S", hard)
     assert grown(comparison, part, FLAT, None, toned=False) is part
     assert [way for _, way in refinements] == [hard.ways[0]]
@@ -108,3 +109,30 @@ def test_kernels_that_are_too_wide_for_the_photo_are_left_out(
     monkeypatch.setattr(growth, "refined_on_frame", lambda *_: huge)
     assert comparison.hopeless(part._replace(kernel=huge))
     assert grown(comparison, part, FLAT, None, toned=False) is part
+
+
+def test_in_a_large_frame_no_two_ways_have_the_same_scales(
+    wide, part, comparison, refinements, monkeypatch
+) -> None:
+    small = replace(SETTINGS.wide_start, most_pixels=np.prod(wide.camera.shape) / 8)
+    monkeypatch.setattr(wide_start, "_S", small)
+    level = comparison.level(part)
+    first, second, third = SETTINGS.growth.ways
+    assert level + first.last == wide.pyramid.level_of(small.most_pixels)
+    assert levels_on_frame(wide.pyramid, level, first) == levels_on_frame(
+        wide.pyramid, level, third
+    )
+    grown(comparison, part, FLAT, None, toned=False)
+    assert [way for _, way in refinements][:2] == [first, second]
+    assert third not in [way for _, way in refinements[:3]]
+
+
+def test_a_kernel_that_grew_is_taken_for_one_of_a_scale_that_suits_it(
+    wide, part, comparison
+) -> None:
+    fine = part._replace(level=0)
+    new = on_frame(comparison, fine, wide.pyramid, SETTINGS.growth.ways[1], FLAT)
+    assert new.level == comparison.level(new) - SETTINGS.growth.finer > 0
+    coarse = part._replace(level=wide.pyramid.coarsest)
+    new = on_frame(comparison, coarse, wide.pyramid, SETTINGS.growth.ways[1], FLAT)
+    assert new.level == coarse.level

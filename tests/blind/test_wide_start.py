@@ -10,7 +10,7 @@ import scipy.fft
 from deshake.blind import wide_start
 from deshake.blind.agreement import agreement
 from deshake.blind.settings import SETTINGS
-from deshake.blind.wide_start import refined_on_frame, wide_starts
+from deshake.blind.wide_start import levels_on_frame, refined_on_frame, wide_starts
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
@@ -141,11 +141,17 @@ def test_a_camera_that_turns_about_one_axis_is_refined_along_a_line(wide, thick)
     assert np.ptp(kernel.theta[:, 1]) > 5 * kernel.steps[1]
 
 
-def test_nothing_is_refined_on_a_frame_that_is_too_large(wide, thick, monkeypatch) -> None:
-    small = replace(SETTINGS.wide_start, most_pixels=np.prod(wide.camera.shape) / 4)
+def test_a_frame_that_is_too_large_is_refined_at_coarser_scales(wide, thick, monkeypatch) -> None:
+    way = SETTINGS.polish.frame[1]
+    assert levels_on_frame(wide.pyramid, 2, way) == (2, 0)
+    small = replace(SETTINGS.wide_start, most_pixels=np.prod(wide.camera.shape) / 2)
     monkeypatch.setattr(wide_start, "_S", small)
-    assert refined_on_frame(wide.pyramid, thick, 2, SETTINGS.polish.frame[1], ALL_AXES) is None
-    assert refined_on_frame(wide.pyramid, thick, 3, SETTINGS.polish.frame[1], ALL_AXES) is not None
+    assert levels_on_frame(wide.pyramid, 2, way) == (3, 1)
+    kernel = refined_on_frame(wide.pyramid, thick, 2, way, ALL_AXES)
+    assert kernel.steps == pytest.approx(grid_steps(wide.pyramid.camera_at(1)))
+    assert agreement(kernel, wide.kernel) > 0.9
+    beyond = wide.pyramid.coarsest + 2
+    assert refined_on_frame(wide.pyramid, thick, beyond, way, ALL_AXES) is None
 
 
 @pytest.mark.parametrize("faint", [0.05, 0.3])
