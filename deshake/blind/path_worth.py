@@ -7,7 +7,7 @@ changes in proportion to the path.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from deshake.run import Run
 
 __all__ = ["PathWorth"]
-
-_S: Final = SETTINGS.kernel_comparison
 
 
 class PathWorth(NamedTuple):
@@ -57,7 +55,7 @@ class PathWorth(NamedTuple):
     def of(self, kernel: RotationKernel) -> float:
         """Return what a kernel is worth on the tiles of all batches."""
         if not self.batches[0].has_room(kernel):  # all have the same room
-            return -_S.penalty
+            return -SETTINGS.kernel_comparison.penalty
         match = mean_match(self.spectra, kernel)
         return mean_margin(self.batches, kernel) + self.match_worth * match
 
@@ -69,7 +67,7 @@ class PathWorth(NamedTuple):
         def worth(path: SmoothPath) -> float:
             kernel = path.kernel(self.camera)
             if not batch.has_room(kernel):
-                return -_S.penalty
+                return -SETTINGS.kernel_comparison.penalty
             change = float(np.vdot(slope, path.controls - middle.controls))
             return batch.margin(kernel) + self.match_worth * (match + change)
 
