@@ -123,7 +123,7 @@ def _larger(
     pyramid, level = comparison.pyramid, comparison.level(entry)
     coarse = min(level + _S.coarser, pyramid.coarsest)
     first, *others = _S.ways
-    used = levels_on_frame(pyramid, level, first)
+    used = levels_on_frame(pyramid, level, first)  # in a large frame another way has the same
     others = [way for way in others if levels_on_frame(pyramid, level, way) != used]
     new = in_ways([first])
     own, *scores = comparison.scores_at(coarse, [entry, *new]).tolist()

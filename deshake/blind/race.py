@@ -182,23 +182,26 @@ def _ended(courses: Sequence[Course], hopeful: float, run: Run, *, quick: bool) 
     If the first gives no hope from the beginning, another that does may end, too. A path is
     searched for along the winner, unless the photo stays as it is.
     """
-    last, first, score = courses[0], courses[0].comparison, courses[0].score(courses[0].leaders)
+    last, first = courses[0], courses[0].comparison
+    if quick:
+        return last.end(hopeful, run, quick=True)
+    score = last.score(last.leaders)
     hope, even = SETTINGS.course.hopeful, SETTINGS.estimate.even
     begun = last.gives_hope(hope)
-    finish = last.end(hopeful, quick=quick, run=run.part(0.0, 0.5))
+    finish = last.end(hopeful, run.part(0.0, 0.5), quick=False)
     undecided = hope <= confidence(finish) < even
     others = [other for other in courses[1:] if undecided or (not begun and other.gives_hope(hope))]
-    if not quick and others:
+    if others:
         courses[0].pyramid.forget()
-        for other in others:
-            least = _S.second
-            if other.pyramid.is_displayed:
-                other.begin_spectral(run.part(0.5, 0.6))
-                if _is_better(other, first, score):
-                    least = even
-            second = other.end(hopeful, quick=quick, run=run.part(0.6, 0.8))
-            if confidence(second) >= least:
-                last, finish = other, second
-    if quick or confidence(finish) < (even if hopeful else 0):
+    for other in others:
+        least = _S.second
+        if other.pyramid.is_displayed:
+            other.begin_spectral(run.part(0.5, 0.6))
+            if _is_better(other, first, score):
+                least = even
+        second = other.end(hopeful, run.part(0.6, 0.8), quick=False)
+        if confidence(second) >= least:
+            last, finish = other, second
+    if confidence(finish) < (even if hopeful else 0):
         return finish
     return last.searched(finish, run.part(0.8, 1.0))

@@ -33,7 +33,6 @@ References
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import cv2
@@ -52,7 +51,7 @@ from deshake.signal.gradients import adjoint_differences, differences, strong
 from deshake.signal.pyramid import RATIO
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from deshake.blind.candidate import Axes
     from deshake.blind.settings import FrameWay, WideWay
@@ -102,8 +101,7 @@ def _estimated(pyramid: Pyramid, level: int, way: WideWay, axes: Axes) -> Rotati
     levels = range(level + scales - 1, level - 1, -1)
     frames = _frames(pyramid, levels, reaches, contrast_of=level)
     first = _first_kernel(reaches[0])
-    noise = partial(_without_noise, cut=way.cut, faint=way.faint)
-    kernel = _alternated(frames, first, prices, darks, axes, without_noise=noise)
+    kernel = _alternated(frames, first, prices, darks, axes, cut=way.cut, faint=way.faint)
     return _of_camera(kernel, pyramid.at(level), pyramid)
 
 
@@ -142,8 +140,7 @@ def refined_on_frame(
     frames = _frames(pyramid, levels, reaches, contrast_of=first)
     prices = np.geomspace(way.dear, way.cheap, len(frames) * way.iterations)
     darks = np.zeros_like(prices)
-    noise = partial(_without_noise, cut=0.0, faint=_S.faint)
-    grown = _alternated(frames, drawn, prices, darks, axes, without_noise=noise)
+    grown = _alternated(frames, drawn, prices, darks, axes, cut=0.0, faint=_S.faint)
     return _of_camera(grown, pyramid.at(last), pyramid)
 
 
@@ -175,7 +172,8 @@ def _alternated(
     darks: NDArray[np.float64],
     axes: Axes,
     *,
-    without_noise: Callable[[Image], Image],
+    cut: float,
+    faint: float,
 ) -> Image:
     """Alternate the two steps on frames, from coarse to fine; the kernel is for the first one.
 
@@ -187,7 +185,7 @@ def _alternated(
             kernel = _resized(kernel, frame.reach)
         for i in range(n * iterations, (n + 1) * iterations):
             across, down = frame.edges(kernel, float(prices[i]), float(darks[i]))
-            fitted = without_noise(frame.fitted(across, down, frame.reach))
+            fitted = _without_noise(frame.fitted(across, down, frame.reach), cut, faint)
             kernel = _cleaned(fitted, axes, otherwise=kernel)
     return kernel
 

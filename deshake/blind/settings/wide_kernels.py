@@ -102,10 +102,10 @@ class WideStartSettings:
         WideWay(135, 12, 0.025, 1e-3),
         WideWay(190, 12, 0.025, 1e-3),
         WideWay(270, 20, 0.025, 1e-3),
-        WideWay(135, 12, 0.025, 1e-3, 8, 0.0, 0.3),
-        WideWay(135, 12, 0.075, 2.5e-3, 8, 0.0, 0.3),
-        WideWay(190, 20, 0.025, 1e-3, 8, 0.0, 0.3),
-        WideWay(270, 20, 0.025, 1e-3, 8, 0.0, 0.3),
+        WideWay(135, 12, 0.025, 1e-3, iterations=8, cut=0.0, faint=0.3),
+        WideWay(135, 12, 0.075, 2.5e-3, iterations=8, cut=0.0, faint=0.3),
+        WideWay(190, 20, 0.025, 1e-3, iterations=8, cut=0.0, faint=0.3),
+        WideWay(270, 20, 0.025, 1e-3, iterations=8, cut=0.0, faint=0.3),
     )
     least_reach: float = 3.0
     contrast: float = 0.25
