@@ -28,7 +28,6 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from deshake.blind.agreement import agreement
 from deshake.blind.candidate import Candidate
 from deshake.blind.entry import Entry, all_refined, best_of_starts, last_of_starts, nearest
 from deshake.blind.finish import Finish
@@ -37,7 +36,7 @@ from deshake.blind.growth import grown
 from deshake.blind.kernel_comparison import Comparison
 from deshake.blind.polish import polished
 from deshake.blind.settings import SETTINGS
-from deshake.blind.spectral_start import spectral_starts
+from deshake.blind.spectral_start import spectral_entries
 from deshake.blind.spot import is_spot
 from deshake.blind.trust import confidence, selected
 from deshake.blind.wide_start import wide_starts
@@ -45,9 +44,8 @@ from deshake.operators.strips import in_order, reported
 from deshake.signal.pyramid import RATIO
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
-    from deshake.blind.camera_path import SmoothPath
     from deshake.blind.candidate import Axes
     from deshake.blind.judge import Judge
     from deshake.blind.settings import PathScales
@@ -146,7 +144,7 @@ class Course:
         wide, paths = self._wide(run, least_match, leader)
         jobs = [(path, _S.refinement, self._flat) for path in paths]
         if leader is not None or self._is_tiny:  # else they push other kernels out
-            jobs += [(self._suited(entry), _S.refinement, self._flat) for entry in wide]
+            jobs += [(self.comparison.suited(entry), _S.refinement, self._flat) for entry in wide]
         refined = all_refined(self.pyramid, jobs, self.comparison.run)
         paths, kernels = refined[: len(wide)], refined[len(wide) :]
         self.entries = [*self.entries, *paths, *wide, *kernels]
@@ -188,8 +186,8 @@ class Course:
         wide = [
             Entry(f"wide start {n}, scale {level}", _OF_WIDE - n, level, kernel)
             for n, (level, kernel) in enumerate(wide_starts(self.pyramid, self.axes, run))
-            if self.bound is None or kernel.extent_px() <= self.bound
         ]
+        wide = [entry for entry in wide if entry.keeps(self.bound)]
         wide = [entry for entry in wide if entry.width > _S.least_width * RATIO**entry.level]
         if narrow is not None:
             wide = [entry for entry in wide if self.comparison.is_much_wider(entry, narrow)]
@@ -199,43 +197,12 @@ class Course:
         kept = [n for n in ranked if matches[n] >= least_match]
         return [wide[n] for n in kept], [paths[n] for n in kept]
 
-    def _suited(self, entry: Entry) -> Entry:
-        """Take a kernel for one of the scale that suits it, if that is finer than its own."""
-        return entry._replace(level=min(entry.level, self.comparison.level(entry)))
-
     def start_spectral(self, scales: PathScales, run: Run) -> list[Entry]:
-        """Find paths by the spectra; keep and return distinct ones that match best.
-
-        Each is followed by its reflection.
-        """
-        found = list(self._of_paths(spectral_starts(self.pyramid, self.axes, run, scales)))
-        matches = self.comparison.matches([entry for entry, _ in found])
-        taken: list[Entry] = []
-        for n in np.argsort(-matches, kind="stable"):
-            entry, path = found[n]
-            if all(agreement(entry.kernel, known.kernel) < _S.alike for known in taken):
-                reflected = entry._replace(
-                    name=f"{entry.name}, reflected",
-                    start=entry.start - 1,
-                    kernel=path.reflected.kernel(self.pyramid.camera),
-                )
-                taken += [entry, reflected]
-            if len(taken) == 2 * _S.spectral:
-                break
+        """Keep and return the kernels of paths that the spectra give."""
+        first = min([_OF_SPECTRA, *(entry.start - 1 for entry in self.entries)])
+        taken = spectral_entries(self.comparison, self.axes, self.bound, run, scales, first=first)
         self.entries += taken
         return taken
-
-    def _of_paths(
-        self, starts: Sequence[tuple[int, SmoothPath]]
-    ) -> Iterator[tuple[Entry, SmoothPath]]:
-        """Make entries of paths, with numbers that leave room for their reflections."""
-        lowest = min([_OF_SPECTRA + 1, *(entry.start for entry in self.entries)])
-        for n, (level, path) in enumerate(starts):
-            kernel = path.kernel(self.pyramid.camera)
-            name = f"spectral start {n}, scale {level}"
-            entry = self._suited(Entry(name, lowest - 1 - 2 * n, level, kernel))
-            if self.bound is None or kernel.extent_px() <= self.bound:
-                yield entry, path
 
     def best_begun(self) -> Entry:
         """Return the best of the kernels so far and of smooth paths through the last ones."""

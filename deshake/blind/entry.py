@@ -52,6 +52,10 @@ class Entry(NamedTuple):
         """Width of the kernel in pixels of the photo."""
         return heaviest(self.kernel, _S.faint).extent_px()
 
+    def keeps(self, bound: float | None) -> bool:
+        """Return whether the kernel is at most so many pixels of the photo wide, if at all."""
+        return bound is None or self.kernel.extent_px() <= bound
+
     @property
     def rolls(self) -> bool:
         """Whether the camera turns about its optical axis."""

@@ -316,6 +316,10 @@ class Comparison:
         level = np.ceil(2 * np.log2(max(entry.width / _S.width, 1e-9)))
         return int(np.clip(level, 0, self.pyramid.coarsest))
 
+    def suited(self, entry: Entry) -> Entry:
+        """Take a kernel for one of the scale that suits it, if that is finer than its own."""
+        return entry._replace(level=min(entry.level, self.level(entry)))
+
     @cached_property
     def _last_matched(self) -> int:
         """The coarsest scale that has enough tiles for a match."""

@@ -6,7 +6,7 @@ of the camera. So random smooth paths are drawn at a coarse scale. Those that ma
 and the best distinct ends are carried to the next finer scale. There they compete with new random
 paths, because each scale resolves the shakes that are some pixels wide there.
 
-The spectra cannot tell a path from its reflection.
+The spectra cannot tell a path from its reflection. So both take part in the race.
 """
 
 from __future__ import annotations
@@ -16,21 +16,24 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from deshake.blind.agreement import agreement
 from deshake.blind.camera_path import SmoothPath
+from deshake.blind.entry import Entry
 from deshake.blind.settings import SETTINGS
 from deshake.blind.spectral_match import SpectralMatch, descended
 from deshake.operators.strips import in_order
 from deshake.signal.pyramid import RATIO
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from deshake.blind.candidate import Axes
+    from deshake.blind.kernel_comparison import Comparison
     from deshake.blind.settings import PathScales
     from deshake.run import Run
     from deshake.signal.pyramid import Pyramid
 
-__all__ = ["spectral_starts"]
+__all__ = ["spectral_entries", "spectral_starts"]
 
 Points = NDArray[np.float64]
 
@@ -77,6 +80,66 @@ def spectral_starts(
         carried = _descended(spectra, second, _S.second_iterations, run)
         found += [(level, path) for path in carried]
     return found
+
+
+def spectral_entries(
+    comparison: Comparison,
+    axes: Axes,
+    bound: float | None,
+    run: Run,
+    scales: PathScales,
+    *,
+    first: int,
+) -> list[Entry]:
+    """Return the kernels of distinct paths that match the spectra best, for the race.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The comparison of the race, which measures the match.
+    axes : three bools
+        The axes that the camera may turn about.
+    bound : float, optional
+        Pixels of the photo: no kernel is wider.
+    run : Run
+        Threads to use.
+    scales : PathScales
+        The scales, the tiles, and the widths of the paths.
+    first : int
+        Number of the first start; the others count downwards.
+
+    Returns
+    -------
+    list of Entry
+        The best kernel first. Each is followed by its reflection.
+
+    """
+    paths = spectral_starts(comparison.pyramid, axes, run, scales)
+    found = [one for one in _numbered(comparison, paths, first) if one[0].keeps(bound)]
+    matches = comparison.matches([entry for entry, _ in found])
+    taken: list[Entry] = []
+    for n in np.argsort(-matches, kind="stable"):
+        entry, path = found[n]
+        if all(agreement(entry.kernel, known.kernel) < _S.alike for known in taken):
+            reflected = entry._replace(
+                name=f"{entry.name}, reflected",
+                start=entry.start - 1,
+                kernel=path.reflected.kernel(comparison.pyramid.camera),
+            )
+            taken += [entry, reflected]
+        if len(taken) == 2 * _S.most:
+            break
+    return taken
+
+
+def _numbered(
+    comparison: Comparison, paths: Sequence[tuple[int, SmoothPath]], first: int
+) -> Iterator[tuple[Entry, SmoothPath]]:
+    """Make entries of paths, with numbers that leave room for their reflections."""
+    for n, (level, path) in enumerate(paths):
+        kernel = path.kernel(comparison.pyramid.camera)
+        name = f"spectral start {n}, scale {level}"
+        yield comparison.suited(Entry(name, first - 2 * n, level, kernel)), path
 
 
 def _is_wanted(pyramid: Pyramid, level: int, scales: PathScales) -> bool:

@@ -59,7 +59,7 @@ def test_spectral_starts_are_distinct_and_take_part_with_their_reflections(
         )
     firsts = [entry.kernel for entry in spectral[::2]]
     for n, kernel in enumerate(firsts):
-        assert all(agreement(kernel, other) < SETTINGS.course.alike for other in firsts[:n])
+        assert all(agreement(kernel, other) < SETTINGS.spectral_start.alike for other in firsts[:n])
     assert _of_edges([*spectral, ONE]) == [ONE]
 
 

@@ -185,10 +185,6 @@ class CourseSettings:
         Share of the match of the best kernel, if it is beyond doubt: wide starts match as much.
     tiny : int
         Px: in photos whose shorter side is at most as long, wide starts always take part.
-    spectral : int
-        Number of spectral starts in the race, and of their reflections.
-    alike : float
-        Agreement from which two spectral starts count as one.
     least_width : float
         Px of the scale: a wide start is wider. The other starts find narrower kernels better.
     snapshots : int
@@ -214,8 +210,6 @@ class CourseSettings:
     wide: int = 3
     wide_share: float = 0.8
     tiny: int = 320
-    spectral: int = 4
-    alike: float = 0.9
     least_width: float = 10.0
     snapshots: int = 2
     refined: int = 4

@@ -344,6 +344,10 @@ class SpectralStartSettings:
         Times at which two paths are compared.
     unlike : float
         Px of the scale: root mean square distance of two paths that are not the same.
+    most : int
+        Number of paths that take part in the race, and of their reflections.
+    alike : float
+        Agreement from which only one of two kernels takes part.
 
     """
 
@@ -359,3 +363,5 @@ class SpectralStartSettings:
     second_iterations: int = 20
     times: int = 24
     unlike: float = 1.0
+    most: int = 4
+    alike: float = 0.9
