@@ -70,9 +70,12 @@ class Measures(NamedTuple):
     def surely_sharp(self) -> bool:
         """Whether edges are steep and the blur does not depend on the direction.
 
-        A camera that rests and then moves on leaves steep edges, too.
+        A camera that rests and then moves on leaves steep edges, too. But then the edges are also
+        wide in one direction, and sharpness is no reason to doubt the evidence.
         """
-        return self.sharp and self.evidence < _S.shaken
+        wide = self.edges is not None and self.edges.longer > _S.spread
+        evidence = _of_direction(self.directed, self.edges) if wide else self.evidence
+        return self.sharp and evidence < _S.shaken
 
 
 @dataclass(frozen=True)

@@ -149,7 +149,7 @@ class Course:
         paths, kernels = refined[: len(wide)], refined[len(wide) :]
         self.entries = [*self.entries, *paths, *wide, *kernels]
         self._end_starts()
-        if leader is not None and not _OF_SPECTRA < self.leaders[0].start <= _OF_WIDE:
+        if leader is not None and not _is_of_wide(self.leaders[0]):
             self.entries, self.ends, self.leaders = before
 
     def begin_spectral(self, run: Run) -> None:
@@ -264,15 +264,18 @@ class Course:
         self.leaders = self._leaders()
 
     def _leaders(self) -> list[Entry]:
-        """Return the best kernels of the best starts."""
-        return self._best_of_starts(self.entries)[: _S.refined]
+        """Return the best kernels of the best starts, and those that wide starts push out."""
+        ranked = self._best_of_starts(self.entries)
+        others = [entry for entry in ranked if not _is_of_wide(entry)][: _S.refined]
+        starts = {entry.start for entry in [*ranked[: _S.refined], *others]}
+        return [entry for entry in ranked if entry.start in starts]
 
     def finish(self, run: Run) -> Finish:
         """Refine the kernels of the best starts, keep them, too; return what the best is worth.
 
         If the best of them is beyond doubt, fewer are refined and polished.
         """
-        count = _S.refined_if_sure if self.sure else _S.refined
+        count = _S.refined_if_sure if self.sure else len(self.leaders)
         lines = 1 if self.sure and not self._is_tiny else _S.polished
         leaders = self.leaders[:count]
         starts = {entry.start for entry in leaders}
@@ -371,6 +374,11 @@ def first_scales(coarsest: int) -> list[int]:
 def _of_edges(entries: Sequence[Entry]) -> list[Entry]:
     """Return the kernels that edges gave. Those of spectral starts resemble each other."""
     return [entry for entry in entries if entry.start > _OF_SPECTRA]
+
+
+def _is_of_wide(entry: Entry) -> bool:
+    """Return whether a wide start gave a kernel."""
+    return _OF_SPECTRA < entry.start <= _OF_WIDE
 
 
 def _zoomed(entries: Sequence[Entry], ratio: float) -> list[Entry]:

@@ -1,4 +1,4 @@
-"""Grow kernels that are wide for the frame: find the parts of the path that they lack.
+"""Grow kernels: find the parts of the path that they lack.
 
 A camera may rest, and then go far but fast. Then the kernel of a start is often a part of the path:
 where the camera rested. At the scale of that part it scores higher than the whole path does at its
@@ -111,8 +111,8 @@ def _larger(
 ) -> Entry | None:
     """Return a better kernel that grows from one in a round, or None.
 
-    The first way is the cheapest. If all its kernels are far worse, or hardly wider, no other way
-    is tried.
+    Only kernels that are much wider take part. The first way is the cheapest. If it gives none, or
+    only far worse ones, no other way is tried.
     """
 
     def in_ways(ways: Sequence[FrameWay]) -> list[Entry]:
@@ -120,21 +120,25 @@ def _larger(
         work = in_order(lambda job: on_frame(comparison, entry, *job, axes), jobs, comparison.run)
         return [new for _, new in work if new is not None]
 
+    def wider(ones: Sequence[Entry]) -> list[Entry]:
+        return [one for one in ones if one.width > _S.wider * entry.width]
+
     pyramid, level = comparison.pyramid, comparison.level(entry)
     coarse = min(level + _S.coarser, pyramid.coarsest)
     first, *others = _S.ways
     used = levels_on_frame(pyramid, level, first)  # in a large frame another way has the same
     others = [way for way in others if levels_on_frame(pyramid, level, way) != used]
-    new = in_ways([first])
+    new = wider(in_ways([first]))
     own, *scores = comparison.scores_at(coarse, [entry, *new]).tolist()
-    wider = [one.width > _S.wider * entry.width for one in new]
-    if not any(wide and score >= own - _S.vain for wide, score in zip(wider, scores, strict=True)):
+    if not scores or max(scores) < own - _S.vain:
         return None
-    new += in_ways(others)
+    new += wider(in_ways(others))
     best = new[int(np.argmax(comparison.scores_at(coarse, new)))]
     kernels = [best, comparison.matched(best)]
     jobs = [(one, SETTINGS.polish.smooth, axes) for one in kernels]
-    kernels += all_refined(pyramid, jobs, comparison.run)
+    kernels = wider([*kernels, *all_refined(pyramid, jobs, comparison.run)])
     kernels = [one for one in kernels if not comparison.hopeless(one)]
     own, *scores = comparison.scores_at(coarse, [entry, *kernels]).tolist()
-    return kernels[int(np.argmax(scores))] if max(scores) > own + _S.gain else None
+    if not scores or max(scores) <= own + _S.gain:
+        return None
+    return kernels[int(np.argmax(scores))]

@@ -63,6 +63,21 @@ def test_a_camera_that_rests_and_moves_on_leaves_steep_edges_but_no_sharp_photo(
     assert blur_kind(rested).kind == "shaken"
 
 
+def test_steep_edges_that_are_wide_in_a_direction_are_no_reason_to_doubt_a_shake() -> None:
+    steep = Measures(
+        sharp=True,
+        sharpness=0.72,
+        sharpness_at_half=0.71,
+        directed=DirectedBlur(0.32, 6.4, 5.0),
+        edges=EdgeSpread(1.4, 1.0),
+    )
+    assert not steep.surely_sharp
+    assert judged(steep).kind == "shaken"
+    assert steep._replace(edges=EdgeSpread(0.9, 0.6)).surely_sharp
+    assert steep._replace(edges=None).surely_sharp
+    assert steep._replace(directed=DirectedBlur(0.2, 6.4, 5.0)).surely_sharp
+
+
 @pytest.mark.parametrize(("slant", "direction"), [(1, 135), (-1, 45)])
 def test_a_motion_has_a_width_and_a_direction(photo, slant, direction) -> None:
     way = np.eye(7, dtype=np.float32)[::slant].copy() / 7

@@ -243,11 +243,26 @@ def test_fewer_starts_are_refined_if_one_is_beyond_doubt(photo, monkeypatch) -> 
         course.finish(Run(1))
         return {entry.start for entry in course.entries[known:] if "refined" in entry.name}
 
-    few = refined(begun(photo.pyramid))
+    course = begun(photo.pyramid)
+    leaders = {leader.start for leader in course.leaders}
+    few = refined(course)
     monkeypatch.setattr(Course, "sure", property(lambda _: False))
     many = refined(begun(photo.pyramid))
     assert 1 <= len(few) <= SETTINGS.course.refined_if_sure
-    assert len(few) < len(many) <= SETTINGS.course.refined
+    assert few < many <= leaders
+    assert len(many) >= SETTINGS.course.refined
+
+
+def test_wide_starts_push_no_others_out_of_the_refinement(photo, monkeypatch) -> None:
+    scores = {5: 0.9, -1: 0.8, 3: 0.7, -2: 0.6, -3: 0.5, -100: 0.4, 7: 0.3, 9: 0.2}
+    course = Course(photo.pyramid, (True, True, True), None, any_focal=False, run=Run(1))
+    course.entries = [ONE._replace(start=start) for start in scores]
+    monkeypatch.setattr(
+        course.comparison, "scores", lambda ones: np.array([scores[one.start] for one in ones])
+    )
+    monkeypatch.setattr(course.comparison, "foremost", list)
+    assert SETTINGS.course.refined == 4
+    assert [leader.start for leader in course._leaders()] == [5, -1, 3, -2, -100, 7]
 
 
 def test_a_hopeless_kernel_loses_to_a_hopeful_one(ended, shaken) -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -13,6 +14,12 @@ from deshake.blind.kernel_comparison import Comparison
 from deshake.blind.settings import SETTINGS
 from deshake.blind.wide_start import levels_on_frame, refined_on_frame
 from deshake.geometry.camera import Camera
+
+if TYPE_CHECKING:
+    from deshake.blind.candidate import Axes
+    from deshake.blind.settings import Refinement
+    from deshake.run import Run
+    from deshake.signal.pyramid import Pyramid
 
 FLAT = True, True, False
 PATH = np.array([[-24.0, -34, 0], [-12, -20, 0], [2, -14, 0], [10, 8, 0], [-2, 24, 0], [14, 36, 0]])
@@ -100,6 +107,26 @@ def test_if_the_first_way_is_far_worse_or_hardly_wider_no_other_is_tried(
     monkeypatch.setattr(growth, "_S", hard)
     assert grown(comparison, part, FLAT, None, toned=False) is part
     assert [way for _, way in refinements] == [hard.ways[0]]
+
+
+def test_a_better_kernel_that_is_hardly_wider_is_no_growth(wide, comparison, monkeypatch) -> None:
+    true, path = wide.kernel, wide.kernel.theta
+    near = Entry("near", 3, 2, replace(true, theta=0.9 * path))
+    broad = replace(true, theta=1.2 * path)
+
+    def refined(_: Pyramid, jobs: list[tuple[Entry, Refinement, Axes]], __: Run) -> list[Entry]:
+        return [entry._replace(kernel=true) for entry, *_ in jobs]
+
+    monkeypatch.setattr(growth, "refined_on_frame", lambda *_: broad)
+    monkeypatch.setattr(growth, "all_refined", refined)
+    monkeypatch.setattr(growth, "_S", replace(SETTINGS.growth, vain=np.inf))
+    assert not comparison.hopeless(near._replace(kernel=broad))
+    level = comparison.level(near) + SETTINGS.growth.coarser
+    better, own = comparison.scores_at(level, [near._replace(kernel=true), near])
+    assert better > own + SETTINGS.growth.gain
+    assert grown(comparison, near, FLAT, None, toned=False) is near
+    monkeypatch.setattr(growth, "_S", replace(SETTINGS.growth, vain=np.inf, wider=1.05))
+    assert grown(comparison, near, FLAT, None, toned=False).kernel is true
 
 
 def test_kernels_that_are_too_wide_for_the_photo_are_left_out(
