@@ -111,8 +111,8 @@ def _larger(
 ) -> Entry | None:
     """Return a better kernel that grows from one in a round, or None.
 
-    Only kernels that are much wider take part. The first way is the cheapest. If it gives none, or
-    only far worse ones, no other way is tried.
+    The first way is the cheapest. If all its kernels are far worse, or hardly wider, no other way
+    is tried. A narrower kernel does not grow from one, whatever its score is.
     """
 
     def in_ways(ways: Sequence[FrameWay]) -> list[Entry]:
@@ -120,24 +120,22 @@ def _larger(
         work = in_order(lambda job: on_frame(comparison, entry, *job, axes), jobs, comparison.run)
         return [new for _, new in work if new is not None]
 
-    def wider(ones: Sequence[Entry]) -> list[Entry]:
-        return [one for one in ones if one.width > _S.wider * entry.width]
-
     pyramid, level = comparison.pyramid, comparison.level(entry)
     coarse = min(level + _S.coarser, pyramid.coarsest)
     first, *others = _S.ways
     used = levels_on_frame(pyramid, level, first)  # in a large frame another way has the same
     others = [way for way in others if levels_on_frame(pyramid, level, way) != used]
-    new = wider(in_ways([first]))
+    new = in_ways([first])
     own, *scores = comparison.scores_at(coarse, [entry, *new]).tolist()
-    if not scores or max(scores) < own - _S.vain:
+    wider = [one.width > _S.wider * entry.width for one in new]
+    if not any(wide and score >= own - _S.vain for wide, score in zip(wider, scores, strict=True)):
         return None
-    new += wider(in_ways(others))
+    new += in_ways(others)
     best = new[int(np.argmax(comparison.scores_at(coarse, new)))]
     kernels = [best, comparison.matched(best)]
     jobs = [(one, SETTINGS.polish.smooth, axes) for one in kernels]
-    kernels = wider([*kernels, *all_refined(pyramid, jobs, comparison.run)])
-    kernels = [one for one in kernels if not comparison.hopeless(one)]
+    kernels += all_refined(pyramid, jobs, comparison.run)
+    kernels = [one for one in kernels if one.width > entry.width and not comparison.hopeless(one)]
     own, *scores = comparison.scores_at(coarse, [entry, *kernels]).tolist()
     if not scores or max(scores) <= own + _S.gain:
         return None

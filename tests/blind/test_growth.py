@@ -109,24 +109,25 @@ def test_if_the_first_way_is_far_worse_or_hardly_wider_no_other_is_tried(
     assert [way for _, way in refinements] == [hard.ways[0]]
 
 
-def test_a_better_kernel_that_is_hardly_wider_is_no_growth(wide, comparison, monkeypatch) -> None:
+def test_a_better_kernel_that_is_narrower_does_not_grow_from_one(
+    wide, comparison, monkeypatch
+) -> None:
     true, path = wide.kernel, wide.kernel.theta
-    near = Entry("near", 3, 2, replace(true, theta=0.9 * path))
-    broad = replace(true, theta=1.2 * path)
+    near = Entry("near", 3, 2, replace(true, theta=1.1 * path))
+    broad = replace(true, theta=1.25 * path)
 
     def refined(_: Pyramid, jobs: list[tuple[Entry, Refinement, Axes]], __: Run) -> list[Entry]:
         return [entry._replace(kernel=true) for entry, *_ in jobs]
 
     monkeypatch.setattr(growth, "refined_on_frame", lambda *_: broad)
     monkeypatch.setattr(growth, "all_refined", refined)
-    monkeypatch.setattr(growth, "_S", replace(SETTINGS.growth, vain=np.inf))
-    assert not comparison.hopeless(near._replace(kernel=broad))
+    monkeypatch.setattr(growth, "_S", replace(SETTINGS.growth, vain=np.inf, wider=1.1))
+    narrower, wider = (near._replace(kernel=one) for one in (true, broad))
+    assert not comparison.hopeless(wider)
     level = comparison.level(near) + SETTINGS.growth.coarser
-    better, own = comparison.scores_at(level, [near._replace(kernel=true), near])
-    assert better > own + SETTINGS.growth.gain
-    assert grown(comparison, near, FLAT, None, toned=False) is near
-    monkeypatch.setattr(growth, "_S", replace(SETTINGS.growth, vain=np.inf, wider=1.05))
-    assert grown(comparison, near, FLAT, None, toned=False).kernel is true
+    better, own, worse = comparison.scores_at(level, [narrower, near, wider])
+    assert better > own + SETTINGS.growth.gain > worse
+    assert grown(comparison, near, FLAT, None, toned=False).width >= near.width
 
 
 def test_kernels_that_are_too_wide_for_the_photo_are_left_out(

@@ -138,8 +138,8 @@ class GrowthSettings:
     finer : int
         Scales from that of the refinement of a new kernel to the one that suits it.
     vain, wider : float, float
-        Score, and factor of the width: new kernels are wider by that factor. If none of the first
-        way scores at most so much less, the round ends.
+        Score, and factor of the width: if no kernel of the first way scores at most so much less
+        and is so much wider, the round ends.
     gain : float
         Score: a kernel that takes the place scores so much more.
 
