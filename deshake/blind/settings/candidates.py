@@ -191,7 +191,8 @@ class CourseSettings:
         Number of last scales of a candidate whose kernels are kept.
     refined, refined_if_sure : int
         Number of starts whose last kernels are refined, and matched to the spectra again; the
-        second if the best kernel of the starts is beyond doubt.
+        second if the best kernel of the starts is beyond doubt. Wide starts among them push no
+        others out: in doubt, as many others are refined.
     polished : int
         Number of starts whose best kernel is polished. It is one if that is beyond doubt, and the
         photo is not tiny.
