@@ -53,7 +53,7 @@ class Entry(NamedTuple):
         return heaviest(self.kernel, _S.faint).extent_px()
 
     def keeps(self, bound: float | None) -> bool:
-        """Return whether the kernel is at most so many pixels of the photo wide, if at all."""
+        """Return whether the kernel is at most `bound` pixels of the photo wide; None: no bound."""
         return bound is None or self.kernel.extent_px() <= bound
 
     @property
