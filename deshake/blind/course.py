@@ -87,13 +87,11 @@ class Course:
         self.ends: list[Entry] = []
         self.leaders: list[Entry] = []
 
-    def end(self, hopeful: float, run: Run, *, quick: bool) -> Finish:
+    def end(self, hopeful: float, run: Run) -> Finish:
         """Refine the best kernels, if one of them has a confidence that gives hope.
 
         Return what the best kernel is worth.
         """
-        if quick:
-            return self.finished(self.best())
         return self.finish(run) if self.gives_hope(hopeful) else self.finished(self.leaders[0])
 
     def in_display_values(self) -> Course:

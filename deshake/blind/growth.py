@@ -68,7 +68,7 @@ def grown(
     best = entry
     for _ in range(_S.rounds):
         larger = _larger(comparison, best, tones, axes)
-        if larger is None or (bound is not None and larger.kernel.extent_px() > bound):
+        if larger is None or not larger.keeps(bound):
             break
         best = larger
     return best

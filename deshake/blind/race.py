@@ -184,11 +184,11 @@ def _ended(courses: Sequence[Course], hopeful: float, run: Run, *, quick: bool) 
     """
     last, first = courses[0], courses[0].comparison
     if quick:
-        return last.end(hopeful, run, quick=True)
+        return last.finished(last.best())
     score = last.score(last.leaders)
     hope, even = SETTINGS.course.hopeful, SETTINGS.estimate.even
     begun = last.gives_hope(hope)
-    finish = last.end(hopeful, run.part(0.0, 0.5), quick=False)
+    finish = last.end(hopeful, run.part(0.0, 0.5))
     undecided = hope <= confidence(finish) < even
     others = [other for other in courses[1:] if undecided or (not begun and other.gives_hope(hope))]
     if others:
@@ -199,7 +199,7 @@ def _ended(courses: Sequence[Course], hopeful: float, run: Run, *, quick: bool) 
             other.begin_spectral(run.part(0.5, 0.6))
             if _is_better(other, first, score):
                 least = even
-        second = other.end(hopeful, run.part(0.6, 0.8), quick=False)
+        second = other.end(hopeful, run.part(0.6, 0.8))
         if confidence(second) >= least:
             last, finish = other, second
     if confidence(finish) < (even if hopeful else 0):
