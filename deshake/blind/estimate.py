@@ -19,7 +19,7 @@ from deshake.blind.blur_kind import measured
 from deshake.blind.bounds import check_size
 from deshake.blind.camera_path import filled_path
 from deshake.blind.drawn_path import drawing
-from deshake.blind.kernel_faults import FILLED, faults
+from deshake.blind.kernel_faults import FILLED, SCATTERED, faults
 from deshake.blind.latent_picture import latent_gradients
 from deshake.blind.race import race
 from deshake.blind.result import BlindEstimate
@@ -215,6 +215,8 @@ def _concluded(
             f"the estimate of the shake is doubtful (confidence {two_digits(trust)}): compare the "
             "result with the photo"
         )
+    elif SCATTERED in notes:  # a fast part of the path may be too faint; the photo speaks for it
+        notes.remove(SCATTERED)
     if FILLED not in notes:  # a disk is no path
         kernel = without_softness(result.winner)
     latent = latent_gradients(pyramid.zoomed(result.zoom), kernel)

@@ -13,6 +13,7 @@ from deshake.blind.course import first_scales
 from deshake.blind.entry import Entry
 from deshake.blind.estimate import STILL, _concluded, estimate_kernel
 from deshake.blind.finish import Finish
+from deshake.blind.kernel_faults import SCATTERED
 from deshake.blind.sharpness import looks_sharp
 from deshake.blind.spot import is_spot
 from deshake.blind.trust import confidence, two_digits
@@ -185,6 +186,20 @@ def test_a_kernel_that_a_still_camera_beats_is_doubtful(shaken) -> None:
     result = _concluded(shaken.pyramid, shaken.camera, unlikely, None)
     assert result.confidence == 0.79
     assert "doubtful" in result.notes[0]
+
+
+def test_only_a_doubtful_kernel_is_called_scattered(shaken) -> None:
+    steps = grid_steps(shaken.camera)
+    specks = np.random.default_rng(0).integers(-20, 21, (30, 3)) * (1, 1, 0)
+    kernel = RotationKernel.from_indices(specks, np.ones(30), steps, shaken.camera).centred()
+    entry = Entry("start 1", 1, 0, kernel)
+    doubtful, sure = (Finish(entry, margin, 0.3, 0.99, at_rest=False) for margin in (-0.06, 0.3))
+    result = _concluded(shaken.pyramid, shaken.camera, doubtful, None)
+    assert SCATTERED in result.notes
+    assert "doubtful" in result.notes[-1]
+    result = _concluded(shaken.pyramid, shaken.camera, sure, None)
+    assert result.confidence > 0.8
+    assert result.notes == []
 
 
 @pytest.mark.parametrize("toned", [False, True])
