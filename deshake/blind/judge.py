@@ -25,14 +25,13 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from deshake.blind.restored_tiles import gradient_price, restored
 from deshake.blind.settings import SETTINGS
 from deshake.blind.sharp_edges import l0_picture
 from deshake.blind.tile_plan import planned_tiles
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import reach
 from deshake.signal.gradients import differences, length_of
-from deshake.signal.noise import noise_level
-from deshake.signal.shrinkage import shrunk
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -91,7 +90,7 @@ class Judge:
         seen = np.flatnonzero(tiles.inside.any((1, 2)))
         order = np.random.default_rng(_SEED).permutation(seen)
         parts = np.array_split(order, max(len(seen) // _S.batch, 1))
-        lam = _S.lam * float(np.clip(_noise(tiles) / _S.noisy, _S.least_price, 1))
+        lam = _S.lam * float(np.clip(tiles.noise / _S.noisy, _S.least_price, 1))
         return [cls(tiles.some(np.sort(part)), lam, level).near(kernel) for part in parts]
 
     def near(self, kernel: RotationKernel) -> Judge:
@@ -124,8 +123,8 @@ class Judge:
 
     def sharpening(self, kernel: RotationKernel) -> float:
         """Return the gain in ``-ln nsp``: how much sparser the restored picture's gradients are."""
-        restored = self._restored(self._bound(kernel))
-        return float(np.log(self._unrestored / self._ratio(restored)))
+        picture = restored(self._bound(kernel), self._price)
+        return float(np.log(self._unrestored / self._ratio(picture)))
 
     def _bound(self, kernel: RotationKernel) -> Tiles:
         """Return the tiles for a kernel."""
@@ -156,31 +155,8 @@ class Judge:
 
     @cached_property
     def _price(self) -> float:
-        """Price of a gradient in the restored picture's prior, from the photo and its noise."""
-        tiles = self.tiles
-        length = length_of(*differences(tiles.g))[self.counted]
-        noise = max(2 * _noise(tiles), _S.least_noise)
-        return _S.prior * noise**2 / (_S.power * float((length**_S.power).mean()))
-
-    def _restored(self, tiles: Tiles) -> Image:
-        """Restore the tiles with a sparse prior of gradients, ``sum |grad f|^0.8``."""
-        restored = np.empty_like(tiles.g)
-        for part, group in tiles.groups():
-            restored[part] = self._restored_group(group)
-        return restored
-
-    def _restored_group(self, tiles: Tiles) -> Image:
-        """Restore a few tiles."""
-        price = self._price
-        picture, data = tiles.g, tiles.data()
-        for stage, beta in enumerate(np.geomspace(*_S.penalties, _S.stages).tolist()):
-            if stage == _S.fill_at:
-                tiles.fill(picture)
-                data = tiles.data()
-            across, down = differences(picture)
-            share = shrunk(length_of(across, down), price / beta, _S.power)
-            picture = tiles.solved(data, across * share, down * share, beta)
-        return picture
+        """Price of a gradient in the restored picture."""
+        return gradient_price(self.tiles)
 
     def _ratio(self, picture: Image) -> float:
         length = length_of(*differences(picture))[self.counted].astype(np.float64)
@@ -190,11 +166,6 @@ class Judge:
 def mean_margin(judges: Sequence[Judge], kernel: RotationKernel) -> float:
     """Return the mean margin of a kernel over judges."""
     return float(np.mean([judge.margin(kernel) for judge in judges]))
-
-
-def _noise(tiles: Tiles) -> float:
-    """Return the standard deviation of the noise of tiles, in contrast of the pyramid."""
-    return float(noise_level(tiles.g.reshape(-1, tiles.block)))
 
 
 def _reach(kernel: RotationKernel) -> int:

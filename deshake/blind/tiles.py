@@ -25,6 +25,7 @@ from deshake.geometry.rotations import displacements, homographies
 from deshake.operators.bilinear import splat
 from deshake.operators.transforms import squared_responses, transforms
 from deshake.signal.gradients import adjoint_differences, differences
+from deshake.signal.noise import noise_level
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -39,7 +40,10 @@ Image = NDArray[np.float32]
 
 _S: Final = SETTINGS.tiles
 _GROUP: Final = 2**16  # pixels of the blocks of a group, about
-_OF_EACH = ("corners", "centres", "g", "belief", "around", "middle", "filled", "H", "power")
+_OF_EACH = (
+    *("corners", "centres", "g", "mean", "belief"),
+    *("around", "middle", "filled", "H", "power"),
+)
 """Names of the arrays that have an item for each tile."""
 
 
@@ -72,9 +76,10 @@ class Tiles:
         self.first = (self.block - size) // 2
         self._room, self._frame = room, scale.stored.shape
         self.g, known = self._cut(scale)
-        self.g -= (self.g * known).sum((1, 2), keepdims=True) / np.maximum(
-            known.sum((1, 2), keepdims=True), 1
-        )
+        held = np.maximum(known.sum((1, 2), keepdims=True), 1)
+        self.mean: Image = (self.g * known).sum((1, 2), keepdims=True) / held
+        self.g -= self.mean
+        self.contrast = np.float32(scale.contrast)
         self.belief = known * self._fade
         self.centres = self.corners[:, ::-1] + (size - 1) / 2
         slopes = squared_responses(self.block, self.block)
@@ -115,6 +120,19 @@ class Tiles:
         inner = slice(self.first + _S.ramp, self.first + self.size - _S.ramp)
         inside[:, inner, inner] = True
         return inside & (self.belief > _S.known)
+
+    @property
+    def noise(self) -> float:
+        """The standard deviation of the noise, in the contrast of the pyramid."""
+        return float(noise_level(self.g.reshape(-1, self.block)))
+
+    def in_other_tones(self, scale: Scale) -> Tiles:
+        """Cut the same tiles from the scale of the photo in other tones."""
+        return Tiles(scale, self.corners.tolist(), self.size, self.far)
+
+    def toned(self, blocks: Image) -> Image:
+        """Return pictures of the tiles, (P, N, N), in the tones of the scale."""
+        return (blocks + self.mean) / self.contrast
 
     def irfft(self, spectra: Spectra) -> Image:
         """Transform spectra, which are overwritten, back to blocks."""

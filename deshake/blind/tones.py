@@ -8,29 +8,36 @@ even the true kernel leaves dark blobs and rings beside bright things.
 
 A kernel that is nearly right tells which tones are right: in them it matches the spectra better,
 and it explains the photo by a simpler sharp picture. The margin alone often errs: a sharp picture
-can be simpler in display values, whatever the blur. So the match counts more, and the score of the
-comparison must agree.
+can be simpler in display values, whatever the blur. So the match counts more. Rings and blobs make
+the restored picture vary more. So the same tiles are restored in both tones, and their total
+variations are compared.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from deshake.blind.bounds import check_size
 from deshake.blind.entry import Entry
 from deshake.blind.kernel_comparison import Comparison
+from deshake.blind.restored_tiles import gradient_price, restored
 from deshake.blind.settings import SETTINGS
+from deshake.blind.tile_plan import planned_tiles
 from deshake.errors import EstimationError
 from deshake.run import Run
+from deshake.signal.gradients import differences, length_of
 from deshake.signal.pyramid import Pyramid
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from deshake.blind.tiles import Tiles
     from deshake.geometry.kernel import RotationKernel
 
 __all__ = ["gains_in_display_values", "suits_display_values"]
+
+Image = NDArray[np.float32]
 
 _S: Final = SETTINGS.tones
 
@@ -80,8 +87,38 @@ def gains_in_display_values(light: Comparison, shown: Comparison, entry: Entry) 
         The kernel.
 
     """
-    match = shown.match(entry) - light.match(entry)
     score = float(shown.scores([entry])[0] - light.scores([entry])[0])
+    if score < _S.least_score:
+        return False
+    match = shown.match(entry) - light.match(entry)
     margins = [entry.margin(one.judge(entry)) for one in (light, shown)]
     gain = match + _S.of_margin * (margins[1] - margins[0])
-    return gain > _S.least_gain and score > _S.least_score
+    return gain + _S.of_variation * _less_variation(light, shown, entry) > _S.least_gain
+
+
+def _less_variation(light: Comparison, shown: Comparison, entry: Entry) -> float:
+    """Return how much less the picture varies that is restored in display values.
+
+    It is the logarithm of the ratio of the total variations, each of them the geometric mean of
+    that in light and that in display values.
+    """
+    level = light.level(entry)
+    kernel = entry.kernel.for_camera(light.pyramid.camera_at(level))
+    budget, room = SETTINGS.judge.batches, SETTINGS.judge.room
+    tiles = planned_tiles(light.pyramid, level, kernel, part="all", budget=budget, room=room)
+    other = tiles.in_other_tones(shown.pyramid.at(level))
+    of_light, of_shown = (_restored(one, kernel) for one in (tiles, other))
+    pairs = [(of_light, np.square(of_shown)), (np.sqrt(of_light), of_shown)]
+    seen = tiles.inside
+    return float(np.mean([np.log(_variation(a, seen) / _variation(b, seen)) for a, b in pairs]))
+
+
+def _restored(tiles: Tiles, kernel: RotationKernel) -> Image:
+    """Restore tiles by a kernel for their scale, in their tones; nothing is darker than black."""
+    price = gradient_price(tiles)
+    return np.maximum(tiles.toned(restored(tiles.bound(kernel), price)), 0)
+
+
+def _variation(pictures: Image, seen: NDArray[np.bool_]) -> float:
+    """Return the mean length of the gradients at the given pixels."""
+    return float(length_of(*differences(pictures))[seen].mean(dtype=np.float64))

@@ -39,6 +39,7 @@ from deshake.blind.settings.judging import (
     JudgeSettings,
     KernelComparisonSettings,
     KernelFaultsSettings,
+    RestoredTilesSettings,
     SpotSettings,
     TonesSettings,
     TrustSettings,
@@ -100,7 +101,8 @@ class EdgesSettings:
         The race.
     trimming, camera_path, soft_scene, spectral_match, spectral_start, path_search
         The paths of a camera.
-    judge, kernel_comparison, tones, focal_search, agreement, spot, kernel_faults, trust
+    judge, restored_tiles, kernel_comparison, tones, focal_search, agreement, spot, kernel_faults,
+    trust
         What is thought of a kernel.
     streaks, streak_light, drawn_path
         The streaks of lamps.
@@ -132,6 +134,7 @@ class EdgesSettings:
     spectral_match: SpectralMatchSettings = field(default_factory=SpectralMatchSettings)
     spectral_start: SpectralStartSettings = field(default_factory=SpectralStartSettings)
     path_search: PathSearchSettings = field(default_factory=PathSearchSettings)
+    restored_tiles: RestoredTilesSettings = field(default_factory=RestoredTilesSettings)
     judge: JudgeSettings = field(default_factory=JudgeSettings)
     kernel_comparison: KernelComparisonSettings = field(default_factory=KernelComparisonSettings)
     tones: TonesSettings = field(default_factory=TonesSettings)

@@ -12,6 +12,7 @@ __all__ = [
     "JudgeSettings",
     "KernelComparisonSettings",
     "KernelFaultsSettings",
+    "RestoredTilesSettings",
     "SpotSettings",
     "TonesSettings",
     "TrustSettings",
@@ -20,7 +21,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class JudgeSettings:
-    """The energy of a kernel, and the sparsity of its restored picture (`judge`).
+    """The energy of a kernel (`judge`).
 
     Tuned with the whole estimate on the set `tune` of `bench.py shakes`; no record says more.
 
@@ -50,19 +51,6 @@ class JudgeSettings:
     least_price : float
         Share of `lam`: the lowest such price. Both were found with given kernels of 84 photos, of
         `tune` and of scenes in no set: docs/estimation.md.
-    least_noise : float
-        Contrast of the pyramid: a smaller standard deviation of the noise counts as this.
-    power : float
-        Exponent of the gradients in the prior of the restored picture.
-    prior : float
-        Weight of that prior, in variances of the noise.
-    penalties : (float, float)
-        First and last weight beta of the split gradients in the restoration, no unit. The weights
-        in between grow geometrically.
-    stages : int
-        Number of these weights.
-    fill_at : int
-        Index of the weight at which unknown pixels are filled.
 
     """
 
@@ -77,6 +65,32 @@ class JudgeSettings:
     batch: int = 2
     noisy: float = 0.006
     least_price: float = 0.125
+
+
+@dataclass(frozen=True)
+class RestoredTilesSettings:
+    """The restored picture of tiles (`restored_tiles`).
+
+    Tuned with the whole estimate on the set `tune` of `bench.py shakes`; no record says more.
+
+    Parameters
+    ----------
+    least_noise : float
+        Contrast of the pyramid: a smaller standard deviation of the noise counts as this.
+    power : float
+        Exponent of the gradients in the prior.
+    prior : float
+        Weight of that prior, in variances of the noise.
+    penalties : (float, float)
+        First and last weight beta of the split gradients, no unit. The weights in between grow
+        geometrically.
+    stages : int
+        Number of these weights.
+    fill_at : int
+        Index of the weight at which unknown pixels are filled.
+
+    """
+
     least_noise: float = 0.002
     power: float = 0.8
     prior: float = 0.5
@@ -154,26 +168,25 @@ class KernelComparisonSettings:
 class TonesSettings:
     """The choice between linear light and display values (`tones`).
 
-    Photos of `bench.py shakes` have no tone curve. The true kernels of 43 shaken photos of the set
-    `tune` and of 27 of the set `test` gain at most 0.011. (By the whole score, which was tried
-    before, one of `test` gains 0.12.) On four real photos that are deblurred well (boat, flower,
-    Vintage_Car, Butcher_Shop) the kernels gain 0.028 to 0.06; of nine photos of Köhler et al.,
-    those of the pairs gain 0.018 to 0.06 on five.
+    Found with 24 photos of Köhler et al., whose values are linear, and with 65 of the set `tune` of
+    `bench.py shakes`: docs/estimation.md.
 
     Parameters
     ----------
-    of_margin : float
-        Correlation of the spectra that a margin of 1 is worth.
+    of_margin, of_variation : float
+        Correlation of the spectra that a margin of 1, and a variation that is smaller by the factor
+        e, are worth.
     least_gain : float
         Correlation: least gain that shows that display values are right.
     least_score : float
-        Margin: least gain of the score that does not contradict it.
+        Margin: if the score falls by more than this, it contradicts them.
 
     """
 
     of_margin: float = 0.25
+    of_variation: float = 0.3
     least_gain: float = 0.015
-    least_score: float = 0.02
+    least_score: float = -0.02
 
 
 @dataclass(frozen=True)
