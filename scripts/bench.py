@@ -33,6 +33,7 @@ TABLES = {
         "--data recordings, --scenes; or rendered --cases",
     ),
     "replayed": Table("blind estimates for the photos of Köhler et al.", "--data those photos"),
+    "replayed-results": Table("results for these photos, beside other programs'", "--results"),
     "restoration": Table("the methods of deblurring, with the true kernel", "--data recordings"),
     "sharp": Table(
         "photos without shake: none may become worse", "no data; two photos more: --data"
@@ -51,7 +52,7 @@ TABLES = {
 
 def listed() -> str:
     """List the tables, a line each."""
-    lines = [f"  {name:12} {table.measures} (needs {table.data})" for name, table in TABLES.items()]
+    lines = [f"  {name:16} {table.measures} (needs {table.data})" for name, table in TABLES.items()]
     return "\n".join(["tables:", *lines])
 
 

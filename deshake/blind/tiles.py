@@ -128,7 +128,8 @@ class Tiles:
 
     def in_other_tones(self, scale: Scale) -> Tiles:
         """Cut the same tiles from the scale of the photo in other tones."""
-        return Tiles(scale, self.corners.tolist(), self.size, self.far)
+        corners = [(y, x) for y, x in self.corners.tolist()]
+        return Tiles(scale, corners, self.size, self.far)
 
     def toned(self, blocks: Image) -> Image:
         """Return pictures of the tiles, (P, N, N), in the tones of the scale."""

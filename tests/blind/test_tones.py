@@ -3,9 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deshake.blind.tones import suits_display_values
+from deshake.blind.entry import Entry
+from deshake.blind.kernel_comparison import Comparison
+from deshake.blind.tones import _less_variation, suits_display_values
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
+from deshake.signal.pyramid import Pyramid
 
 
 @pytest.mark.parametrize("displayed", [False, True])
@@ -13,6 +16,15 @@ def test_the_kernel_tells_the_tones_in_which_the_photo_was_blurred(shaken, displ
     blurred = np.clip(shaken.grey, 0, 1)
     light = np.square(blurred) if displayed else blurred
     assert suits_display_values(light, shaken.kernel) == displayed
+
+
+@pytest.mark.parametrize("displayed", [False, True])
+def test_the_restored_picture_varies_less_in_the_right_tones(photo, displayed) -> None:
+    blurred = np.clip(photo.grey, 0, 1)
+    light = Pyramid(np.square(blurred) if displayed else blurred, photo.camera)
+    entry = Entry("kernel", 0, 0, photo.kernel)
+    gain = _less_variation(Comparison(light), Comparison(light.displayed()), entry)
+    assert gain > 0.1 if displayed else gain < 0
 
 
 def test_clipped_pixels_do_not_count(shaken) -> None:
