@@ -8,7 +8,7 @@ from deshake.blind.tiles import Tiles
 from deshake.geometry.rotations import reach
 from deshake.signal.pyramid import Scale
 
-CORNERS = [(30, 40), (90, 120)]
+CORNERS = [(30, 40), (60, 100)]
 SIZE = 64
 
 

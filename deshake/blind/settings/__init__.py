@@ -101,9 +101,10 @@ class EdgesSettings:
         The race.
     trimming, camera_path, soft_scene, spectral_match, spectral_start, path_search
         The paths of a camera.
-    judge, restored_tiles, kernel_comparison, tones, focal_search, agreement, spot, kernel_faults,
-    trust
+    judge, restored_tiles, kernel_comparison, tones, focal_search, agreement, spot
         What is thought of a kernel.
+    kernel_faults, trust
+        Its faults, and how reliable it is.
     streaks, streak_light, drawn_path
         The streaks of lamps.
 
@@ -134,8 +135,8 @@ class EdgesSettings:
     spectral_match: SpectralMatchSettings = field(default_factory=SpectralMatchSettings)
     spectral_start: SpectralStartSettings = field(default_factory=SpectralStartSettings)
     path_search: PathSearchSettings = field(default_factory=PathSearchSettings)
-    restored_tiles: RestoredTilesSettings = field(default_factory=RestoredTilesSettings)
     judge: JudgeSettings = field(default_factory=JudgeSettings)
+    restored_tiles: RestoredTilesSettings = field(default_factory=RestoredTilesSettings)
     kernel_comparison: KernelComparisonSettings = field(default_factory=KernelComparisonSettings)
     tones: TonesSettings = field(default_factory=TonesSettings)
     focal_search: FocalSearchSettings = field(default_factory=FocalSearchSettings)
