@@ -168,7 +168,7 @@ class KernelComparisonSettings:
 class TonesSettings:
     """The choice between linear light and display values (`tones`).
 
-    Found with 24 photos of Köhler et al., whose values are linear, and with 65 of the set `tune` of
+    Found with 24 photos of Köhler et al., whose values are linear, and with 43 of the set `tune` of
     `bench.py shakes`: docs/estimation.md.
 
     Parameters
