@@ -154,10 +154,10 @@ class Comparison:
 
     def _score(self, entry: Entry, judge: Judge) -> float:
         score = entry.margin(judge) + _S.sharpening_worth * judge.sharpening(entry.kernel)
-        return score + _S.match_worth * self._match_share * self.match(entry, judge.level)
+        return score + _S.match_worth * self.match_share * self.match(entry, judge.level)
 
     @cached_property
-    def _match_share(self) -> float:
+    def match_share(self) -> float:
         """How much a match counts: less if the frame holds few tiles, three at least."""
         tiles = SETTINGS.spectral_match.tiles
         held = np.prod(self.pyramid.camera.shape) / tiles.size**2
@@ -248,7 +248,7 @@ class Comparison:
         worth = PathWorth(
             self._batches_at(level, kernel),
             self._matching(level),
-            _S.search_match_worth * self._match_share,
+            _S.search_match_worth * self.match_share,
             kernel.camera,
             run,
         )

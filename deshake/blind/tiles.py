@@ -40,10 +40,7 @@ Image = NDArray[np.float32]
 
 _S: Final = SETTINGS.tiles
 _GROUP: Final = 2**16  # pixels of the blocks of a group, about
-_OF_EACH = (
-    *("corners", "centres", "g", "mean", "belief"),
-    *("around", "middle", "filled", "H", "power"),
-)
+_OF_EACH = ("corners", "centres", "g", "mean", "belief", "around", "middle", "filled", "H", "power")
 """Names of the arrays that have an item for each tile."""
 
 

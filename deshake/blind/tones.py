@@ -93,7 +93,8 @@ def gains_in_display_values(light: Comparison, shown: Comparison, entry: Entry) 
     match = shown.match(entry) - light.match(entry)
     margins = [entry.margin(one.judge(entry)) for one in (light, shown)]
     gain = match + _S.of_margin * (margins[1] - margins[0])
-    return gain + _S.of_variation * _less_variation(light, shown, entry) > _S.least_gain
+    gain += _S.of_variation * _less_variation(light, shown, entry)
+    return light.match_share * gain > _S.least_gain  # a few tiles tell little
 
 
 def _less_variation(light: Comparison, shown: Comparison, entry: Entry) -> float:

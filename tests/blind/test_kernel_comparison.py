@@ -120,7 +120,7 @@ def test_a_match_counts_less_in_a_small_frame() -> None:
     random = np.random.default_rng(0)
     shapes = (128, 128), (256, 256), (512, 512), (800, 900)
     shares = [
-        Comparison(Pyramid(one, Camera.from_focal(600.0, *one.shape)))._match_share
+        Comparison(Pyramid(one, Camera.from_focal(600.0, *one.shape))).match_share
         for one in (random.random(shape, np.float32) for shape in shapes)
     ]
     expected = [(1 + 15 / 24) / (1 + 15 / tiles) for tiles in (3, 4, 16, 24)]
