@@ -275,7 +275,8 @@ class PolishSettings:
         Refinement of a thin path, and of a smooth path.
     frame : tuple of FrameWay
         Refinements of a kernel that is wide for the frame. The prices were chosen on two real
-        photos, `postcard` and `las_vegas`, by the likeness to the kernels of PMP's results.
+        photos, `postcard` and `las_vegas`, by the likeness to the kernels of PMP's results, and the
+        last way on four of Köhler et al.
     rounds : int
         Largest number of rounds; a round that does not raise the score is the last.
     tracings : int
@@ -286,8 +287,11 @@ class PolishSettings:
     other_edges: Refinement = Refinement(1e-2)
     thin: Refinement = Refinement(2e-3, iterations=4, budget=Budget(0.6e6, 0.6e6, 1.2e6))
     smooth: Refinement = Refinement(2e-3, iterations=3, budget=Budget(0.6e6, 0.6e6, 1.2e6))
-    frame: tuple[FrameWay, ...] = tuple(
-        FrameWay(0, -2, 1.0, price, price, 5) for price in (2e-3, 1e-3, 5e-4)
+    frame: tuple[FrameWay, ...] = (
+        FrameWay(0, -2, 1.0, 2e-3, 2e-3, 5),
+        FrameWay(0, -2, 1.0, 1e-3, 1e-3, 5),
+        FrameWay(0, -2, 1.0, 5e-4, 5e-4, 5),
+        FrameWay(0, -3, 1.3, 4e-3, 5e-4, 6),
     )
     rounds: int = 4
     tracings: int = 3
