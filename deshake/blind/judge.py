@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from deshake.blind.tiles import Tiles
     from deshake.signal.pyramid import Pyramid
 
-__all__ = ["Judge", "mean_margin"]
+__all__ = ["Judge", "many_tiles", "mean_margin"]
 
 Image = NDArray[np.float32]
 
@@ -85,8 +85,7 @@ class Judge:
         Together they have many tiles, those for the fit of kernels, too. With less noise an edge
         is cheaper: what tells such kernels apart is fine.
         """
-        own = kernel.for_camera(pyramid.camera_at(level))
-        tiles = planned_tiles(pyramid, level, own, part="all", budget=_S.batches, room=_S.room)
+        tiles = many_tiles(pyramid, level, kernel)
         seen = np.flatnonzero(tiles.inside.any((1, 2)))
         order = np.random.default_rng(_SEED).permutation(seen)
         parts = np.array_split(order, max(len(seen) // _S.batch, 1))
@@ -161,6 +160,12 @@ class Judge:
     def _ratio(self, picture: Image) -> float:
         length = length_of(*differences(picture))[self.counted].astype(np.float64)
         return float(length.mean() / np.sqrt((length**2).mean()))
+
+
+def many_tiles(pyramid: Pyramid, level: int, kernel: RotationKernel) -> Tiles:
+    """Cut many tiles at a scale, those for the fit of kernels, too, with a room for a kernel."""
+    own = kernel.for_camera(pyramid.camera_at(level))
+    return planned_tiles(pyramid, level, own, part="all", budget=_S.batches, room=_S.room)
 
 
 def mean_margin(judges: Sequence[Judge], kernel: RotationKernel) -> float:

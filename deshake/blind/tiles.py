@@ -61,9 +61,14 @@ class Tiles:
     """
 
     def __init__(
-        self, scale: Scale, corners: Sequence[tuple[int, int]], size: int, far: int
+        self,
+        scale: Scale,
+        corners: Sequence[tuple[int, int]] | NDArray[np.int64],
+        size: int,
+        far: int,
     ) -> None:
         self.camera = scale.camera
+        self.contrast = np.float32(scale.contrast)
         self.corners = np.asarray(corners, np.int64).reshape(-1, 2)
         self.size = size
         self.far = far
@@ -76,7 +81,6 @@ class Tiles:
         held = np.maximum(known.sum((1, 2), keepdims=True), 1)
         self.mean: Image = (self.g * known).sum((1, 2), keepdims=True) / held
         self.g -= self.mean
-        self.contrast = np.float32(scale.contrast)
         self.belief = known * self._fade
         self.centres = self.corners[:, ::-1] + (size - 1) / 2
         slopes = squared_responses(self.block, self.block)
@@ -125,8 +129,7 @@ class Tiles:
 
     def in_other_tones(self, scale: Scale) -> Tiles:
         """Cut the same tiles from the scale of the photo in other tones."""
-        corners = [(y, x) for y, x in self.corners.tolist()]
-        return Tiles(scale, corners, self.size, self.far)
+        return Tiles(scale, self.corners, self.size, self.far)
 
     def toned(self, blocks: Image) -> Image:
         """Return pictures of the tiles, (P, N, N), in the tones of the scale."""
@@ -230,7 +233,7 @@ class Tiles:
             g[p] = scale.piece(place)
             if scale.clipped is not None:
                 known[p][scale.clipped[place]] = 0
-        g *= np.float32(scale.contrast)
+        g *= self.contrast
         return g, known
 
     def _in_frame(self, more: int = 0) -> Image:

@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 
 from deshake.blind.bounds import check_size
 from deshake.blind.entry import Entry
+from deshake.blind.judge import many_tiles
 from deshake.blind.kernel_comparison import Comparison
 from deshake.blind.restored_tiles import gradient_price, restored
 from deshake.blind.settings import SETTINGS
-from deshake.blind.tile_plan import planned_tiles
 from deshake.errors import EstimationError
 from deshake.run import Run
 from deshake.signal.gradients import differences, length_of
@@ -104,20 +104,18 @@ def _less_variation(light: Comparison, shown: Comparison, entry: Entry) -> float
     that in light and that in display values.
     """
     level = light.level(entry)
-    kernel = entry.kernel.for_camera(light.pyramid.camera_at(level))
-    budget, room = SETTINGS.judge.batches, SETTINGS.judge.room
-    tiles = planned_tiles(light.pyramid, level, kernel, part="all", budget=budget, room=room)
+    tiles = many_tiles(light.pyramid, level, entry.kernel)
     other = tiles.in_other_tones(shown.pyramid.at(level))
-    of_light, of_shown = (_restored(one, kernel) for one in (tiles, other))
+    of_light, of_shown = (_restored(one, entry.kernel) for one in (tiles, other))
     pairs = [(of_light, np.square(of_shown)), (np.sqrt(of_light), of_shown)]
     seen = tiles.inside
     return float(np.mean([np.log(_variation(a, seen) / _variation(b, seen)) for a, b in pairs]))
 
 
 def _restored(tiles: Tiles, kernel: RotationKernel) -> Image:
-    """Restore tiles by a kernel for their scale, in their tones; nothing is darker than black."""
-    price = gradient_price(tiles)
-    return np.maximum(tiles.toned(restored(tiles.bound(kernel), price)), 0)
+    """Restore tiles by a kernel, in their tones; nothing is darker than black."""
+    bound = tiles.bound(kernel.for_camera(tiles.camera))
+    return np.maximum(tiles.toned(restored(bound, gradient_price(tiles))), 0)
 
 
 def _variation(pictures: Image, seen: NDArray[np.bool_]) -> float:

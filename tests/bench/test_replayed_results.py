@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from bench.errors import MissingDataError
-from bench.tables.replayed_results import results_in, run, score, sharp_scene
+from bench.tables.replayed_results import narrow_means, results_in, run, score, sharp_scene
 from skimage import data
 
 
@@ -31,10 +31,10 @@ def test_motion_and_brightness_do_not_count(scene) -> None:
 def test_the_truth_is_the_mean_of_other_narrow_shakes(scene) -> None:
     wrong = np.full_like(scene, 7)
     results = {1: [scene, moved(scene, 2, 1)], 2: [wrong, wrong], 8: [wrong, wrong]}
-    sharp = sharp_scene(results, 2, scene)
+    sharp = sharp_scene(narrow_means(results), 2)
     assert score(sharp, scene) > 35
     with pytest.raises(MissingDataError, match="no other narrow shake"):
-        sharp_scene({2: [scene], 8: [scene]}, 2, scene)
+        narrow_means({2: [scene], 8: [scene]})
 
 
 def test_results_of_programs_are_scored_side_by_side(tmp_path, capsys, scene) -> None:
@@ -60,3 +60,7 @@ def test_folders_without_results_are_named(tmp_path) -> None:
     (tmp_path / "Blurry1_1.png").write_bytes(b"no picture")
     with pytest.raises(MissingDataError, match="is no picture"):
         run(argparse.Namespace(results=[tmp_path]))
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "Blurry1_2.png").write_bytes(b"")
+    with pytest.raises(MissingDataError, match="no photo has a result in all folders"):
+        run(argparse.Namespace(results=[tmp_path, tmp_path / "other"]))

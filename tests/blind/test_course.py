@@ -250,7 +250,7 @@ def test_fewer_starts_are_refined_if_one_is_beyond_doubt(photo, monkeypatch) -> 
     many = refined(begun(photo.pyramid))
     assert 1 <= len(few) <= SETTINGS.course.refined_if_sure
     assert few < many <= leaders
-    assert len(few) < len(many) <= SETTINGS.course.refined
+    assert len(few) < len(many) == SETTINGS.course.refined
 
 
 def test_wide_starts_push_no_others_out_of_the_refinement(photo, monkeypatch) -> None:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 Codes = NDArray[np.uint8]
+Mean = NDArray[np.float32]
 Shake = tuple[int, int]  # scene and number
 
 NARROW = (1, 2, 3, 4, 5, 6, 7, 12)  # shakes of at most 30 px
@@ -56,13 +57,19 @@ def read(path: Path) -> Codes:
     return np.asarray(codes, np.uint8)
 
 
-def sharp_scene(results: Mapping[int, Sequence[Codes]], without: int, like: Codes) -> Codes:
-    """Return the mean of the results of narrow shakes but one, moved to fit a picture."""
-    shakes = [shake for shake in results if shake in NARROW and shake != without]
-    if not shakes:
+def narrow_means(results: Mapping[int, Sequence[Codes]]) -> dict[int, Mean]:
+    """Return the mean result of each narrow shake of a scene; all are moved to fit the first."""
+    shakes = [shake for shake in results if shake in NARROW]
+    if len(shakes) < 2:
         raise MissingDataError("no other narrow shake of the scene has a result")
-    moved = [np.mean([projected(one, like) for one in results[shake]], 0) for shake in shakes]
-    return np.rint(np.mean(moved, 0)).astype(np.uint8)
+    like = results[shakes[0]][0]
+    return {shake: np.mean([projected(one, like) for one in results[shake]], 0) for shake in shakes}
+
+
+def sharp_scene(means: Mapping[int, Mean], without: int) -> Codes:
+    """Return the mean of narrow shakes but one."""
+    others = [mean for shake, mean in means.items() if shake != without]
+    return np.rint(np.mean(others, 0)).astype(np.uint8)
 
 
 def score(result: Codes, sharp: Codes) -> float:
@@ -90,15 +97,17 @@ def run(args: argparse.Namespace) -> int:
     """Score the results of the photos that all programs have."""
     folders = [results_in(folder) for folder in args.results]
     common = sorted(set.intersection(*map(set, folders)))
+    if not common:
+        raise MissingDataError("no photo has a result in all folders that --results names")
     columns = [folder.name for folder in args.results]
     print(head(["photo", *columns]))
     scores = []
     for scene in sorted({scene for scene, _ in common}):
         shakes = [shake for one, shake in common if one == scene]
         results = {shake: [read(one[scene, shake]) for one in folders] for shake in shakes}
-        like = results[next((shake for shake in shakes if shake in NARROW), shakes[0])][0]
+        means = narrow_means(results)
         for shake in shakes:
-            sharp = sharp_scene(results, shake, like)
+            sharp = sharp_scene(means, shake)
             scores.append([score(result, sharp) for result in results[shake]])
             print(row([f"{scene}_{shake}", *(f"{one:.1f}" for one in scores[-1])]), flush=True)
     print(row(["mean", *(f"{one:.2f}" for one in np.mean(scores, 0))]))
