@@ -24,14 +24,16 @@ if TYPE_CHECKING:
     from deshake.operators.shake_blur import Filters
     from deshake.run import Run
 
-__all__ = ["MultiplicativeDescent"]
+__all__ = ["LEAST_LIGHT", "MultiplicativeDescent", "blurred_back"]
 
 Image = NDArray[np.float32]
 T = TypeVar("T")
 
 _SHARPNESS = np.float32(50)  # a of the response
 _LINEAR = np.float32(0.75)  # below it the response is a line, to within 1e-7
-_DARK = np.float32(1e-6)  # light: darker values count as this
+LEAST_LIGHT = np.float32(1e-6)
+"""Light as which darker values count."""
+
 _UNSEEN = np.float32(1e-2)  # A^T 1: latent pixels with no more than this keep their value
 _SMALLEST = np.float32(0.25)  # least share of a pixel's light after an extrapolation
 _SMOOTHING = 4  # dual steps of the total variation in each iteration
@@ -54,8 +56,8 @@ class MultiplicativeDescent:
         Clipped pixels. If there are any, the model includes the sensor's response.
     fastest : float
         The longest step of the extrapolation, 0 for none.
-    factor : (H, W) array of float32, optional
-        The first estimate over A^T g; by default 1.
+    f : (C, H, W) array of float32, optional
+        The first estimate, >= 1e-6, which the iterations change; by default `blurred_back`.
     coverage : (H, W) array of float32, optional
         A^T 1, as another descent with this blur has it.
     smooth : bool
@@ -72,7 +74,7 @@ class MultiplicativeDescent:
         clipped: NDArray[np.bool_] | None,
         *,
         fastest: float,
-        factor: Image | None = None,
+        f: Image | None = None,
         coverage: Image | None = None,
         smooth: bool = False,
         run: Run,
@@ -89,22 +91,11 @@ class MultiplicativeDescent:
         self.coverage = coverage
         self.margin = (len(self.coverage) - len(g)) // 2
         self.weight = variation_weight(g, self.margin) if smooth else None
-        self.f = np.empty((len(self.g), *self.coverage.shape), np.float32)
-        self._blur_backwards(factor)
+        self.f = blurred_back(self.g, blur, coverage) if f is None else f
         self.fastest = fastest
         self.point = self.f.copy() if fastest else self.f
         self.change = np.zeros_like(self.f) if fastest or smooth else None
         self.strength = 0.0  # of the last change: its squared norm
-
-    def _blur_backwards(self, factor: Image | None) -> None:
-        """Start from A^T g, which has less noise than the photo; continue its edges."""
-        m = self.margin
-        back = self.blur.adjoint(np.maximum(self.g, 0, order="C", dtype=np.float32))
-        for plane, f in zip(back, self.f, strict=True):
-            inner = (plane / self.coverage)[m:-m, m:-m]
-            np.maximum(np.pad(inner, m, mode="edge"), _DARK, out=f)
-        if factor is not None:
-            self.f *= factor
 
     def step(self) -> tuple[float, float]:
         """Iterate once; return the mean squared residuals that the iteration began with.
@@ -143,7 +134,7 @@ class MultiplicativeDescent:
         """Turn the blurred point into the ratio to correct it by; sum the squared residuals."""
         x = blurred[rows]
         g = np.maximum(self.g[c, rows], 0, dtype=np.float32)  # a copy of the photo is large
-        np.maximum(x, _DARK, out=x)
+        np.maximum(x, LEAST_LIGHT, out=x)
         if self.clipped is None:
             residual = g - x
             np.divide(g, x, out=x)
@@ -195,3 +186,30 @@ class MultiplicativeDescent:
     def _each_band(self, height: int, work: Callable[[slice], T]) -> list[T]:
         """Do the work on all rows, band by band; the results are in the order of the bands."""
         return [done for _, done in in_order(work, bands(height, _BAND), self.run)]
+
+
+def blurred_back(g: Image, blur: Filters, coverage: Image) -> Image:
+    """Return A^T g over A^T 1: a first estimate with less noise than the photo.
+
+    Parameters
+    ----------
+    g : (C, h, w) array of float32
+        The blurred photo; values below 0 count as 0.
+    blur : Filters
+        The blur A.
+    coverage : (H, W) array of float32
+        A^T 1.
+
+    Returns
+    -------
+    (C, H, W) array of float32
+        The estimate within the frame, >= 1e-6; beyond it, the nearest pixels of the frame.
+
+    """
+    m = (len(coverage) - g.shape[1]) // 2
+    f = np.empty((len(g), *coverage.shape), np.float32)
+    back = blur.adjoint(np.maximum(g, 0, order="C", dtype=np.float32))
+    for plane, out in zip(back, f, strict=True):
+        inner = (plane / coverage)[m:-m, m:-m]
+        np.maximum(np.pad(inner, m, mode="edge"), LEAST_LIGHT, out=out)
+    return f

@@ -41,7 +41,7 @@ from numpy.typing import NDArray
 
 from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import blur_filters
-from deshake.restore.multiplicative_descent import MultiplicativeDescent
+from deshake.restore.multiplicative_descent import MultiplicativeDescent, blurred_back
 from deshake.restore.restoration import Restoration, check_photo
 from deshake.run import Run
 from deshake.signal.noise import coarse_noise
@@ -203,6 +203,7 @@ def latent_start(
     *,
     clipped: NDArray[np.bool_] | None,
     iterations: int,
+    f: Image | None = None,
     run: Run,
 ) -> Image:
     """Return a first estimate for another method, with lights above the clip level.
@@ -215,6 +216,8 @@ def latent_start(
         The blur A.
     iterations : int
         Number of accelerated iterations.
+    f : (C, H, W) array of float32, optional
+        The latent image to begin with, > 0; by default the photo, blurred back.
     run : Run
         Receives the progress.
 
@@ -224,7 +227,8 @@ def latent_start(
         The latent image with the margin of the blur.
 
     """
-    descent = MultiplicativeDescent(g, blur, clipped, fastest=_FASTEST, run=run)
+    f = None if f is None else f.copy()
+    descent = MultiplicativeDescent(g, blur, clipped, fastest=_FASTEST, f=f, run=run)
     _iterated(descent, iterations, None, 0.0, run)
     return descent.f
 
@@ -266,10 +270,12 @@ def latent_start_by_mean(
     _iterated(mean, iterations, None, 0.0, on_mean)
     if len(planes) == 1:
         return mean.f
-    factor, coverage = np.divide(mean.f[0], first[0], out=first[0]), mean.coverage
-    del mean
+    f = blurred_back(planes, blur, mean.coverage)
+    f *= mean.f / first
+    coverage = mean.coverage
+    del mean, first
     descent = MultiplicativeDescent(
-        g, blur, clipped, fastest=_FASTEST, factor=factor, coverage=coverage, run=run
+        g, blur, clipped, fastest=_FASTEST, f=f, coverage=coverage, run=run
     )
     _iterated(descent, coloured, _STALLED_COLOURS, 0.0, on_colours)
     return descent.f

@@ -30,13 +30,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from deshake.geometry.rotations import reach
 from deshake.operators.patch_inverse import approximate_inverse
 from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import blur_filters
+from deshake.restore.coarse_start import Iterations, coarse_start
 from deshake.restore.lights import behind_lights, trust
 from deshake.restore.plug_and_play import plug_and_play
 from deshake.restore.restoration import Restoration, check_photo
-from deshake.restore.richardson_lucy import latent_start_by_mean
 from deshake.run import Run
 from deshake.signal.half_quadratic import HalfQuadratic
 from deshake.signal.noise import noise_variance
@@ -53,14 +54,13 @@ __all__ = ["sparse_gradients"]
 
 
 class _Level(NamedTuple):
-    """Iterations of Richardson-Lucy on the mean of the colours, on the colours, behind lights.
+    """Iterations of Richardson-Lucy for the first estimate, and behind lights.
 
     Then stages without denoiser, more of them if the last one does not settle, and stages with
-    denoiser. The iterations on the colours are the most.
+    denoiser.
     """
 
-    start: int
-    coloured: int
+    start: Iterations
     behind: int
     stages: int
     more: int
@@ -68,9 +68,9 @@ class _Level(NamedTuple):
 
 
 _LEVELS = {
-    "fast": _Level(6, 1, 2, 3, 0, 0),
-    "default": _Level(12, 3, 3, 5, 5, 0),
-    "high": _Level(12, 3, 3, 5, 5, 3),
+    "fast": _Level(Iterations(6, 1, 2), 2, 3, 0, 0),
+    "default": _Level(Iterations(12, 3, 5), 3, 5, 5, 0),
+    "high": _Level(Iterations(12, 3, 5), 3, 5, 5, 3),
 }
 _RHO = (0.02, 1.0)  # rho of `half_quadratic` in the first and in the last stage
 _SETTLED = 0.18  # sigma: more stages follow if the last one moved f by more, rms
@@ -122,17 +122,18 @@ def sparse_gradients(
     level = _LEVELS[quality]
     stages = iterations or level.stages
     lit = clipped is not None and bool(clipped.any())
-    efforts = (level.start, level.behind * lit, stages, _EFFORT * level.fine)
+    efforts = (level.start.fine + 2, level.behind * lit, stages, _EFFORT * level.fine)
     starting, behind, splitting, finely = run.parts(efforts)
 
     planes = channels_first(g)
-    make_filters = partial(blur_filters, kernel.centred(), channels=len(planes), run=run)
+    kernel = kernel.centred()
+    margin = reach(kernel.camera, kernel.theta[kernel.weights > 0])
+    make_filters = partial(blur_filters, kernel, margin=margin, channels=len(planes), run=run)
     rough = planes[0].size > _LARGE
     blur = make_filters(rough=rough)
-    f = latent_start_by_mean(
-        g, blur, clipped=clipped, iterations=level.start, coloured=level.coloured, run=starting
+    f = coarse_start(
+        g, kernel, blur, margin=margin, clipped=clipped, iterations=level.start, run=starting
     )
-    margin = (f.shape[1] - len(g)) // 2
     m = np.broadcast_to(np.float32(1), g.shape[:2])  # takes no memory
     if clipped is not None and lit:
         m = trust(f, blur, clipped, noise_variance(g, margin))
