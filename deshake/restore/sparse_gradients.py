@@ -13,10 +13,10 @@ alike. The residual of the first estimate is added to the noise, since no kernel
 as the root of the number of colours.
 
 Half-quadratic splitting minimises it in a few stages (`half_quadratic`). More follow if the last
-one still moves the estimate much. A few iterations of Richardson-Lucy, most of them on the mean of
-the colours, give the first estimate. In its model clipped lights may be brighter than they look.
-Where lights clipped, m gives their surroundings less weight, and the scene behind them is restored
-separately (`lights`); elsewhere m = 1. At high quality, stages with a denoiser follow
+one still moves the estimate much. A few iterations of Richardson-Lucy, most of them at half the
+size, give the first estimate (`coarse_start`). In its model clipped lights may be brighter than
+they look. Where lights clipped, m gives their surroundings less weight, and the scene behind them
+is restored separately (`lights`); elsewhere m = 1. At high quality, stages with a denoiser follow
 (`plug_and_play`).
 
 The filters of a large photo are rough. If a step of the splitting is short, the blur changes too
@@ -75,7 +75,8 @@ _LEVELS = {
 _RHO = (0.02, 1.0)  # rho of `half_quadratic` in the first and in the last stage
 _SETTLED = 0.18  # sigma: more stages follow if the last one moved f by more, rms
 _LARGE = 1_000_000  # pixels: the filters of a photo with more are rough
-_EFFORT = 2  # duration of a stage with the denoiser over one without, for the progress
+# durations over that of a stage, for the progress: first estimate, behind lights, with the denoiser
+_START, _BEHIND, _DENOISED = 2, 0.5, 2
 
 
 def sparse_gradients(
@@ -122,7 +123,7 @@ def sparse_gradients(
     level = _LEVELS[quality]
     stages = iterations or level.stages
     lit = clipped is not None and bool(clipped.any())
-    efforts = (level.start.fine + 2, level.behind * lit, stages, _EFFORT * level.fine)
+    efforts = (_START, _BEHIND * lit, stages, _DENOISED * level.fine)
     starting, behind, splitting, finely = run.parts(efforts)
 
     planes = channels_first(g)
