@@ -120,7 +120,7 @@ def _halved(g: Image, clipped: Mask | None) -> tuple[Image, Mask | None]:
     if clipped is None:
         return half, None
     clipped = np.pad(clipped, [(0, rows), (0, columns)], mode="edge")
-    return half, clipped.reshape(height, 2, width, 2).any((1, 3))
+    return half, np.asarray(clipped.reshape(height, 2, width, 2).any((1, 3)))
 
 
 def _doubled(small: Image, shape: tuple[int, int], first: int) -> Image:
