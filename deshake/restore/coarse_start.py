@@ -1,9 +1,9 @@
 """First estimate of the latent image, from the photo at half its size.
 
 At half the size the blur is half as wide, and noise is weaker. So Richardson-Lucy finds there what
-is coarse, in a quarter of the time. The rest is found by a few iterations at the full size. They
-see the mean of the colours. Their factors hold for every colour, because edges of colour alone are
-coarse in most photos.
+is coarse, in a quarter of the time. A few iterations at the full size find the rest. They see the
+mean of the colours. Their factors hold for every colour, because edges of colour alone are coarse
+in most photos.
 
 With all iterations at the full size, noise becomes as strong as fine detail, and what follows keeps
 it as edges.
@@ -101,13 +101,16 @@ def coarse_start(
     )
     shape = g.shape[0] + 2 * margin, g.shape[1] + 2 * margin
     f = _doubled(small, shape, first=2 * half_margin - margin)
-    if iterations.fine:
-        planes = channels_first(g)
-        mean = f.mean(0, keepdims=True)
-        finer = latent_start(
-            planes.mean(0), blur, clipped=clipped, iterations=iterations.fine, f=mean, run=fine
-        )
-        f *= finer / mean
+    mean = f.mean(0, keepdims=True)
+    finer = latent_start(
+        channels_first(g).mean(0),
+        blur,
+        clipped=clipped,
+        iterations=iterations.fine,
+        f=mean,
+        run=fine,
+    )
+    f *= finer / mean
     return f
 
 

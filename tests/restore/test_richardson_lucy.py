@@ -9,6 +9,7 @@ from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import ShakeBlur, blur_filters
 from deshake.restore.multiplicative_descent import MultiplicativeDescent
 from deshake.restore.richardson_lucy import (
+    latent_start,
     latent_start_by_mean,
     richardson_lucy,
     richardson_lucy_tv,
@@ -250,3 +251,20 @@ def test_a_first_estimate_reports_all_its_iterations(lab):
     shares.clear()
     started(g[..., 0], lab.all_axes, 4, 2, run=Run(1, lambda share, _: shares.append(share)))
     assert shares == pytest.approx([0.25, 0.5, 0.75, 1])
+
+
+def test_a_first_estimate_goes_on_from_another_one_and_leaves_it_unchanged(lab):
+    g = lab.noisy(lab.shaken(lab.all_axes, lab.scene()), 0.003)
+    blur = blur_filters(lab.all_axes)
+
+    def begun(iterations, f=None):
+        return latent_start(g, blur, clipped=None, iterations=iterations, f=f, run=Run(1))
+
+    def misfit(f):
+        return float(np.square(blur.forward(f)[0] - g).mean())
+
+    six = begun(6)
+    before = six.copy()
+    assert np.array_equal(begun(0, six), before)
+    assert misfit(begun(3, six)) < 0.8 * min(misfit(six), misfit(begun(3)))
+    assert np.array_equal(six, before)
