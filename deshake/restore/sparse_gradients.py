@@ -68,13 +68,14 @@ class _Level(NamedTuple):
 
 
 _LEVELS = {
-    "fast": _Level(Iterations(6, 1, 2), 2, 3, 0, 0),
-    "default": _Level(Iterations(12, 3, 5), 3, 5, 5, 0),
-    "high": _Level(Iterations(12, 3, 5), 3, 5, 5, 3),
+    "fast": _Level(Iterations(6, 1, 3), 2, 3, 0, 0),
+    "default": _Level(Iterations(12, 3, 8), 3, 5, 5, 0),
+    "high": _Level(Iterations(12, 3, 8), 3, 5, 5, 3),
 }
 _RHO = (0.02, 1.0)  # rho of `half_quadratic` in the first and in the last stage
 _SETTLED = 0.18  # sigma: more stages follow if the last one moved f by more, rms
-_LARGE = 1_000_000  # pixels: the filters of a photo with more are rough
+_LARGE = 1_000_000  # pixels: the filters of a photo with more are rough, to save time
+_FEWER = 0.65  # of the iterations at the full size: a large photo gets this share of them
 # durations over that of a stage, for the progress: first estimate, behind lights, with the denoiser
 _START, _BEHIND, _DENOISED = 2, 0.5, 2
 
@@ -132,8 +133,11 @@ def sparse_gradients(
     make_filters = partial(blur_filters, kernel, margin=margin, channels=len(planes), run=run)
     rough = planes[0].size > _LARGE
     blur = make_filters(rough=rough)
+    start = level.start
+    if rough:
+        start = start._replace(fine=round(_FEWER * start.fine))
     f = coarse_start(
-        g, kernel, blur, margin=margin, clipped=clipped, iterations=level.start, run=starting
+        g, kernel, blur, margin=margin, clipped=clipped, iterations=start, run=starting
     )
     m = np.broadcast_to(np.float32(1), g.shape[:2])  # takes no memory
     if clipped is not None and lit:
