@@ -74,8 +74,7 @@ _LEVELS = {
 }
 _RHO = (0.02, 1.0)  # rho of `half_quadratic` in the first and in the last stage
 _SETTLED = 0.18  # sigma: more stages follow if the last one moved f by more, rms
-_LARGE = 1_000_000  # pixels: the filters of a photo with more are rough, to save time
-_FEWER = 0.65  # of the iterations at the full size: a large photo gets this share of them
+_LARGE = 1_000_000  # pixels: the filters of a photo with more are rough
 # durations over that of a stage, for the progress: first estimate, behind lights, with the denoiser
 _START, _BEHIND, _DENOISED = 2, 0.5, 2
 
@@ -133,11 +132,8 @@ def sparse_gradients(
     make_filters = partial(blur_filters, kernel, margin=margin, channels=len(planes), run=run)
     rough = planes[0].size > _LARGE
     blur = make_filters(rough=rough)
-    start = level.start
-    if rough:
-        start = start._replace(fine=round(_FEWER * start.fine))
     f = coarse_start(
-        g, kernel, blur, margin=margin, clipped=clipped, iterations=start, run=starting
+        g, kernel, blur, margin=margin, clipped=clipped, iterations=level.start, run=starting
     )
     m = np.broadcast_to(np.float32(1), g.shape[:2])  # takes no memory
     if clipped is not None and lit:
