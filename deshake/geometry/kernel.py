@@ -12,6 +12,7 @@ from deshake.geometry.rotations import (
     displacements,
     grid_steps,
     homographies,
+    reach,
     rotation_matrices,
 )
 
@@ -278,6 +279,10 @@ class RotationKernel:
         """
         moved = self.above(0.01).displacements(self.camera.corners)
         return float(np.ptp(moved, axis=1).max())
+
+    def reach_px(self) -> int:
+        """Bound every displacement in the frame by rotations with a weight; taps are included."""
+        return reach(self.camera, self.theta[self.weights > 0])
 
 
 def _merge(

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.geometry.rotations import displacements, homographies, reach
+from deshake.geometry.rotations import displacements, homographies
 from deshake.operators.convolution import Convolution
 from deshake.operators.filter_flow import FilterFlow
 from deshake.operators.local_filters import LocalFilters
@@ -99,7 +99,7 @@ class ShakeBlur:
         self.kernel = kernel
         self.mask = mask
         theta, weights = _used(kernel)
-        self.margin = reach(kernel.camera, theta) if margin is None else margin
+        self.margin = kernel.reach_px() if margin is None else margin
         if kind == "warps":
             warps = Warps(kernel.camera, theta, margin=self.margin)
             self._forward = lambda f: warps.blur(f, weights)

@@ -32,7 +32,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from deshake.geometry.rotations import reach
 from deshake.operators.patch_inverse import approximate_inverse
 from deshake.operators.planes import channels_first, fitted
 from deshake.operators.shake_blur import blur_filters
@@ -159,7 +158,7 @@ def fuse(
     stages = iterations or _STAGES[quality]
     _, starting, splitting = run.parts((_PREPARING / 2, _PREPARING / 2, stages))
 
-    margin = reach(kernel.camera, kernel.theta[kernel.weights > 0])
+    margin = kernel.reach_px()
     blur = blur_filters(kernel, margin=margin, channels=len(noisy.pixels), run=run)
     v = np.array(valid, np.float32)
     if noisy_clipped is not None:

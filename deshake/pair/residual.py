@@ -34,7 +34,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.geometry.rotations import reach
 from deshake.operators.planes import channels_first, fitted, image_like
 from deshake.operators.shake_blur import blur_filters
 from deshake.operators.strips import bands, with_halo
@@ -156,7 +155,7 @@ def residual_richardson_lucy(
     if len(noisy.denoised) != len(planes):
         raise ValueError(f"a noisy photo of {noisy.denoised.shape} does not fit one of {g.shape}")
     most = iterations or _SETTINGS.most
-    margin = reach(kernel.camera, kernel.theta[kernel.weights > 0])
+    margin = kernel.reach_px()
     blur = blur_filters(kernel, margin=margin, channels=len(planes), run=run)
     coverage = np.maximum(blur.adjoint(np.ones((1, *g.shape[:2]), np.float32))[0], _SETTINGS.unseen)
     f_D = fitted(noisy.denoised, coverage.shape)

@@ -21,6 +21,7 @@ from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import blur_filters
 from deshake.restore.multiplicative_descent import LEAST_LIGHT
 from deshake.restore.richardson_lucy import latent_start, latent_start_by_mean
+from deshake.signal.pyramid import reduced
 
 if TYPE_CHECKING:
     from deshake.geometry.kernel import RotationKernel
@@ -57,20 +58,14 @@ def coarse_start(
 
     Parameters
     ----------
-    g : (h, w) or (h, w, C) array of float32
-        The blurred photo in linear light, 1 where it clips; values below 0 count as 0.
-    kernel : RotationKernel
-        The blur, for a camera of the photo's size.
+    g, kernel, clipped, run
+        As for `richardson_lucy`.
     blur : Filters
         The blur A of this kernel.
     margin : int
         Pixels by which its latent images are larger on every side.
-    clipped : (h, w) array of bool, optional
-        Clipped pixels. If there are any, the model includes the sensor's response.
     iterations : Iterations
         Accelerated iterations at half the size and at the full size.
-    run : Run
-        Threads to use, and who receives the progress.
 
     Returns
     -------
@@ -119,7 +114,7 @@ def _halved(g: Image, clipped: Mask | None) -> tuple[Image, Mask | None]:
     rows, columns = (side % 2 for side in g.shape[:2])
     g = np.pad(g, [(0, rows), (0, columns), (0, 0)][: g.ndim], mode="edge")
     height, width = (side // 2 for side in g.shape[:2])
-    half = np.asarray(cv2.resize(g, (width, height), interpolation=cv2.INTER_AREA), np.float32)
+    half = reduced(g, (height, width))
     if clipped is None:
         return half, None
     clipped = np.pad(clipped, [(0, rows), (0, columns)], mode="edge")

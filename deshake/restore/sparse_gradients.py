@@ -30,7 +30,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from deshake.geometry.rotations import reach
 from deshake.operators.patch_inverse import approximate_inverse
 from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import blur_filters
@@ -128,7 +127,7 @@ def sparse_gradients(
 
     planes = channels_first(g)
     kernel = kernel.centred()
-    margin = reach(kernel.camera, kernel.theta[kernel.weights > 0])
+    margin = kernel.reach_px()
     make_filters = partial(blur_filters, kernel, margin=margin, channels=len(planes), run=run)
     rough = planes[0].size > _LARGE
     blur = make_filters(rough=rough)

@@ -323,3 +323,11 @@ def test_wrong_paths_are_refused(path: np.ndarray, durations: list | None) -> No
 def test_a_rotation_far_off_the_grid_is_refused() -> None:
     with pytest.raises(ValueError, match="grid steps"):
         RotationKernel.from_indices([[1 << 20, 0, 0]], [1], STEPS, CAMERA)
+
+
+def test_the_reach_bounds_the_displacements_of_rotations_with_a_weight() -> None:
+    camera = Camera.from_focal(400.0, 120, 160)
+    theta = np.array([[0, 0, 0], [0, 0.02, 0], [0, 0.3, 0]])
+    kernel = RotationKernel(theta, np.array([0.5, 0.5, 0.0]), np.full(3, 0.01), camera)
+    farthest = np.abs(kernel.displacements(camera.corners)[:, :2]).max()
+    assert farthest < kernel.reach_px() <= farthest + 2

@@ -8,7 +8,6 @@ import pytest
 
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
-from deshake.geometry.rotations import reach
 from deshake.operators.planes import channels_first
 from deshake.operators.shake_blur import blur_filters
 from deshake.restore.coarse_start import Iterations, coarse_start
@@ -19,7 +18,7 @@ from deshake.run import Run
 def started(g, kernel, fine, clipped=None, run=Run(1)):
     """Return the first estimate, the blur, and its margin."""
     kernel = kernel.centred()
-    margin = reach(kernel.camera, kernel.theta[kernel.weights > 0])
+    margin = kernel.reach_px()
     blur = blur_filters(kernel, margin=margin, channels=len(channels_first(g)))
     f = coarse_start(
         g,
