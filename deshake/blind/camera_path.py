@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.distance import cdist
 
 from deshake.blind.descent import descent
 from deshake.blind.settings import SETTINGS
@@ -218,9 +217,17 @@ def _reduced(kernel: RotationKernel, scale: Camera, most: int) -> RotationKernel
     return strongest(kernel.for_camera(scale).resampled(grid_steps(scale)), most)
 
 
+def _squared_distances(one: Points, other: Points) -> Points:
+    """Return the squared distances (n, m) between places (n, d) and (m, d)."""
+    from scipy.spatial.distance import cdist  # noqa: PLC0415 - slow to import, and only estimates need it
+
+    values: Points = cdist(one, other, "sqeuclidean")
+    return values
+
+
 def _gaussian(one: Points, other: Points, variance: float) -> Points:
     """Return Gaussians (n, m) of the distances between places (n, d) and (m, d); 1 at none."""
-    values: Points = cdist(one, other, "sqeuclidean")
+    values = _squared_distances(one, other)
     values *= -0.5 / variance
     return np.exp(values, out=values)
 
@@ -284,7 +291,8 @@ def _walk(places: Points, weights: Points) -> tuple[NDArray[np.int64], Points]:
     """
     from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree  # noqa: PLC0415 - likewise
 
-    tree = minimum_spanning_tree(cdist(places, places) ** _S.long_way)
+    distances = np.sqrt(_squared_distances(places, places))
+    tree = minimum_spanning_tree(distances**_S.long_way)
     tree.data **= 1 / _S.long_way
     length, before = dijkstra(tree, directed=False, return_predecessors=True)
     first, last = (int(n) for n in np.unravel_index(np.argmax(length), length.shape))

@@ -27,6 +27,7 @@ from deshake.blind.kernel_comparison import Comparison
 from deshake.blind.restored_tiles import gradient_price, restored
 from deshake.blind.settings import SETTINGS
 from deshake.errors import EstimationError
+from deshake.operators.strips import in_order
 from deshake.run import Run
 from deshake.signal.gradients import differences, length_of
 from deshake.signal.pyramid import Pyramid
@@ -87,11 +88,13 @@ def gains_in_display_values(light: Comparison, shown: Comparison, entry: Entry) 
         The kernel.
 
     """
-    score = float(shown.scores([entry])[0] - light.scores([entry])[0])
-    if score < _S.least_score:
+    both = light, shown
+    scored = in_order(lambda one: one.scores([entry])[0], both, light.run)
+    of_light, of_shown = (score for _, score in scored)
+    if of_shown - of_light < _S.least_score:
         return False
     match = shown.match(entry) - light.match(entry)
-    margins = [entry.margin(one.judge(entry)) for one in (light, shown)]
+    margins = [entry.margin(one.judge(entry)) for one in both]
     gain = match + _S.of_margin * (margins[1] - margins[0])
     gain += _S.of_variation * _less_variation(light, shown, entry)
     return light.match_share * gain > _S.least_gain  # a few tiles tell little
@@ -106,7 +109,8 @@ def _less_variation(light: Comparison, shown: Comparison, entry: Entry) -> float
     level = light.level(entry)
     tiles = many_tiles(light.pyramid, level, entry.kernel)
     other = tiles.in_other_tones(shown.pyramid.at(level))
-    of_light, of_shown = (_restored(one, entry.kernel) for one in (tiles, other))
+    pictures = in_order(lambda one: _restored(one, entry.kernel), (tiles, other), light.run)
+    of_light, of_shown = (picture for _, picture in pictures)
     pairs = [(of_light, np.square(of_shown)), (np.sqrt(of_light), of_shown)]
     seen = tiles.inside
     return float(np.mean([np.log(_variation(a, seen) / _variation(b, seen)) for a, b in pairs]))

@@ -7,7 +7,6 @@ The patches of a strip stand side by side in one product, which sums over them.
 from __future__ import annotations
 
 import numpy as np
-import scipy.sparse
 from numpy.typing import NDArray
 
 from deshake.operators.strips import bands
@@ -32,6 +31,8 @@ def patch_grams(
     S_p holds the taps (K, 4) at (y, x) with their shares. C_p holds the autocorrelation at the lags
     between their places; local energies, if given, are added on its diagonal.
     """
+    from scipy.sparse import csr_array  # noqa: PLC0415 - slow to import, and few need it
+
     count, size, _ = y.shape
     top, left = y.min(), x.min()
     high, wide = int(y.max() - top) + 1, int(x.max() - left) + 1
@@ -52,9 +53,7 @@ def patch_grams(
             energy = local[p, top : top + high, left : left + wide]
             block[np.diag_indices(len(block))] += energy.ravel()[used]
         place = (np.cumsum(used, dtype=np.int32) - 1)[box[p]]
-        taps = scipy.sparse.csr_array(
-            (share[p].ravel(), place.ravel(), starts), shape=(size, len(block))
-        )
+        taps = csr_array((share[p].ravel(), place.ravel(), starts), shape=(size, len(block)))
         halves.append(taps @ block)
         beside[:, p] = place + offset
         offset += len(block)
@@ -65,9 +64,7 @@ def patch_grams(
         right = np.concatenate([half[some].T for half in halves])
         last = some.stop
         end = starts[last]
-        both = scipy.sparse.csr_array(
-            (shares[:end], places[:end], starts[: last + 1]), shape=(last, offset)
-        )
+        both = csr_array((shares[:end], places[:end], starts[: last + 1]), shape=(last, offset))
         total[:last, some] = both @ right
     return total
 

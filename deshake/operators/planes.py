@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["add_at", "channels_first", "check_size", "image_like", "window_of"]
+__all__ = ["add_at", "channels_first", "check_size", "image_like", "mean_plane", "window_of"]
 
 Image = NDArray[np.float32]
 
@@ -19,6 +19,18 @@ def channels_first(image: Image) -> Image:
 def image_like(channels: Image, image: Image) -> Image:
     """View (C, h, w) as an image with as many dimensions as another."""
     return channels[0] if image.ndim == 2 else np.moveaxis(channels, 0, -1)
+
+
+def mean_plane(planes: Image) -> Image:
+    """Average planes (C, h, w).
+
+    NumPy's own mean takes ten times as long where the colours of a pixel lie side by side.
+    """
+    mean: Image = planes[0].astype(np.float32)
+    for plane in planes[1:]:
+        mean += plane
+    mean /= np.float32(len(planes))
+    return mean
 
 
 def fitted(planes: Image, shape: tuple[int, int], *, beyond: float | None = None) -> Image:

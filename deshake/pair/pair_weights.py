@@ -26,7 +26,7 @@ from scipy.ndimage import minimum_filter, uniform_filter
 
 from deshake.operators.planes import channels_first
 from deshake.operators.strips import bands
-from deshake.signal.noise import noise_variance, smoothed
+from deshake.signal.noise import averaged_over_blur, noise_variance, smoothed
 
 if TYPE_CHECKING:
     from deshake.operators.shake_blur import Filters
@@ -127,7 +127,8 @@ def blurred_variance(
     twin = _white(noisy.pixels.shape[1:])
     twin *= np.sqrt(noisy.variance())
     left -= np.square(blur.forward(twin[None])[0])
-    left -= noise_variance(g, margin)
+    noise = noise_variance(g, margin)
+    left -= noise
     side = 2 * margin + 1
     inner = minimum_filter(trusted, side, mode="constant").astype(np.float32)
     reach = max(margin, 8)
@@ -138,7 +139,8 @@ def blurred_variance(
     share /= np.maximum(smoothed(misfit * inner, reach), np.float32(1e-12))
     share = np.where(support > _SETTINGS.support, share, np.float32(everywhere))
     misfit *= np.clip(share, _SETTINGS.least_share, noisy.misfit)
-    return noise_variance(g, margin, misfit)
+    noise += averaged_over_blur(misfit, margin)
+    return noise
 
 
 def denoising_error(noisy: NoisyPhoto) -> Image:

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.operators.planes import channels_first
+from deshake.operators.planes import channels_first, mean_plane
 from deshake.operators.shake_blur import blur_filters
 from deshake.restore.multiplicative_descent import LEAST_LIGHT
 from deshake.restore.richardson_lucy import latent_start, latent_start_by_mean
@@ -96,9 +96,9 @@ def coarse_start(
     )
     shape = g.shape[0] + 2 * margin, g.shape[1] + 2 * margin
     f = _doubled(small, shape, first=2 * half_margin - margin)
-    mean = f.mean(0, keepdims=True)
+    mean = mean_plane(f)[None]
     finer = latent_start(
-        channels_first(g).mean(0),
+        mean_plane(channels_first(g)),
         blur,
         clipped=clipped,
         iterations=iterations.fine,
@@ -112,7 +112,8 @@ def coarse_start(
 def _halved(g: Image, clipped: Mask | None) -> tuple[Image, Mask | None]:
     """Return a photo and its clipped pixels at half the size; odd sides get one more pixel."""
     rows, columns = (side % 2 for side in g.shape[:2])
-    g = np.pad(g, [(0, rows), (0, columns), (0, 0)][: g.ndim], mode="edge")
+    if rows or columns:
+        g = np.pad(g, [(0, rows), (0, columns), (0, 0)][: g.ndim], mode="edge")
     height, width = (side // 2 for side in g.shape[:2])
     half = reduced(g, (height, width))
     if clipped is None:

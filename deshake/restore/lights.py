@@ -25,6 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
+from deshake.operators.planes import mean_plane
+
 if TYPE_CHECKING:
     from deshake.operators.shake_blur import Filters
     from deshake.run import Run
@@ -104,16 +106,18 @@ def behind_lights(
     seeing = blur.near(np.pad(untrusted, margin))
     shown = seeing.adjoint(untrusted[None].astype(np.float32))[0] > _SHOWN
     local = blur.near(shown)
-    coverage = local.adjoint(m[None])[0]
-    share = coverage / np.maximum(local.adjoint(np.ones_like(m)[None])[0], _FRAME_COVERED)
-    behind = shown & (share >= _HIDDEN) & (f.max(0) <= _LAMP)
-    covered = np.maximum(coverage[behind], _DARK)
-    doubt = np.clip(_DOUBT * (1 - share[behind]), 0, 1)
+    y, x = np.nonzero(shown)  # mostly few pixels of a large photo
+    coverage = local.adjoint(m[None])[0, y, x]
+    share = coverage / np.maximum(local.adjoint(np.ones_like(m)[None])[0, y, x], _FRAME_COVERED)
+    kept = (share >= _HIDDEN) & (f[:, y, x].max(0) <= _LAMP)
+    behind = y[kept], x[kept]
+    covered = np.maximum(coverage[kept], _DARK)
+    doubt = np.clip(_DOUBT * (1 - share[kept]), 0, 1)
     for c in range(len(f)):
         back = local.adjoint((m * np.maximum(g[c], 0))[None])[0][behind]
         back /= covered
         f[c][behind] += doubt * (np.maximum(back, _DARK) - f[c][behind])
-    light, photo = f.mean(0), np.maximum(g, 0).mean(0)
+    light, photo = mean_plane(f), mean_plane(np.maximum(g, 0))
     first = light[behind]
     for done in range(1, iterations + 1):
         ratio = local.forward(light[None])[0]
@@ -122,4 +126,4 @@ def behind_lights(
         factor /= covered
         light[behind] *= np.maximum(factor, 0) ** _POWER
         run.report(done / iterations, f"deblurring behind lights, iteration {done}")
-    f[:, behind] *= light[behind] / np.maximum(first, _DARK)
+    f[:, behind[0], behind[1]] *= light[behind] / np.maximum(first, _DARK)

@@ -39,7 +39,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.operators.planes import channels_first
+from deshake.operators.planes import channels_first, mean_plane
 from deshake.operators.shake_blur import blur_filters
 from deshake.restore.multiplicative_descent import MultiplicativeDescent, blurred_back
 from deshake.restore.restoration import Restoration, check_photo
@@ -265,7 +265,7 @@ def latent_start_by_mean(
     """
     planes = channels_first(g)
     on_mean, on_colours = run.parts((iterations, coloured if len(planes) > 1 else 0))
-    mean = MultiplicativeDescent(planes.mean(0), blur, clipped, fastest=_FASTEST, run=run)
+    mean = MultiplicativeDescent(mean_plane(planes), blur, clipped, fastest=_FASTEST, run=run)
     first = mean.f.copy()
     _iterated(mean, iterations, None, 0.0, on_mean)
     if len(planes) == 1:

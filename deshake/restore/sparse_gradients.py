@@ -39,7 +39,7 @@ from deshake.restore.plug_and_play import plug_and_play
 from deshake.restore.restoration import Restoration, check_photo
 from deshake.run import Run
 from deshake.signal.half_quadratic import HalfQuadratic
-from deshake.signal.noise import noise_variance
+from deshake.signal.noise import averaged_over_blur, noise_variance
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -134,12 +134,14 @@ def sparse_gradients(
     f = coarse_start(
         g, kernel, blur, margin=margin, clipped=clipped, iterations=level.start, run=starting
     )
+    noise = noise_variance(g, margin)
     m = np.broadcast_to(np.float32(1), g.shape[:2])  # takes no memory
     if clipped is not None and lit:
-        m = trust(f, blur, clipped, noise_variance(g, margin))
+        m = trust(f, blur, clipped, noise)
         behind_lights(f, planes, blur, m, iterations=level.behind, run=behind)
     Af = blur.forward(f)
-    s = _precision(g, Af, m, margin)
+    s = _precision(planes, Af, m, noise, margin)
+    del noise
     descent = HalfQuadratic(f, Af, planes, approximate_inverse(blur), m=m, s=s, run=run)
     rhos = np.geomspace(*_RHO[::-1], stages)[::-1].tolist()
     for stage, rho in enumerate(rhos, 1):
@@ -158,13 +160,14 @@ def sparse_gradients(
     return Restoration(out, len(rhos), descent.residual(clipped))
 
 
-def _precision(g: Image, Af: Image, m: Image, margin: int) -> Image:
-    """Return 1 / sigma of every latent pixel, (H, W)."""
-    error = np.zeros_like(m)
-    for plane, blurred in zip(channels_first(g), Af, strict=True):
+def _precision(g: Image, Af: Image, m: Image, noise: Image, margin: int) -> Image:
+    """Return 1 / sigma of every latent pixel, (H, W), from the variance of the noise, (h, w)."""
+    error = np.zeros_like(noise)
+    for plane, blurred in zip(g, Af, strict=True):
         error += np.square(plane - blurred)
     error *= m / np.float32(len(Af))
-    variance = noise_variance(g, margin, error)
+    variance = averaged_over_blur(error, margin)
+    variance += noise
     np.sqrt(variance, out=variance)
     np.reciprocal(variance, out=variance)
     return np.pad(variance, margin, mode="edge")

@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.signal.noise import mean_light, noise_model, smoothed
+from deshake.signal.noise import averaged_over_blur, mean_light, noise_model
 from deshake.signal.shrinkage import lengths
 
 __all__ = ["divergence", "gradient", "less_varied", "variation_weight"]
@@ -71,7 +71,7 @@ def variation_weight(g: Image, margin: int) -> Image:
 
     """
     slope, floor = noise_model(g)
-    light = smoothed(mean_light(g), max(margin // 2, 1))
+    light = averaged_over_blur(mean_light(g), margin)
     light += np.float32(_DARKEST)
     sigma = np.sqrt(np.float32(slope) * light + np.float32(floor))
     sigma *= np.float32(_TAU)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 __all__ = [
+    "averaged_over_blur",
     "coarse_noise",
     "mean_light",
     "noise_level",
@@ -175,12 +176,10 @@ def mean_light(g: Image) -> Image:
     return light
 
 
-def noise_variance(g: Image, margin: int, unexplained: Image | None = None) -> Image:
+def noise_variance(g: Image, margin: int) -> Image:
     """Estimate the variance of the noise at each place: it grows with the light.
 
-    The light is averaged over the reach of the blur first. A weight that changes slowly nearly
-    commutes with the blur. So the errors of a model at bright edges do not become detail in the
-    dark beside them.
+    The light is averaged over the reach of the blur first (`averaged_over_blur`).
 
     Parameters
     ----------
@@ -188,8 +187,6 @@ def noise_variance(g: Image, margin: int, unexplained: Image | None = None) -> I
         The photo, linear light.
     margin : int
         Reach of the blur in pixels.
-    unexplained : (h, w) array of float32, optional
-        Variance of other errors of a model; it is averaged, too, and added.
 
     Returns
     -------
@@ -200,11 +197,18 @@ def noise_variance(g: Image, margin: int, unexplained: Image | None = None) -> I
     slope, floor = noise_model(g)
     light = mean_light(g)
     light *= np.float32(slope)
-    if unexplained is not None:
-        light += unexplained
-    variance = smoothed(light, max(margin // 2, 1))
+    variance = averaged_over_blur(light, margin)
     variance += np.float32(slope * _DARKEST + floor)
     return variance
+
+
+def averaged_over_blur(image: Image, margin: int) -> Image:
+    """Average an image (h, w) with a tent that reaches as far as a blur, `margin` pixels.
+
+    A weight that changes slowly nearly commutes with the blur. So the errors of a model at bright
+    edges do not become detail in the dark beside them.
+    """
+    return smoothed(image, max(margin // 2, 1))
 
 
 def coarse_noise(g: Image) -> float:
@@ -252,9 +256,13 @@ def _by_level(g: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def smoothed(image: Image, reach: int) -> Image:
-    """Average an image (h, w) with a tent that reaches 2 `reach` pixels to each side."""
-    from scipy.ndimage import uniform_filter  # noqa: PLC0415 - as above
+    """Average an image (h, w) with a tent that reaches 2 `reach` pixels to each side.
 
-    once = uniform_filter(image, 2 * reach + 1, mode="nearest")
-    twice: Image = uniform_filter(once, 2 * reach + 1, mode="nearest")
+    Beyond the border it has the value of the nearest pixel.
+    """
+    box = 2 * reach + 1, 2 * reach + 1
+    once = cv2.blur(image, box, borderType=cv2.BORDER_REPLICATE)
+    twice: Image = cv2.blur(once, box, borderType=cv2.BORDER_REPLICATE).astype(
+        np.float32, copy=False
+    )
     return twice

@@ -9,6 +9,7 @@ from deshake.operators.planes import (
     check_size,
     fitted,
     image_like,
+    mean_plane,
     window_of,
 )
 
@@ -21,6 +22,17 @@ def test_channels_first_is_undone(shape: tuple[int, ...]) -> None:
     planes = channels_first(image)
     assert planes.shape[1:] == (6, 10)
     np.testing.assert_array_equal(image_like(planes, image), image)
+
+
+@pytest.mark.parametrize("shape", [(6, 10), (6, 10, 1), (6, 10, 3)])
+def test_the_mean_of_planes_leaves_them_as_they_are(shape: tuple[int, ...]) -> None:
+    planes = channels_first(np.random.default_rng(1).random(shape).astype(np.float32))
+    before = planes.copy()
+    mean = mean_plane(planes)
+    np.testing.assert_allclose(mean, before.mean(0, dtype=np.float64), rtol=1e-6)
+    assert mean.dtype == np.float32
+    mean += 1
+    np.testing.assert_array_equal(planes, before)
 
 
 def test_fitting_cuts_and_continues_alike_on_all_sides() -> None:

@@ -10,6 +10,7 @@ from scipy.optimize import nnls
 from skimage import data
 
 from deshake.signal.noise import (
+    averaged_over_blur,
     coarse_noise,
     noise_level,
     noise_line,
@@ -108,6 +109,24 @@ def test_smoothing_is_a_tent():
         tent[10, 10::2], [1 / 49, 5 / 343, 3 / 343, 1 / 343, 0, 0], atol=1e-6
     )
     np.testing.assert_allclose(smoothed(point + 2, 3) - tent, 2, rtol=1e-5)
+
+
+@pytest.mark.parametrize("shape", [(9, 14), (3, 2)])
+def test_beyond_the_border_smoothing_sees_the_nearest_pixel(shape: tuple[int, int]) -> None:
+    image = np.random.default_rng(0).random(shape).astype(np.float32)
+    wide = smoothed(np.pad(image, 20, mode="edge"), 4)[20:-20, 20:-20]
+    once = smoothed(image, 4)
+    inner = np.s_[4:-4, 4:-4]  # the second pass extends what the first one made
+    np.testing.assert_allclose(once[inner], wide[inner], rtol=1e-5)
+    assert image.min() <= once.min() <= once.max() <= image.max()
+
+
+@pytest.mark.parametrize(("margin", "reach"), [(9, 8), (2, 2), (0, 2)])
+def test_an_average_reaches_as_far_as_the_blur(margin: int, reach: int) -> None:
+    point = np.zeros((31, 31), np.float32)
+    point[15, 15] = 1
+    seen = np.flatnonzero(averaged_over_blur(point, margin)[15] > 1e-6)
+    np.testing.assert_array_equal(seen, np.arange(15 - reach, 16 + reach))
 
 
 def white(shape: tuple[int, int], sigma: float) -> np.ndarray:
