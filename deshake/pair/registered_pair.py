@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.operators.planes import channels_first
+from deshake.operators.planes import channels_first, mean_plane
 from deshake.operators.strips import bands
 from deshake.pair.kernel_estimate import estimate_pair_kernel
 from deshake.pair.photometric import tone_curves
@@ -169,7 +169,7 @@ def _mixed(image: Image, shares: NDArray[np.float64]) -> Image:
     """Mix the channels of an image by their shares; average them if their number differs."""
     planes = channels_first(image)
     if len(planes) != len(shares):
-        return np.asarray(planes.mean(0), np.float32)
+        return mean_plane(planes)
     grey = np.zeros(planes.shape[1:], np.float32)
     for plane, share in zip(planes, shares, strict=True):
         grey += np.float32(share) * plane

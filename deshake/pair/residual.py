@@ -34,7 +34,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deshake.operators.planes import channels_first, fitted, image_like
+from deshake.operators.planes import channels_first, fitted, image_like, mean_plane
 from deshake.operators.shake_blur import blur_filters
 from deshake.operators.strips import bands, with_halo
 from deshake.pair.pair_weights import agreement
@@ -200,7 +200,7 @@ def gain_map(f_D: Image) -> Image:
 
     Its gradients are those of the mean of the colours, in display values (0..1) per pixel.
     """
-    level = _shown(channels_first(f_D).mean(0, dtype=np.float32))
+    level = _shown(mean_plane(channels_first(f_D)))
     height, width = level.shape
     gains = np.full(level.shape, 1 - _SETTINGS.alpha, np.float32)
     while True:

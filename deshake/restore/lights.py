@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
 from deshake.operators.planes import mean_plane
+from deshake.signal.noise import mean_light
 
 if TYPE_CHECKING:
     from deshake.operators.shake_blur import Filters
@@ -117,7 +118,7 @@ def behind_lights(
         back = local.adjoint((m * np.maximum(g[c], 0))[None])[0][behind]
         back /= covered
         f[c][behind] += doubt * (np.maximum(back, _DARK) - f[c][behind])
-    light, photo = mean_plane(f), mean_plane(np.maximum(g, 0))
+    light, photo = mean_plane(f), mean_light(np.moveaxis(g, 0, -1))
     first = light[behind]
     for done in range(1, iterations + 1):
         ratio = local.forward(light[None])[0]

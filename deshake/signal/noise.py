@@ -262,7 +262,4 @@ def smoothed(image: Image, reach: int) -> Image:
     """
     box = 2 * reach + 1, 2 * reach + 1
     once = cv2.blur(image, box, borderType=cv2.BORDER_REPLICATE)
-    twice: Image = cv2.blur(once, box, borderType=cv2.BORDER_REPLICATE).astype(
-        np.float32, copy=False
-    )
-    return twice
+    return np.asarray(cv2.blur(once, box, borderType=cv2.BORDER_REPLICATE), np.float32)
