@@ -34,7 +34,7 @@ from deshake.blind.finish import Finish
 from deshake.blind.focal_search import best_zoom
 from deshake.blind.growth import grown
 from deshake.blind.kernel_comparison import Comparison
-from deshake.blind.polish import polished
+from deshake.blind.polish import polished, polished_on_frame
 from deshake.blind.settings import SETTINGS
 from deshake.blind.spectral_start import spectral_entries
 from deshake.blind.spot import is_spot
@@ -104,6 +104,12 @@ class Course:
             toned=self.toned,
             run=self.comparison.run,
         )
+
+    def continued_in_display_values(self) -> Course:
+        """Return the course in display values, with the kernels and the focal length so far."""
+        shown = self.in_display_values()
+        shown.zoom, shown.entries = self.zoom, self.entries
+        return shown
 
     def adopt(self, other: Course) -> None:
         """Add the best kernels of another course, and the ends of their starts."""
@@ -298,6 +304,15 @@ class Course:
     def searched(self, ended: Finish, run: Run) -> Finish:
         """Replace the winner by a better path along it; what it was worth before still counts."""
         return ended._replace(winner=self.comparison.searched(ended.winner, run))
+
+    def polished_on_frame(self, ended: Finish, run: Run) -> Finish:
+        """Refine a winner that is wide for the frame on the whole frame once more."""
+        winner = ended.winner
+        axes = (self.axes[0], self.axes[1], self.axes[2] and winner.rolls)
+        best = polished_on_frame(self.comparison, winner, axes, run)
+        if best is winner:
+            return ended
+        return self.finished(best)._replace(lead=self.comparison.lead(best))
 
     def _focus(self, best: Sequence[Entry]) -> float:
         """Take the focal length that suits the kernels, unless it is known; return the zoom."""

@@ -31,9 +31,10 @@ if TYPE_CHECKING:
     from deshake.blind.entry import Entry
     from deshake.blind.judge import Judge
     from deshake.blind.kernel_comparison import Comparison
+    from deshake.blind.settings import FrameWay
     from deshake.run import Run
 
-__all__ = ["Polished", "polished"]
+__all__ = ["Polished", "polished", "polished_on_frame"]
 
 _S: Final = SETTINGS.polish
 
@@ -93,6 +94,41 @@ def polished(
         _advance(comparison, [leader], part)
     ordered = [leader, *(line for line in lines if line is not leader)]
     return [Polished(line.best, line.judge) for line in ordered]
+
+
+def polished_on_frame(comparison: Comparison, entry: Entry, axes: Axes, run: Run) -> Entry:
+    """Refine a kernel that is wide for the frame on the whole frame, as long as its score rises.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The photo, and the judge of its kernels.
+    entry : Entry
+        The kernel.
+    axes : three bools
+        The axes that the camera may turn about.
+    run : Run
+        Threads to use, and who receives the progress.
+
+    Returns
+    -------
+    Entry
+        The best kernel; the given one if none is better.
+
+    """
+    level, best, pyramid = comparison.level(entry), entry, comparison.pyramid
+    for part in run.parts([1] * _S.rounds):
+
+        def refined(way: FrameWay, kernel: Entry = best) -> Entry | None:
+            return on_frame(comparison, kernel, pyramid, way, axes)
+
+        work = reported(refined, _S.last_frame, part, "refinement")
+        new = [one for _, one in work if one is not None and comparison.is_wide(one)]
+        own, *scores = comparison.scores_at(level, [best, *new]).tolist()
+        if not scores or max(scores) <= own:
+            break
+        best = new[int(np.argmax(scores))]
+    return best if best is entry else best._replace(name=f"{entry.name}, frame")
 
 
 class _Line:

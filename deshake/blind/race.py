@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Final
 from deshake.blind.course import Course, first_scales
 from deshake.blind.entry import last_of_starts
 from deshake.blind.finish import Finish
+from deshake.blind.kernel_comparison import Comparison
 from deshake.blind.settings import SETTINGS
 from deshake.blind.spot import is_spot
 from deshake.blind.tones import gains_in_display_values
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from deshake.blind.candidate import Axes
-    from deshake.blind.kernel_comparison import Comparison
     from deshake.signal.pyramid import Pyramid
 
 __all__ = ["race"]
@@ -202,6 +202,24 @@ def _ended(courses: Sequence[Course], hopeful: float, run: Run, *, quick: bool) 
         second = other.end(hopeful, run.part(0.6, 0.8))
         if confidence(second) >= least:
             last, finish = other, second
-    if confidence(finish) < (even if hopeful else 0):
-        return finish
-    return last.searched(finish, run.part(0.8, 1.0))
+    end = run.part(0.8, 1.0)
+    if last.comparison.is_wide(finish.winner):
+        return _on_frame(last, finish, end) if confidence(finish) >= min(hope, hopeful) else finish
+    kept = confidence(finish) >= (even if hopeful else 0)
+    return last.searched(finish, end) if kept else finish
+
+
+def _on_frame(course: Course, finish: Finish, run: Run) -> Finish:
+    """Refine a winner that is wide for the frame once more, in the tones that suit it.
+
+    The new kernel counts if it is trusted.
+    """
+    if course.toned and not course.pyramid.is_displayed:
+        shown = course.continued_in_display_values()
+        light = Comparison(course.pyramid, shown.comparison.run)
+        if gains_in_display_values(light, shown.comparison, finish.winner):
+            course = shown
+    better = course.polished_on_frame(finish, run)
+    even = SETTINGS.estimate.even
+    trusted = confidence(better) >= (even if confidence(finish) >= even else _S.second)
+    return better if trusted else finish

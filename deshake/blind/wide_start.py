@@ -140,7 +140,7 @@ def refined_on_frame(
     frames = _frames(pyramid, levels, reaches, contrast_of=first)
     prices = np.geomspace(way.dear, way.cheap, len(frames) * way.iterations)
     darks = np.zeros_like(prices)
-    grown = _alternated(frames, drawn, prices, darks, axes, cut=0.0, faint=_S.faint)
+    grown = _alternated(frames, drawn, prices, darks, axes, cut=0.0, faint=way.faint)
     return _of_camera(grown, pyramid.at(last), pyramid)
 
 
@@ -150,7 +150,7 @@ def levels_on_frame(pyramid: Pyramid, level: int, way: FrameWay) -> tuple[int, i
     `level` is the scale that suits the kernel. If the frame is too large at these scales, coarser
     ones take their place.
     """
-    last = max(level + way.last, pyramid.level_of(_S.most_pixels))
+    last = max(level + way.last, pyramid.level_of(way.pixels))
     return min(last + way.first - way.last, pyramid.coarsest), last
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from deshake.blind import growth, wide_start
+from deshake.blind import growth
 from deshake.blind.agreement import agreement
 from deshake.blind.entry import Entry
 from deshake.blind.growth import grown, on_frame
@@ -142,11 +142,12 @@ def test_kernels_that_are_too_wide_for_the_photo_are_left_out(
 def test_in_a_large_frame_no_two_ways_have_the_same_scales(
     wide, part, comparison, refinements, monkeypatch
 ) -> None:
-    small = replace(SETTINGS.wide_start, most_pixels=np.prod(wide.camera.shape) / 8)
-    monkeypatch.setattr(wide_start, "_S", small)
+    few = float(np.prod(wide.camera.shape)) / 8
+    ways = tuple(replace(way, pixels=few) for way in SETTINGS.growth.ways)
+    monkeypatch.setattr(growth, "_S", replace(SETTINGS.growth, ways=ways))
     level = comparison.level(part)
-    first, second, third = SETTINGS.growth.ways
-    assert level + first.last == wide.pyramid.level_of(small.most_pixels)
+    first, second, third = ways
+    assert level + first.last == wide.pyramid.level_of(few)
     assert levels_on_frame(wide.pyramid, level, first) == levels_on_frame(
         wide.pyramid, level, third
     )

@@ -9,7 +9,7 @@ from deshake.blind import polish
 from deshake.blind.agreement import agreement
 from deshake.blind.entry import Entry
 from deshake.blind.kernel_comparison import Comparison
-from deshake.blind.polish import polished
+from deshake.blind.polish import polished, polished_on_frame
 from deshake.blind.settings import SETTINGS
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import ALL_AXES, RotationKernel
@@ -118,3 +118,37 @@ def test_two_kernels_that_are_wide_for_the_frame_share_two_threads(shake, monkey
     polish._advance(comparison, lines, Run(2))
     assert [line.score for line in lines] >= before
     assert all(line.source is None for line in lines)
+
+
+@pytest.fixture(scope="module")
+def broad(shake):
+    """A photo that is shaken by a quarter of its frame, without roll."""
+    path = np.array([[-6.0, -30, 0], [-18.0, 12, 0], [-6.0, 25, 0], [26, 30, 0]])
+    return shake(Camera.from_focal(2500.0, 270, 300), path=path)
+
+
+def test_a_wide_kernel_that_ends_too_wide_is_refined_on_the_frame_again(broad, widened) -> None:
+    shares: list[float] = []
+    run = Run(1, lambda share, _: shares.append(share))
+    comparison = Comparison(broad.pyramid)
+    thick = Entry("thick", 2, 3, widened(broad.kernel, 2.5))
+    assert comparison.is_wide(thick)
+    best = polished_on_frame(comparison, thick, ALL_AXES, run)
+    assert (best.name, best.start) == ("thick, frame", 2)
+    own, score = comparison.scores_at(comparison.level(thick), [thick, best])
+    assert score > own
+    before, after = (agreement(one.kernel, broad.kernel, smoothing=FINE) for one in (thick, best))
+    assert after > before + 0.02
+    assert shares == sorted(shares)
+    assert 0 < shares[-1] <= 1
+
+
+def test_a_wide_kernel_stays_if_no_refinement_on_the_frame_is_better(broad, monkeypatch) -> None:
+    comparison = Comparison(broad.pyramid, Run(2))
+    true = Entry("true", 0, 3, broad.kernel)
+    assert comparison.is_wide(true)
+    turned = true._replace(kernel=replace(true.kernel, theta=-true.kernel.theta[:, [1, 0, 2]]))
+    narrow = true._replace(kernel=replace(true.kernel, theta=true.kernel.theta / 9))
+    others = iter([turned, None, narrow] * 9)
+    monkeypatch.setattr(polish, "on_frame", lambda *_: next(others))
+    assert polished_on_frame(comparison, true, ALL_AXES, Run(2)) is true

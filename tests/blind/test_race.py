@@ -8,6 +8,7 @@ import pytest
 
 from deshake.blind.agreement import agreement
 from deshake.blind.course import first_scales
+from deshake.blind.kernel_comparison import Comparison
 from deshake.blind.race import _ended, _in_both_tones, race
 from deshake.blind.settings import SETTINGS
 from deshake.blind.spot import is_spot
@@ -102,13 +103,14 @@ def test_another_course_ends_only_where_the_first_is_undecided(ended, pyramid, m
     ran: list[Finish | str] = []
 
     class Course:
-        comparison, leaders = None, (None,)
+        leaders = (None,)
 
         def __init__(self, finish: Finish, score: float = 0.0, *, hope: bool = True) -> None:
             self.finish = finish
             self.highest = score
             self.hope = hope
             self.pyramid = pyramid.displayed() if finish.displayed else pyramid
+            self.comparison = Comparison(self.pyramid)
 
         def score(self, _: Sequence[Entry | None]) -> float:
             return self.highest
@@ -166,6 +168,62 @@ def test_another_course_ends_only_where_the_first_is_undecided(ended, pyramid, m
     assert _ended([Course(undecided), Course(trusted)], 0.15, Run(1), quick=True) is undecided
     assert _ended([Course(hopeless)], 0.0, Run(1), quick=False) is hopeless
     assert ran == [undecided, hopeless, "searched"]
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        ("trusted", "better", True),
+        ("trusted", "undecided", False),
+        ("undecided", "better", True),
+        ("undecided", "doubtful", False),
+    ],
+)
+@pytest.mark.parametrize("tones", [(False, True), (True, False), (True, True)])
+def test_a_winner_that_is_wide_is_refined_on_the_frame_in_the_tones_that_suit_it(
+    ended, pyramid, monkeypatch, case, tones
+) -> None:
+    (before, after, kept), (toned, gains) = case, tones
+    even, second = SETTINGS.estimate.even, SETTINGS.race.second
+    worth = [ended._replace(margin=margin, match=0.1) for margin in np.arange(-0.1, 0.1, 1e-3)]
+    ends = {
+        "undecided": next(end for end in worth if 0.3 <= confidence(end) < even),
+        "doubtful": next(end for end in worth if even <= confidence(end) < second),
+        "trusted": next(end for end in worth if confidence(end) > second),
+        "better": worth[-1],
+    }
+    assert confidence(ends["better"]) > second
+    monkeypatch.setattr("deshake.blind.race.gains_in_display_values", lambda *_: gains)
+    monkeypatch.setattr(Comparison, "is_wide", lambda *_: True)
+    log: list[str] = []
+
+    class Course:
+        leaders = (None,)
+
+        def __init__(self, pyramid: Pyramid) -> None:
+            self.pyramid, self.toned = pyramid, toned
+            self.comparison = Comparison(pyramid)
+
+        def score(self, _: Sequence[Entry | None]) -> float:
+            return 0.0
+
+        def gives_hope(self, _: float) -> bool:
+            return True
+
+        def end(self, *_: object) -> Finish:
+            return ends[before]
+
+        def continued_in_display_values(self) -> Course:
+            return Course(self.pyramid.displayed())
+
+        def polished_on_frame(self, finish: Finish, _: Run) -> Finish:
+            assert finish is ends[before]
+            log.append("display values" if self.pyramid.is_displayed else "light")
+            return ends[after]
+
+    found = _ended([Course(pyramid)], 0.15, Run(1), quick=False)
+    assert found is ends[after if kept else before]
+    assert log == ["display values" if toned and gains else "light"]
 
 
 @pytest.mark.parametrize(

@@ -133,6 +133,16 @@ def test_a_part_of_a_path_becomes_the_whole(wide) -> None:
         assert kernel.extent_px() > 1.5 * part.extent_px()
 
 
+def test_faint_light_beyond_its_share_is_noise(wide, thick) -> None:
+    way = SETTINGS.polish.frame[1]
+    kernels = [
+        refined_on_frame(wide.pyramid, thick, 2, replace(way, faint=faint), ALL_AXES)
+        for faint in (0.1, 0.3, 0.5)
+    ]
+    counts = [np.count_nonzero(kernel.weights) for kernel in kernels]
+    assert counts[0] > 1.2 * counts[1] > 1.2 * 1.2 * counts[2]
+
+
 def test_a_camera_that_turns_about_one_axis_is_refined_along_a_line(wide, thick) -> None:
     kernel = refined_on_frame(
         wide.pyramid, thick, 2, SETTINGS.polish.frame[1], (False, True, False)
@@ -141,11 +151,10 @@ def test_a_camera_that_turns_about_one_axis_is_refined_along_a_line(wide, thick)
     assert np.ptp(kernel.theta[:, 1]) > 5 * kernel.steps[1]
 
 
-def test_a_frame_that_is_too_large_is_refined_at_coarser_scales(wide, thick, monkeypatch) -> None:
+def test_a_frame_that_is_too_large_is_refined_at_coarser_scales(wide, thick) -> None:
     way = SETTINGS.polish.frame[1]
     assert levels_on_frame(wide.pyramid, 2, way) == (2, 0)
-    small = replace(SETTINGS.wide_start, most_pixels=np.prod(wide.camera.shape) / 2)
-    monkeypatch.setattr(wide_start, "_S", small)
+    way = replace(way, pixels=float(np.prod(wide.camera.shape)) / 2)
     assert levels_on_frame(wide.pyramid, 2, way) == (3, 1)
     kernel = refined_on_frame(wide.pyramid, thick, 2, way, ALL_AXES)
     assert kernel.steps == pytest.approx(grid_steps(wide.pyramid.camera_at(1)))

@@ -51,6 +51,11 @@ class FrameWay:
         Squared contrast: price of an edge in the first iteration, and in the last one.
     iterations : int
         Iterations at each scale.
+    faint : float
+        Share of the kernel's light: the smallest values that hold less are noise. A camera that
+        rests and then goes far leaves a faint tail, which the limit of the starts cuts off.
+    pixels : float
+        Largest number of pixels of the frame at the last scale.
 
     """
 
@@ -60,6 +65,8 @@ class FrameWay:
     dear: float
     cheap: float
     iterations: int
+    faint: float = 0.3
+    pixels: float = 0.25e6
 
 
 @dataclass(frozen=True)
@@ -85,14 +92,8 @@ class WideStartSettings:
         Largest weight of the split gradients, and its factor from step to step.
     ridge : float
         Squared contrast: what the least squares of the kernel add to the power of the edges.
-    faint : float
-        Share of the kernel's light: in a refinement, the smallest values that hold less are noise.
-        A camera that rests and then goes far leaves a faint tail, which the limit of the starts
-        cuts off.
     least_piece : float
         Share of the kernel's light: a piece with less is noise.
-    most_pixels : float
-        Largest number of pixels of the frame at the last scale.
     spare : int
         Px around a kernel that is refined, at the first scale.
 
@@ -115,9 +116,7 @@ class WideStartSettings:
     beta_max: float = 1e3
     growth: float = 2.0
     ridge: float = 2.0
-    faint: float = 0.3
     least_piece: float = 0.05
-    most_pixels: float = 0.25e6
     spare: int = 2
 
 
