@@ -310,7 +310,7 @@ class Course:
         winner = ended.winner
         axes = (self.axes[0], self.axes[1], self.axes[2] and winner.rolls)
         best = polished_on_frame(self.comparison, winner, axes, run)
-        if best is winner:
+        if best is winner or not best.keeps(self.bound):
             return ended
         return self.finished(best)._replace(lead=self.comparison.lead(best))
 

@@ -4,7 +4,7 @@ Refinement alone gets stuck: a kernel that is too wide gives a latent picture th
 sharp, and the two fit each other. Reduced to a thin path, or to a smooth path that matches the
 spectra of the photo, a kernel that is nearly right leaves this state and comes nearer to the truth;
 a wrong one seldom gains. A kernel that is wide for the frame sees few edges in tiles. So it is also
-refined on the whole frame (`wide_start`).
+refined on the whole frame (`wide_start`), and at the end of the race once more.
 
 Last, paths are traced closely along the best kernel, and moved to where they match the spectra of
 finer scales, too. The spectra of one scale come from few tiles, and a path of many control points
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from deshake.blind.entry import Entry
     from deshake.blind.judge import Judge
     from deshake.blind.kernel_comparison import Comparison
-    from deshake.blind.settings import FrameWay
     from deshake.run import Run
 
 __all__ = ["Polished", "polished", "polished_on_frame"]
@@ -118,10 +117,7 @@ def polished_on_frame(comparison: Comparison, entry: Entry, axes: Axes, run: Run
     """
     level, best, pyramid = comparison.level(entry), entry, comparison.pyramid
     for part in run.parts([1] * _S.rounds):
-
-        def refined(way: FrameWay, kernel: Entry = best) -> Entry | None:
-            return on_frame(comparison, kernel, pyramid, way, axes)
-
+        refined = partial(on_frame, comparison, best, pyramid, axes=axes)
         work = reported(refined, _S.last_frame, part, "refinement")
         new = [one for _, one in work if one is not None and comparison.is_wide(one)]
         own, *scores = comparison.scores_at(level, [best, *new]).tolist()

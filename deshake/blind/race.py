@@ -218,6 +218,7 @@ def _on_frame(course: Course, finish: Finish, run: Run) -> Finish:
         shown = course.continued_in_display_values()
         light = Comparison(course.pyramid, shown.comparison.run)
         if gains_in_display_values(light, shown.comparison, finish.winner):
+            course.pyramid.forget()
             course = shown
     better = course.polished_on_frame(finish, run)
     even = SETTINGS.estimate.even

@@ -324,6 +324,44 @@ def test_a_path_that_is_searched_for_wins_if_it_is_better(ended, shaken, monkeyp
     assert course.searched(found, Run(1)) == found
 
 
+def test_a_winner_that_is_refined_on_the_frame_is_worth_what_it_is_within_a_bound(
+    ended, shaken, monkeypatch
+) -> None:
+    course = Course(shaken.pyramid, (True, True, True), None, any_focal=False, run=Run())
+    course.entries = [ended.winner]
+    true = ended.winner.kernel
+    short = course.finished(ended.winner._replace(kernel=replace(true, theta=0.7 * true.theta)))
+    asked: list[Axes] = []
+
+    def refined(_: Comparison, entry: Entry, axes: Axes, __: Run) -> Entry:
+        asked.append(axes)
+        return entry._replace(kernel=true)
+
+    monkeypatch.setattr("deshake.blind.course.polished_on_frame", refined)
+    found = course.polished_on_frame(short, Run(1))
+    assert asked == [(True, True, short.winner.rolls)]
+    best = short.winner._replace(kernel=true)
+    assert found == course.finished(best)._replace(lead=course.comparison.lead(best))
+    assert found.lead is not None
+    assert confidence(found) > confidence(short)
+    course.bound = 0.9 * true.extent_px()
+    assert course.polished_on_frame(short, Run(1)) is short
+    monkeypatch.setattr("deshake.blind.course.polished_on_frame", lambda *_: short.winner)
+    course.bound = None
+    assert course.polished_on_frame(short, Run(1)) is short
+
+
+def test_a_course_continues_in_display_values_with_its_kernels(larger, spectral) -> None:
+    course = Course(larger, (True, False, True), 50.0, any_focal=True, toned=True, run=Run(1))
+    course.entries, course.zoom = list(spectral), 1.5
+    shown = course.continued_in_display_values()
+    assert shown.pyramid.is_displayed
+    assert shown.comparison.pyramid is shown.pyramid
+    assert (shown.entries, shown.zoom) == (course.entries, 1.5)
+    assert (shown.axes, shown.bound, shown.toned) == (course.axes, 50.0, True)
+    assert shown.finished(spectral[0]).zoom == 1.5
+
+
 def test_spectral_starts_keep_a_bound(larger, spectral) -> None:
     widths = [entry.kernel.extent_px() for entry in spectral[::2]]
     bound = float(np.mean(widths))
