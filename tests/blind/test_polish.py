@@ -150,5 +150,5 @@ def test_a_wide_kernel_stays_if_no_refinement_on_the_frame_is_better(broad, monk
     turned = true._replace(kernel=replace(true.kernel, theta=-true.kernel.theta[:, [1, 0, 2]]))
     narrow = true._replace(kernel=replace(true.kernel, theta=true.kernel.theta / 9))
     others = iter([turned, None, narrow] * 9)
-    monkeypatch.setattr(polish, "on_frame", lambda *_: next(others))
+    monkeypatch.setattr(polish, "on_frame", lambda *_, **__: next(others))
     assert polished_on_frame(comparison, true, ALL_AXES, Run(2)) is true

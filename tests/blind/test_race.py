@@ -185,7 +185,8 @@ def test_a_winner_that_is_wide_is_refined_on_the_frame_in_the_tones_that_suit_it
 ) -> None:
     (before, after, kept), (toned, gains) = case, tones
     even, second = SETTINGS.estimate.even, SETTINGS.race.second
-    worth = [ended._replace(margin=margin, match=0.1) for margin in np.arange(-0.1, 0.1, 1e-3)]
+    known = ended._replace(match=0.1, agreement=0.97)
+    worth = [known._replace(margin=margin) for margin in np.arange(-0.3, 0.3, 1e-3)]
     ends = {
         "undecided": next(end for end in worth if 0.3 <= confidence(end) < even),
         "doubtful": next(end for end in worth if even <= confidence(end) < second),
