@@ -278,8 +278,8 @@ class PolishSettings:
         photos, `postcard` and `las_vegas`, by the likeness to the kernels of PMP's results, and the
         last way on four of Köhler et al.
     last_frame : tuple of FrameWay
-        The last refinements of such a kernel. They were chosen on six photos of Köhler et al. out
-        of 80 ways: on each the score preferred some of them to its kernel, or none of all.
+        The last refinements of such a kernel. They were chosen out of 80 ways on six photos of
+        Köhler et al., by the score of the comparison and by the results.
     rounds : int
         Largest number of rounds; a round that does not raise the score is the last.
     tracings : int
