@@ -307,10 +307,8 @@ class Course:
 
     def polished_on_frame(self, ended: Finish, run: Run) -> Finish:
         """Refine a winner that is wide for the frame on the whole frame once more."""
-        winner = ended.winner
-        axes = (self.axes[0], self.axes[1], self.axes[2] and winner.rolls)
-        best = polished_on_frame(self.comparison, winner, axes, run)
-        if best is winner or not best.keeps(self.bound):
+        best = polished_on_frame(self.comparison, ended.winner, self.axes, run)
+        if best is ended.winner or not best.keeps(self.bound):
             return ended
         return self.finished(best)._replace(lead=self.comparison.lead(best))
 

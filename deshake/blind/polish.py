@@ -115,9 +115,9 @@ def polished_on_frame(comparison: Comparison, entry: Entry, axes: Axes, run: Run
         The best kernel; the given one if none is better.
 
     """
-    level, best, pyramid = comparison.level(entry), entry, comparison.pyramid
+    level, best = comparison.level(entry), entry
     for part in run.parts([1] * _S.rounds):
-        refined = partial(on_frame, comparison, best, pyramid, axes=axes)
+        refined = partial(on_frame, comparison, best, comparison.pyramid, axes=axes)
         work = reported(refined, _S.last_frame, part, "refinement")
         new = [one for _, one in work if one is not None and comparison.is_wide(one)]
         own, *scores = comparison.scores_at(level, [best, *new]).tolist()

@@ -216,6 +216,7 @@ def _on_frame(course: Course, finish: Finish, run: Run) -> Finish:
     """
     if course.toned and not course.pyramid.is_displayed:
         shown = course.continued_in_display_values()
+        # on tiles for this kernel alone, as in the restoration
         light = Comparison(course.pyramid, shown.comparison.run)
         if gains_in_display_values(light, shown.comparison, finish.winner):
             course.pyramid.forget()

@@ -25,6 +25,13 @@ def thick(shaken, widened) -> Entry:
     return Entry("thick", 2, 0, widened(shaken.kernel, 1.2))
 
 
+@pytest.fixture(scope="module")
+def broad(shake):
+    """A photo that is shaken by a quarter of its frame, without roll."""
+    path = np.array([[-6.0, -30, 0], [-18.0, 12, 0], [-6.0, 25, 0], [26, 30, 0]])
+    return shake(Camera.from_focal(2500.0, 270, 300), path=path)
+
+
 def test_a_kernel_that_is_too_wide_comes_nearer_to_the_truth(thick, pyramid, shaken) -> None:
     shares: list[float] = []
     run = Run(1, lambda share, _: shares.append(share))
@@ -84,12 +91,10 @@ def test_paths_that_are_traced_come_nearer_to_the_truth(shake, monkeypatch) -> N
 
 
 def test_only_a_kernel_that_is_wide_for_the_frame_is_refined_on_all_of_it(
-    shake, thick, pyramid
+    broad, thick, pyramid
 ) -> None:
-    path = np.array([[-6.0, -30, 0], [-18.0, 12, 0], [-6.0, 25, 0], [26, 30, 0]])
-    photo = shake(Camera.from_focal(2500.0, 270, 300), path=path)
-    wide, narrow = Entry("wide", 0, 3, photo.kernel), thick._replace(level=0)
-    for entry, scales in ((wide, photo.pyramid), (narrow, pyramid)):
+    wide, narrow = Entry("wide", 0, 3, broad.kernel), thick._replace(level=0)
+    for entry, scales in ((wide, broad.pyramid), (narrow, pyramid)):
         comparison = Comparison(scales)
         line = polish._Line(comparison, entry, entry, ALL_AXES)
         assert comparison.is_wide(entry) == (entry is wide)
@@ -103,13 +108,11 @@ def test_only_a_kernel_that_is_wide_for_the_frame_is_refined_on_all_of_it(
             assert agreement(one.kernel, entry.kernel) > 0.7
 
 
-def test_two_kernels_that_are_wide_for_the_frame_share_two_threads(shake, monkeypatch) -> None:
+def test_two_kernels_that_are_wide_for_the_frame_share_two_threads(broad, monkeypatch) -> None:
     """Each is refined on the frame within a thread; no work there may wait for another thread."""
-    path = np.array([[-6.0, -30, 0], [-18.0, 12, 0], [-6.0, 25, 0], [26, 30, 0]])
-    photo = shake(Camera.from_focal(2500.0, 270, 300), path=path)
-    one = Entry("one", 0, 3, photo.kernel)
+    one = Entry("one", 0, 3, broad.kernel)
     other = one._replace(name="other", start=1)
-    comparison = Comparison(photo.pyramid, Run(2))
+    comparison = Comparison(broad.pyramid, Run(2))
     lines = [polish._Line(comparison, entry, entry, ALL_AXES) for entry in (one, other)]
     before = [line.score for line in lines]
     for line in lines:
@@ -118,13 +121,6 @@ def test_two_kernels_that_are_wide_for_the_frame_share_two_threads(shake, monkey
     polish._advance(comparison, lines, Run(2))
     assert [line.score for line in lines] >= before
     assert all(line.source is None for line in lines)
-
-
-@pytest.fixture(scope="module")
-def broad(shake):
-    """A photo that is shaken by a quarter of its frame, without roll."""
-    path = np.array([[-6.0, -30, 0], [-18.0, 12, 0], [-6.0, 25, 0], [26, 30, 0]])
-    return shake(Camera.from_focal(2500.0, 270, 300), path=path)
 
 
 def test_a_wide_kernel_that_ends_too_wide_is_refined_on_the_frame_again(broad, widened) -> None:
