@@ -293,7 +293,11 @@ class Comparison:
             return None
         judges = self._finer_batches(entry)
         turned = [mean_margin(judges, kernel.turned(angle)) for angle in _S.turns]
-        return mean_margin(judges, kernel) - float(np.mean(turned))
+        return self.finer_margin(entry) - float(np.mean(turned))
+
+    def finer_margin(self, entry: Entry) -> float:
+        """Return the margin of a kernel on many tiles of a finer scale."""
+        return mean_margin(self._finer_batches(entry), entry.kernel)
 
     def _finer_batches(self, entry: Entry) -> list[Judge]:
         """Return the batches of judges for a kernel at a finer scale, or at the photo's size."""

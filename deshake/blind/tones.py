@@ -1,4 +1,4 @@
-"""Whether the blur of a photo suits its display values better than linear light.
+"""The tones that the blur of a photo suits: linear light, display values, or others.
 
 Light adds up: in linear light a blurred pixel is a mean of sharp ones, Eq. (5). A file states the
 curve from its values to light, but cameras apply tone curves of their own before, to make a
@@ -11,11 +11,16 @@ and it explains the photo by a simpler sharp picture. The margin alone often err
 can be simpler in display values, whatever the blur. So the match counts more. Rings and blobs make
 the restored picture vary more. So the same tiles are restored in both tones, and their total
 variations are compared.
+
+If the blur suits light better than display values, a camera may still have made its middle tones
+steeper. The differences are smaller then. The match tells them, and the margin, at the scale of the
+kernel and at a finer one. The variation does not: it is mostly lower without such a curve, whether
+there was one or not.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,24 +38,28 @@ from deshake.signal.gradients import differences, length_of
 from deshake.signal.pyramid import Pyramid
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from deshake.blind.tiles import Tiles
     from deshake.geometry.kernel import RotationKernel
 
-__all__ = ["gains_in_display_values", "suits_display_values"]
+__all__ = ["Tones", "gains_in_display_values", "suited_tones"]
 
 Image = NDArray[np.float32]
+Tones = Literal["linear light", "display values", "light before a tone curve"]
 
 _S: Final = SETTINGS.tones
 
 
-def suits_display_values(
-    grey: NDArray[np.float32],
+def suited_tones(
+    grey: Image,
     kernel: RotationKernel,
     clipped: NDArray[np.bool_] | None = None,
     *,
+    before_curve: Callable[[Image], Image],
     run: Run = Run(),
-) -> bool:
-    """Return whether a kernel explains the display values of a photo better than its light.
+) -> Tones:
+    """Return the tones in which a kernel explains a photo best.
 
     Parameters
     ----------
@@ -60,21 +69,27 @@ def suits_display_values(
         Its kernel, for this size.
     clipped : (h, w) array of bool, optional
         Clipped pixels. They do not count.
+    before_curve : callable
+        Returns the light before the tone curve that a camera may have applied.
     run : Run, optional
         Threads to use; the result does not depend on them.
 
     """
+    silent = run.silent()
+    entry = Entry("kernel", 0, 0, kernel.centred())
     try:
         check_size(grey.shape[0], grey.shape[1], 1.0)
-        light = Pyramid(grey, kernel.camera, clipped)
-        shown = light.displayed()
+        pyramid = Pyramid(grey, kernel.camera, clipped)
+        light = Comparison(pyramid, silent)
+        shown = Comparison(pyramid.displayed(), silent)
+        if gains_in_display_values(light, shown, entry):
+            return "display values"
+        before = Comparison(pyramid.in_tones(before_curve), silent)
+        if _gains_before_curve(light, before, entry):
+            return "light before a tone curve"
     except EstimationError:  # the photo is too small, or flat
-        return False
-    entry = Entry("kernel", 0, 0, kernel.centred())
-    silent = run.silent()
-    return gains_in_display_values(
-        Comparison(light, run=silent), Comparison(shown, run=silent), entry
-    )
+        pass
+    return "linear light"
 
 
 def gains_in_display_values(light: Comparison, shown: Comparison, entry: Entry) -> bool:
@@ -98,6 +113,21 @@ def gains_in_display_values(light: Comparison, shown: Comparison, entry: Entry) 
     gain = match + _S.of_margin * (margins[1] - margins[0])
     gain += _S.of_variation * _less_variation(light, shown, entry)
     return light.match_share * gain > _S.least_gain  # a few tiles tell little
+
+
+def _gains_before_curve(light: Comparison, before: Comparison, entry: Entry) -> bool:
+    """Return whether a kernel explains a photo better in the light before a camera's tone curve.
+
+    On few tiles, a match can rise by chance. So the margins must rise, too.
+    """
+
+    def measured(comparison: Comparison) -> NDArray[np.float64]:
+        margins = entry.margin(comparison.judge(entry)) + comparison.finer_margin(entry)
+        return np.array([comparison.match(entry), margins])
+
+    of_light, of_before = (one for _, one in in_order(measured, (light, before), light.run))
+    match, margins = of_before - of_light
+    return bool(margins > 0 and match + _S.of_margins * margins > _S.least_before)
 
 
 def _less_variation(light: Comparison, shown: Comparison, entry: Entry) -> float:

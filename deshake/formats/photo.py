@@ -13,6 +13,7 @@ import numpy as np
 from deshake.errors import PhotoError
 from deshake.files.disk import read_bytes
 from deshake.formats.avif import decode_avif
+from deshake.formats.camera_curve import CameraCurve, light_before, light_behind
 from deshake.formats.encoding import Decoded, Encoding, turned
 from deshake.formats.heif import decode_heif
 from deshake.formats.icc import profile_transfer
@@ -163,13 +164,25 @@ class Photo:
         values = display_values(self.pixels, self.encoding.transfer)
         return replace(self.with_pixels(values), encoding=encoding)
 
+    def without_camera_curve(self) -> Photo:
+        """Return the photo in the light before the tone curve that cameras commonly apply."""
+        transfer = CameraCurve(self.encoding.transfer)
+        encoding = replace(self.encoding, transfer=transfer, certain=True)
+        return replace(self.with_pixels(light_before(self.pixels)), encoding=encoding)
+
     def with_tones_of(self, photo: Photo) -> Photo:
-        """Undo `in_display_values` or `in_certain_light` of the photo that led to this one."""
+        """Undo the change of the tones of the photo that led to this one.
+
+        It is `in_display_values`, `without_camera_curve` or `in_certain_light`.
+        """
         if self.encoding == photo.encoding:
             return self
-        curve = photo.encoding.transfer
-        same = self.encoding.transfer == curve
-        light = self if same else self.with_pixels(linear_light(self.pixels, curve))
+        own, curve = self.encoding.transfer, photo.encoding.transfer
+        light = self
+        if own == CameraCurve(curve):
+            light = self.with_pixels(light_behind(self.pixels))
+        elif own != curve:
+            light = self.with_pixels(linear_light(self.pixels, curve))
         return replace(light, encoding=photo.encoding)
 
     def with_jpeg_quality(self, quality: int) -> Photo:

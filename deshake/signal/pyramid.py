@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from copy import copy
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
 
 import cv2
 import numpy as np
@@ -29,6 +29,7 @@ __all__ = ["RATIO", "Pyramid", "Scale", "reduced"]
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 T = TypeVar("T")
+Tones: TypeAlias = "Callable[[Image], Image]"
 
 RATIO = 2**0.5
 """Size of one scale over that of the next coarser one."""
@@ -50,15 +51,15 @@ class Scale(NamedTuple):
     Parameters
     ----------
     stored : (h, w) array of float32
-        Luminance in the tones of the scale, or in linear light if `is_light` is set.
+        Luminance in the tones of the scale, or in linear light if `tones` is set.
     camera : Camera
         The camera of a photo of this size.
     clipped : (h, w) array of bool, optional
         Clipped pixels, if there are any.
     contrast : float
         Factor that gives the picture the contrast of all pyramids.
-    is_light : bool
-        Whether `stored` is in linear light, and the tones of the scale are its root.
+    tones : callable, optional
+        If `stored` is in linear light, and the scale is not, it turns the one into the other.
 
     """
 
@@ -66,23 +67,23 @@ class Scale(NamedTuple):
     camera: Camera
     clipped: Mask | None
     contrast: float
-    is_light: bool = False
+    tones: Tones | None = None
 
     @property
     def picture(self) -> Image:
-        """Luminance in linear light, or in its root, (h, w)."""
-        return root(self.stored) if self.is_light else self.stored
+        """Luminance in the tones of the scale, (h, w)."""
+        return self.stored if self.tones is None else self.tones(self.stored)
 
     def piece(self, place: tuple[Any, ...]) -> Image:
         """Return the picture at an index of the array (h, w)."""
         piece: Image = self.stored[place]
-        return root(piece) if self.is_light else piece
+        return piece if self.tones is None else self.tones(piece)
 
 
 class Pyramid:
     """The scales of a photo, each made at its first use.
 
-    Only the root of the light at full size is not kept. Tiles need pieces of it.
+    Only other tones than light are not kept at full size. Tiles need pieces of them.
 
     Parameters
     ----------
@@ -92,8 +93,8 @@ class Pyramid:
         Its camera.
     clipped : (h, w) array of bool, optional
         Clipped pixels; by default none. The array is kept, and not changed.
-    is_displayed : bool, keyword-only
-        Whether the scales are in the root of the light, which approximates display values.
+    tones : callable, optional, keyword-only
+        Turns linear light into the tones of the scales; by default they are linear light.
 
     Raises
     ------
@@ -108,17 +109,22 @@ class Pyramid:
         camera: Camera,
         clipped: Mask | None = None,
         *,
-        is_displayed: bool = False,
+        tones: Tones | None = None,
     ) -> None:
         self.camera = camera
-        self.is_displayed = is_displayed
         self._grey = grey
+        self._tones = tones
         none_clipped = clipped is None or not clipped.any()
         self._clipped: dict[int, Mask | None] = {0: None if none_clipped else clipped}
         self._pictures: dict[int, Image] = {}
         self._cameras: dict[int, Camera] = {0: camera}
         self._kept: dict[Hashable, Any] = {}
         self._contrast = self._measured_contrast()
+
+    @property
+    def is_displayed(self) -> bool:
+        """Whether the scales are in the root of the light, which approximates display values."""
+        return self._tones is root
 
     @property
     def coarsest(self) -> int:
@@ -128,9 +134,9 @@ class Pyramid:
 
     def at(self, level: int) -> Scale:
         """Return a scale; 0 is the photo itself, one more is smaller by the root of two."""
-        is_light = self.is_displayed and level == 0
-        stored = self._grey if is_light else self._picture(level)
-        return Scale(stored, self.camera_at(level), self._mask(level), self._contrast, is_light)
+        tones = self._tones if level == 0 else None
+        stored = self._grey if level == 0 else self._picture(level)
+        return Scale(stored, self.camera_at(level), self._mask(level), self._contrast, tones)
 
     def camera_at(self, level: int) -> Camera:
         """Return the camera of a scale; its picture is not made."""
@@ -160,14 +166,15 @@ class Pyramid:
 
     def displayed(self) -> Pyramid:
         """Return the photo in the root of its light, which approximates display values."""
-        return self._toned(is_displayed=True)
+        return self.in_tones(root)
 
     def in_other_tones(self) -> Pyramid:
         """Return the photo in the root of its light, or in light if this is the root."""
-        return self._toned(is_displayed=not self.is_displayed)
+        return self.in_tones(None if self.is_displayed else root)
 
-    def _toned(self, *, is_displayed: bool) -> Pyramid:
-        other = Pyramid(self._grey, self.camera, is_displayed=is_displayed)
+    def in_tones(self, tones: Tones | None) -> Pyramid:
+        """Return the photo in tones that a callable makes of its light, or in light if None."""
+        other = Pyramid(self._grey, self.camera, tones=tones)
         other._clipped = self._clipped
         return other
 
@@ -182,11 +189,12 @@ class Pyramid:
 
     def _picture(self, level: int) -> Image:
         """Return the picture of a scale, in its own contrast."""
+        tones = self._tones
         if level == 0:
-            return root(self._grey) if self.is_displayed else self._grey
+            return self._grey if tones is None else tones(self._grey)
         if level not in self._pictures:
-            if self.is_displayed and level <= 2:
-                self._pictures[level] = reduced_in_bands(self._grey, self._size(level), root)
+            if tones is not None and level <= 2:
+                self._pictures[level] = reduced_in_bands(self._grey, self._size(level), tones)
             else:
                 finer = self._picture(max(level - 2, 0))
                 self._pictures[level] = reduced(finer, self._size(level))
@@ -209,8 +217,8 @@ class Pyramid:
 
     def _measured_noise(self, level: int) -> float:
         """Return the standard deviation of a scale's noise, in its own contrast."""
-        if level == 0 and self.is_displayed:
-            return noise_level(self._grey, tones=root)
+        if level == 0 and self._tones is not None:
+            return noise_level(self._grey, tones=self._tones)
         return noise_level(self._picture(level))
 
     def _measured_contrast(self) -> float:

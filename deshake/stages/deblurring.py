@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from deshake.blind.tones import suits_display_values
+from deshake.blind.tones import suited_tones
 from deshake.errors import DeshakeError, OutputError
 from deshake.files.disk import STREAM, check_output
 from deshake.files.kernel_file import KernelFile, read_kernel
+from deshake.formats.camera_curve import light_before
 from deshake.formats.output_names import default_output
 from deshake.formats.photo import read_pair, read_photo
 from deshake.geometry.camera import Camera
@@ -299,16 +300,19 @@ def deblur_file(
 
 
 def in_linear_tones(photo: Photo, kernel: RotationKernel, *, run: Run = Run()) -> Photo:
-    """Return a photo in the tones in which the kernel explains it: light, or display values.
+    """Return a photo in the tones in which the kernel explains it.
 
-    They are certain then: a part of it is deblurred in the same tones.
+    They are linear light, display values, or the light before a camera's tone curve. They are
+    certain then: a part of the photo is deblurred in the same tones.
     """
     if not photo.may_be_toned:
         return photo
-    if not suits_display_values(luminance(photo.pixels), kernel, photo.clipped, run=run):
+    grey = luminance(photo.pixels)
+    tones = suited_tones(grey, kernel, photo.clipped, before_curve=light_before, run=run)
+    if tones == "linear light":
         return photo.in_certain_light()
-    _log.info("%s: the blur suits display values better than linear light", photo.source)
-    return photo.in_display_values()
+    _log.info("%s: the blur suits %s better than linear light", photo.source, tones)
+    return photo.in_display_values() if tones == "display values" else photo.without_camera_curve()
 
 
 def _assumed_camera(photo: Photo, pinhole: Camera, zoom: float) -> Camera:

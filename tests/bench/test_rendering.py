@@ -5,6 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from bench.cases import camera_files
+from bench.cases.camera_files import CAMERA
 from bench.cases.night import by_night
 from bench.cases.rendering import is_rendered, render
 from bench.cases.scenes import HANDS, SCENES, Places
@@ -52,6 +54,38 @@ def test_a_case_is_the_mean_of_its_scene_over_the_path(places, tmp_path):
     inner = np.s_[14:-14, 14:-14]
     difference = np.abs(photo.pixels - blurred)[inner].mean()
     assert difference < 0.3 * np.abs(photo.pixels - light)[inner].mean()
+
+
+def test_a_camera_changes_the_tones_of_the_photo_and_of_the_truth(places, tmp_path):
+    plain, camera = tmp_path / "plain", tmp_path / "camera"
+    case = CASE._replace(noise="low")
+    assert render(case, "tune", places, plain)
+    assert render(case, "tune", places, camera, CAMERA)
+    assert is_rendered(case, camera, CAMERA)
+    assert not is_rendered(case, camera)
+    assert not is_rendered(case, plain, CAMERA)
+    truths, photos = (
+        [cv2.imread(str(file(folder))) / 255.0 for folder in (plain, camera)]
+        for file in (
+            lambda folder: case_file(folder, case, "_sharp.png"),
+            lambda folder: folder / case.photo,
+        )
+    )
+    curve = camera_files.with_curve(truths[0].astype(np.float32))
+    assert np.abs(truths[1] - curve).mean() < 0.01
+    assert np.abs(truths[1] - truths[0]).mean() > 0.03
+    blurred = camera_files.with_curve(photos[0].astype(np.float32))
+    assert np.abs(photos[1] - blurred).mean() < 0.03
+    assert np.abs(photos[1] - photos[0]).mean() > 0.03
+
+
+def test_a_grey_scene_goes_through_a_camera():
+    ramp = np.linspace(0, 1, 64, dtype=np.float32)[None].repeat(48, 0)
+    shown = camera_files.photo(ramp, CASE)
+    assert shown.shape == ramp.shape
+    assert shown.min() >= 0
+    assert shown.max() <= 1
+    assert np.abs(shown - camera_files.developed(ramp))[:, 4:-4].mean() < 0.02
 
 
 def test_by_night_a_scene_is_dark_and_has_lamps_that_leave_streaks(places, tmp_path):

@@ -5,17 +5,37 @@ import pytest
 
 from deshake.blind.entry import Entry
 from deshake.blind.kernel_comparison import Comparison
-from deshake.blind.tones import _less_variation, suits_display_values
+from deshake.blind.tones import Tones, _less_variation, suited_tones
+from deshake.formats.camera_curve import light_before, light_behind
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.signal.pyramid import Pyramid
+
+
+def tones_of(light, kernel, clipped=None) -> Tones:
+    return suited_tones(light.astype(np.float32), kernel, clipped, before_curve=light_before)
 
 
 @pytest.mark.parametrize("displayed", [False, True])
 def test_the_kernel_tells_the_tones_in_which_the_photo_was_blurred(shaken, displayed) -> None:
     blurred = np.clip(shaken.grey, 0, 1)
     light = np.square(blurred) if displayed else blurred
-    assert suits_display_values(light, shaken.kernel) == displayed
+    assert tones_of(light, shaken.kernel) == ("display values" if displayed else "linear light")
+
+
+def test_the_kernel_tells_that_a_camera_applied_a_tone_curve(photo) -> None:
+    blurred = np.clip(photo.grey, 0, 1)
+    assert tones_of(blurred, photo.kernel) == "linear light"
+    assert tones_of(light_behind(blurred), photo.kernel) == "light before a tone curve"
+
+
+def test_a_match_that_rises_alone_shows_no_tone_curve(shaken) -> None:
+    light = Pyramid(np.clip(shaken.grey, 0, 1), shaken.camera)
+    entry = Entry("kernel", 0, 0, shaken.kernel)
+    plain, before = Comparison(light), Comparison(light.in_tones(light_before))
+    assert before.match(entry) > plain.match(entry) + 0.02  # a photo of few tiles
+    assert before.finer_margin(entry) < plain.finer_margin(entry)
+    assert tones_of(light.at(0).picture, shaken.kernel) == "linear light"
 
 
 @pytest.mark.parametrize("displayed", [False, True])
@@ -34,13 +54,14 @@ def test_clipped_pixels_do_not_count(shaken) -> None:
     for y, x in rng.integers(0, (130, 160), (12, 2)):
         clipped[y : y + 12, x : x + 12] = True
     flashed = np.where(clipped, 1, light).astype(np.float32)
-    assert suits_display_values(flashed, shaken.kernel, clipped)
+    assert tones_of(flashed, shaken.kernel, clipped) == "display values"
 
 
 def test_without_evidence_it_is_light(shaken) -> None:
     still = RotationKernel.delta(shaken.camera)
-    assert not suits_display_values(np.square(shaken.grey), still)
+    assert tones_of(np.square(shaken.grey), still) == "linear light"
     flat = np.full(shaken.grey.shape, 0.5, np.float32)
-    assert not suits_display_values(flat, shaken.kernel)
+    assert tones_of(flat, shaken.kernel) == "linear light"
     small = Camera.from_focal(30.0, 20, 30)
-    assert not suits_display_values(shaken.grey[:20, :30], shaken.kernel.for_camera(small))
+    kernel = shaken.kernel.for_camera(small)
+    assert tones_of(shaken.grey[:20, :30], kernel) == "linear light"

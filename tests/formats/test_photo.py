@@ -15,9 +15,10 @@ import tifffile
 from PIL import Image, ImageOps
 
 from deshake.errors import OutputError, PhotoError
+from deshake.formats.camera_curve import light_before
 from deshake.formats.photo import read_photo
 from deshake.formats.photo_writing import encode_photo, write_photo
-from deshake.formats.transfer import LINEAR, SRGB, Power
+from deshake.formats.transfer import LINEAR, SRGB, Power, encode
 from deshake.signal.luminance import luminance
 
 if TYPE_CHECKING:
@@ -165,6 +166,23 @@ def test_display_values_are_those_of_the_file(
     assert back.encoding == photo.encoding
     assert np.allclose(back.in_display_values().pixels, 1.5 * codes / 255, atol=1e-5)
     assert photo.with_tones_of(photo) is photo
+
+
+def test_the_light_before_a_camera_curve_goes_back_to_the_values_of_the_file(
+    save: Callable[..., Path], make_codes: Callable[..., np.ndarray]
+) -> None:
+    codes = make_codes(9, 9, 3)
+    photo = read_photo(save("a.png", codes))
+    before = photo.without_camera_curve()
+    assert np.allclose(before.pixels, light_before(photo.pixels), atol=1e-6)
+    assert not before.may_be_toned
+    assert np.array_equal(before.clipped, photo.clipped)
+    assert np.array_equal(encode(before.pixels, before.encoding.transfer, 8), codes)
+    back = before.with_tones_of(photo)
+    assert back.encoding == photo.encoding
+    assert np.allclose(back.pixels, photo.pixels, atol=1e-5)
+    brighter = before.with_pixels(before.pixels * 2).with_tones_of(photo)
+    assert np.allclose(light_before(brighter.pixels), 2 * before.pixels, atol=1e-4)
 
 
 def test_clipped_pixels_are_marked(save: Callable[..., Path]) -> None:

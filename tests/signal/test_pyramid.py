@@ -8,6 +8,7 @@ import pytest
 
 from deshake.errors import EstimationError
 from deshake.geometry.camera import Camera
+from deshake.signal.noise import noise_level
 from deshake.signal.pyramid import RATIO, Pyramid, reduced, reduced_in_bands, root
 
 
@@ -187,9 +188,23 @@ def test_both_kinds_of_tones_have_the_same_clipped_pixels(sharp) -> None:
         assert not early.at(level).clipped[-1, -1]
 
 
+def test_the_scales_are_in_any_tones(sharp) -> None:
+    toned = of(sharp).in_tones(np.cbrt)
+    np.testing.assert_array_equal(toned.at(0).picture, np.cbrt(sharp))
+    for level in (1, 2, 4):
+        shape = toned.at(level).picture.shape
+        wanted = reduced(np.cbrt(sharp), shape)
+        np.testing.assert_allclose(toned.at(level).picture, wanted, atol=0.02)
+    wanted = noise_level(np.cbrt(sharp)) * toned.at(0).contrast
+    assert toned.noise(0) == pytest.approx(wanted, rel=1e-3)
+    assert not toned.is_displayed
+    assert toned.in_other_tones().is_displayed
+    np.testing.assert_array_equal(toned.in_tones(None).at(2).picture, of(sharp).at(2).picture)
+
+
 def test_a_piece_is_that_of_the_picture_in_either_tones(sharp) -> None:
     place = np.s_[17:90, 5:66]
-    for pyramid in (of(sharp), of(sharp).displayed()):
+    for pyramid in (of(sharp), of(sharp).displayed(), of(sharp).in_tones(np.cbrt)):
         for level in (0, 1, 2):
             scale = pyramid.at(level)
             np.testing.assert_array_equal(scale.piece(place), scale.picture[place])

@@ -166,10 +166,12 @@ class KernelComparisonSettings:
 
 @dataclass(frozen=True)
 class TonesSettings:
-    """The choice between linear light and display values (`tones`).
+    """The choice of the tones (`tones`).
 
-    Found with 24 photos of Köhler et al., whose values are linear, and with 43 of the set `tune` of
-    `bench.py shakes`: docs/estimation.md.
+    That between linear light and display values was found with 24 photos of Köhler et al., whose
+    values are linear, and with 43 of the set `tune` of `bench.py shakes`. That of the light before
+    a camera's tone curve was found with the same 43, and with 14 of them rendered through a camera:
+    docs/estimation.md.
 
     Parameters
     ----------
@@ -180,6 +182,11 @@ class TonesSettings:
         Correlation: least gain that shows that display values are right.
     least_score : float
         Margin: if the score falls by more than this, it contradicts them.
+    of_margins : float
+        Correlation that the sum of both margins is worth in the choice of the light before a
+        camera's tone curve.
+    least_before : float
+        Correlation: least gain that shows such a curve.
 
     """
 
@@ -187,6 +194,8 @@ class TonesSettings:
     of_variation: float = 0.3
     least_gain: float = 0.015
     least_score: float = -0.02
+    of_margins: float = 0.2
+    least_before: float = 0.006
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,8 @@
 Nothing of deshake is used here, so that no error of deshake can hide. A scene is reduced in linear
 light to the wanted size, with a margin. A recorded hand turns the camera, and exact warps are
 averaged at about every half pixel of its path. Pixels that lack a part of the path are cropped. The
-noise of photons and readout is added, and a JPEG with EXIF, or a 16-bit PNG, is written.
+noise of photons and readout is added, and a JPEG with EXIF, or a 16-bit PNG, is written. Light
+becomes display values as a file states them, or as a camera makes them (`camera_files`).
 """
 
 from __future__ import annotations
@@ -31,10 +32,20 @@ from bench.cases.shakes import Case, case_file
 from bench.errors import MissingDataError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
-__all__ = ["NOISES", "disk", "is_rendered", "render"]
+__all__ = [
+    "NOISES",
+    "PLAIN",
+    "Image",
+    "Way",
+    "disk",
+    "is_rendered",
+    "noisy",
+    "render",
+    "to_display",
+]
 
 Image = NDArray[np.float32]
 
@@ -43,6 +54,14 @@ OVERSAMPLED_LARGE = 3.2e6  # pixels up to which a scene that is large enough is,
 NOISES = {"low": (1e-4, 1.5e-3), "mid": (4e-4, 3e-3), "high": (1e-3, 6e-3)}
 """Variance at white of the photons' noise, and standard deviation of the readout's."""
 FINE_COLOURS = 92  # quality from which a JPEG keeps colours at full size
+
+
+class Way(NamedTuple):
+    """How linear light becomes display values, 0..1: its name, for the truth, and for a photo."""
+
+    name: str
+    truth: Callable[[Image], Image]
+    photo: Callable[[Image, Case], Image]
 
 
 class Frame(NamedTuple):
@@ -196,9 +215,16 @@ def noisy(light: Image, case: Case) -> Image:
     return light + noise
 
 
-def save(path: Path, light: Image, case: Case) -> None:
-    """Write a photo, as a JPEG with the focal length in its EXIF or as a 16-bit PNG."""
-    shown = to_display(light)
+def plain(light: Image, case: Case) -> Image:
+    """Return the display values of a photo whose file states its curve."""
+    return to_display(noisy(light, case))
+
+
+PLAIN = Way("plain", to_display, plain)
+
+
+def save(path: Path, shown: Image, case: Case) -> None:
+    """Write display values, as a JPEG with the focal length in its EXIF or as a 16-bit PNG."""
     if not case.quality:
         cv2.imwrite(str(path), np.rint(65535 * shown).astype(np.uint16))
         return
@@ -212,13 +238,14 @@ def save(path: Path, light: Image, case: Case) -> None:
     picture.save(path, quality=case.quality, exif=exif, **options)
 
 
-def is_rendered(case: Case, folder: Path) -> bool:
+def is_rendered(case: Case, folder: Path, way: Way = PLAIN) -> bool:
     """Whether the folder has a case, with the same settings as the list."""
-    record = case_file(folder, case, ".json")
-    return record.is_file() and json.loads(record.read_text("utf-8"))["case"] == list(case)
+    file = case_file(folder, case, ".json")
+    record = json.loads(file.read_text("utf-8")) if file.is_file() else {}
+    return record.get("case") == list(case) and record.get("way", PLAIN.name) == way.name
 
 
-def render(case: Case, split: str, places: Places, folder: Path) -> bool:
+def render(case: Case, split: str, places: Places, folder: Path, way: Way = PLAIN) -> bool:
     """Render a case into a folder, unless it is there; return whether it was rendered.
 
     Raises
@@ -227,7 +254,7 @@ def render(case: Case, split: str, places: Places, folder: Path) -> bool:
         If its scene or recording is not there.
 
     """
-    if is_rendered(case, folder):
+    if is_rendered(case, folder, way):
         return False
     cv2.setNumThreads(1)
     window = hand_window(case, places.hand(split, case.hand)) if case.shaken else None
@@ -238,14 +265,15 @@ def render(case: Case, split: str, places: Places, folder: Path) -> bool:
     if case.at_night:
         fine = by_night(fine, case, over)
     folder.mkdir(parents=True, exist_ok=True)
-    sharp = np.rint(255 * to_display(cut(fine, frame, over))).astype(np.uint8)
+    sharp = np.rint(255 * way.truth(cut(fine, frame, over))).astype(np.uint8)
     cv2.imwrite(str(case_file(folder, case, "_sharp.png")), sharp, [cv2.IMWRITE_PNG_COMPRESSION, 1])
-    save(folder / case.photo, noisy(blurred(case, fine, frame, over), case), case)
+    save(folder / case.photo, way.photo(blurred(case, fine, frame, over), case), case)
     if case.shaken:
         np.savez(case_file(folder, case, "_path.npz"), theta=frame.theta, f=frame.focal)
     case_file(folder, case, "_base.json").unlink(missing_ok=True)
     record = {
         "case": list(case),
+        "way": way.name,
         "shape": [frame.height, frame.width],
         "focal_px": frame.focal,
         "focal_35mm": case.film,

@@ -20,7 +20,9 @@ itself and the result of the true kernel are scored in the same way, once; DIR k
 the largest correlation of the kernel's and the truth's local filters over shifts, on average. A
 result has a warning if its confidence is below .5 or a note says `doubtful`.
 
-With `--focal auto` or a number of mm, the estimate does not know the true focal length.
+With `--focal auto` or a number of mm, the estimate does not know the true focal length. With
+`--camera` the photos are those of a camera that interpolates colours, smooths noise, applies a tone
+curve and sharpens (`bench.cases.camera_files`).
 """
 
 from __future__ import annotations
@@ -40,7 +42,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.arguments import add_jobs, names
-from bench.cases.rendering import is_rendered, render
+from bench.cases.camera_files import CAMERA
+from bench.cases.rendering import PLAIN, is_rendered, render
 from bench.cases.scenes import Places
 from bench.cases.shakes import CASES, case_file
 from bench.errors import MissingDataError
@@ -65,6 +68,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Sequence
 
+    from bench.cases.rendering import Way
     from bench.cases.shakes import Case
     from deshake.formats.photo import Photo
 
@@ -212,10 +216,15 @@ def prepare(case: Case, folder: Path) -> Base:
     return base_of(case, folder, photo, sharp)
 
 
+def way_of(args: argparse.Namespace) -> Way:
+    """Return how the photos are rendered."""
+    return CAMERA if args.camera else PLAIN
+
+
 def run_case(case: Case, args: argparse.Namespace, places: Places) -> Row | Base:
     """Render a case, unless it is there, and measure it."""
-    if not is_rendered(case, args.cases):
-        apart(render, case, args.set, places, args.cases)
+    if not is_rendered(case, args.cases, way_of(args)):
+        apart(render, case, args.set, places, args.cases, way_of(args))
     if args.render_only:
         return apart(prepare, case, args.cases)
     return apart(measure, case, args.cases, args.focal)
@@ -227,7 +236,7 @@ def at_hand(cases: Sequence[Case], args: argparse.Namespace, places: Places) -> 
     missing: dict[str, list[str]] = {}
     for case in cases:
         try:
-            if not is_rendered(case, args.cases):
+            if not is_rendered(case, args.cases, way_of(args)):
                 places.check(case, args.set)
             out.append(case)
         except MissingDataError as error:
@@ -262,6 +271,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=("true", "auto", "28", "50", "100"),
         default="true",
         help="focal length: the true one, estimated, or so many mm; default: true",
+    )
+    parser.add_argument(
+        "--camera", action="store_true", help="render the photos as a camera writes them"
     )
     parser.add_argument("--out", type=Path, help="file for all rows, as JSON")
 
