@@ -1,4 +1,4 @@
-"""The tones that the blur of a photo suits: linear light, display values, or others.
+"""The tones that the blur suits: linear light, display values, or those before a tone curve.
 
 Light adds up: in linear light a blurred pixel is a mean of sharp ones, Eq. (5). A file states the
 curve from its values to light, but cameras apply tone curves of their own before, to make a
@@ -14,8 +14,8 @@ variations are compared.
 
 If the blur suits light better than display values, a camera may still have made its middle tones
 steeper. The differences are smaller then. The match tells them, and the margin, at the scale of the
-kernel and at a finer one. The variation does not: it is mostly lower without such a curve, whether
-there was one or not.
+kernel and at a finer one. The variation does not: it is about as much lower before such a curve
+where there was none.
 """
 
 from __future__ import annotations

@@ -170,7 +170,7 @@ class TonesSettings:
 
     That between linear light and display values was found with 24 photos of Köhler et al., whose
     values are linear, and with 43 of the set `tune` of `bench.py shakes`. That of the light before
-    a camera's tone curve was found with the same 43, and with 14 of them rendered through a camera:
+    a camera's tone curve was found with the same 43, and with 12 of them rendered through a camera:
     docs/estimation.md.
 
     Parameters
