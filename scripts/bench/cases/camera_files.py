@@ -7,7 +7,7 @@ and sharpens. The truth is the sharp scene behind the same tone curve.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
@@ -18,11 +18,8 @@ if TYPE_CHECKING:
     from bench.cases.rendering import Image
     from bench.cases.shakes import Case
 
-__all__ = ["CAMERA"]
+__all__ = ["CAMERA", "LONG_CURVE", "ToneCurve"]
 
-GAIN = 1.15  # of the exposure, before the shoulder that keeps lights below white
-CONTRAST = 0.5  # strength of the S
-BLACK = 0.015  # display value that becomes black
 DENOISED = {"low": 0.01, "mid": 0.02, "high": 0.035}
 """Display values: differences that are smoothed away, for each noise of a case."""
 KEPT = 0.3  # share of the fine structure of the light that stays
@@ -32,12 +29,24 @@ WHITE = 0.9  # of the largest code of the sensor; the noise of black needs room 
 PEDESTAL = 0.02
 
 
-def developed(light: Image) -> Image:
-    """Apply the tone curve: display values, 0..1, of linear light."""
-    exposed = np.maximum(np.float32(GAIN) * light, 0)
-    tone = to_display(exposed / (1 + exposed**4) ** 0.25)
-    tone = (1 - CONTRAST) * tone + CONTRAST * tone**2 * (3 - 2 * tone)
-    return np.clip((tone - BLACK) / (1 - BLACK), 0, 1).astype(np.float32)
+class ToneCurve(NamedTuple):
+    """A camera's tone curve: a gain, the strength of its S, and the black that it cuts off."""
+
+    gain: float
+    contrast: float
+    black: float
+
+    def develop(self, light: Image) -> Image:
+        """Return display values, 0..1, of linear light."""
+        exposed = np.maximum(self.gain * light, 0)
+        exposed = exposed / (1 + exposed**4) ** 0.25  # the shoulder
+        tone = to_display(exposed.astype(np.float32))
+        tone = (1 - self.contrast) * tone + self.contrast * tone**2 * (3 - 2 * tone)
+        return np.clip((tone - self.black) / (1 - self.black), 0, 1).astype(np.float32)
+
+
+LONG_CURVE = ToneCurve(1.15, 0.5, 0.015)
+"""That of a photo as bright as the scene asks for."""
 
 
 def photo(light: Image, case: Case) -> Image:
@@ -50,7 +59,7 @@ def photo(light: Image, case: Case) -> Image:
 def with_curve(shown: Image) -> Image:
     """Apply the tone curve to display values."""
     linear = np.linspace(0, 1, 4096, dtype=np.float32) ** 2.4  # fine in the dark
-    return np.interp(shown, to_display(linear), developed(linear)).astype(np.float32)
+    return np.interp(shown, to_display(linear), LONG_CURVE.develop(linear)).astype(np.float32)
 
 
 def mosaic(light: Image) -> Image:
@@ -92,5 +101,5 @@ def sharpened(shown: Image) -> Image:
     return np.clip(shown + (more if shown.ndim == 2 else more[..., None]), 0, 1)
 
 
-CAMERA = Way("camera", developed, photo)
+CAMERA = Way("camera", LONG_CURVE.develop, photo)
 """Photos as a camera writes them."""

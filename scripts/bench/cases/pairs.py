@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.cases.camera_files import LONG_CURVE, ToneCurve
 from bench.cases.photos import PHOTOS, Shake, path_of, reduced, scene_in_frame
 from deshake.formats.encoding import Encoding
 from deshake.formats.photo import Photo
@@ -30,7 +31,7 @@ from deshake.metadata.metadata import Metadata
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["PAIRS", "Pair", "PairCase", "ToneCurve", "shaken_pair"]
+__all__ = ["PAIRS", "Pair", "PairCase", "shaken_pair"]
 
 Image = NDArray[np.float32]
 
@@ -42,23 +43,6 @@ BALANCE = 0.06  # how much the white balances differ, either way
 BRIGHTEST = np.float32(0.95)
 
 
-class ToneCurve(NamedTuple):
-    """A camera's tone curve: a gain, the strength of its S, and the black that it cuts off."""
-
-    gain: float
-    contrast: float
-    black: float
-
-    def develop(self, light: Image) -> Image:
-        """Return display values, 0..1, of linear light (h, w, 3)."""
-        exposed = np.maximum(self.gain * light, 0)
-        exposed = exposed / (1 + exposed**4) ** 0.25  # the shoulder
-        tone = Srgb().from_linear(exposed.astype(np.float32))
-        tone = (1 - self.contrast) * tone + self.contrast * tone**2 * (3 - 2 * tone)
-        return np.clip((tone - self.black) / (1 - self.black), 0, 1).astype(np.float32)
-
-
-LONG_CURVE = ToneCurve(1.15, 0.5, 0.015)
 SHORT_CURVE = ToneCurve(RATIO**-0.5, 0.25, 0.02)
 
 

@@ -68,7 +68,6 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Sequence
 
-    from bench.cases.rendering import Way
     from bench.cases.shakes import Case
     from deshake.formats.photo import Photo
 
@@ -216,15 +215,10 @@ def prepare(case: Case, folder: Path) -> Base:
     return base_of(case, folder, photo, sharp)
 
 
-def way_of(args: argparse.Namespace) -> Way:
-    """Return how the photos are rendered."""
-    return CAMERA if args.camera else PLAIN
-
-
 def run_case(case: Case, args: argparse.Namespace, places: Places) -> Row | Base:
     """Render a case, unless it is there, and measure it."""
-    if not is_rendered(case, args.cases, way_of(args)):
-        apart(render, case, args.set, places, args.cases, way_of(args))
+    if not is_rendered(case, args.cases, args.way):
+        apart(render, case, args.set, places, args.cases, args.way)
     if args.render_only:
         return apart(prepare, case, args.cases)
     return apart(measure, case, args.cases, args.focal)
@@ -236,7 +230,7 @@ def at_hand(cases: Sequence[Case], args: argparse.Namespace, places: Places) -> 
     missing: dict[str, list[str]] = {}
     for case in cases:
         try:
-            if not is_rendered(case, args.cases, way_of(args)):
+            if not is_rendered(case, args.cases, args.way):
                 places.check(case, args.set)
             out.append(case)
         except MissingDataError as error:
@@ -273,7 +267,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="focal length: the true one, estimated, or so many mm; default: true",
     )
     parser.add_argument(
-        "--camera", action="store_true", help="render the photos as a camera writes them"
+        "--camera",
+        action="store_const",
+        const=CAMERA,
+        default=PLAIN,
+        dest="way",
+        help="render the photos as a camera writes them",
     )
     parser.add_argument("--out", type=Path, help="file for all rows, as JSON")
 
