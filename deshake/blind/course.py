@@ -248,7 +248,7 @@ class Course:
             alike,
             at_rest=False,
             zoom=self.zoom,
-            displayed=self.pyramid.is_displayed,
+            tones=self.pyramid.tones,
         )
 
     def best(self) -> Entry:

@@ -34,7 +34,7 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.run import Run
-from deshake.signal.pyramid import Pyramid
+from deshake.signal.pyramid import Pyramid, Tones
 
 if TYPE_CHECKING:
     from deshake.blind.drawn_path import Drawing
@@ -71,7 +71,7 @@ def estimate_kernel(
     uniform: bool = False,
     quick: bool = False,
     any_focal: bool = False,
-    toned: bool = False,
+    before_curve: Tones | None = None,
     run: Run = Run(),
 ) -> BlindEstimate:
     """Estimate the blur kernel of one photo and its confidence.
@@ -102,9 +102,9 @@ def estimate_kernel(
     any_focal : bool
         Whether the focal length of the camera is only assumed. Then "edges" estimates it, too,
         unless the model is uniform.
-    toned : bool
-        Whether a camera may have given the photo a tone curve. Then "edges" tries its display
-        values, too: the root of its light.
+    before_curve : callable, optional
+        Returns the light before a tone curve, where a camera may have given the photo one. Then
+        "edges" looks at this light, and tries the root of the given one, too.
     run : Run, optional
         Threads to use, and who receives the progress.
 
@@ -152,8 +152,10 @@ def estimate_kernel(
         run.report(1.0, "kernel read from the streaks of lights")
         return _read(pyramid, whole, drawn, blur_px, (x, y))
     may_rest = judged and measures.sharpness > _S.fairly_sharp
+    toned = before_curve is not None
+    pyramid.forget()  # the race has scales of its own
     result = race(
-        pyramid,
+        pyramid.in_tones(before_curve),
         axes=(True, True, not uniform),
         bound=blur_px,
         quick=quick,
@@ -221,8 +223,8 @@ def _concluded(
         kernel = without_softness(result.winner)
     latent = latent_gradients(pyramid.zoomed(result.zoom), kernel)
     final = filled_path(kernel).for_camera(whole.zoomed(result.zoom))
-    name, zoom, displayed = result.winner.name, result.zoom, result.displayed
-    return BlindEstimate(final, trust, notes, [], latent, name, zoom, displayed)
+    name, zoom, tones = result.winner.name, result.zoom, result.tones
+    return BlindEstimate(final, trust, notes, [], latent, name, zoom, tones)
 
 
 def _usual_least(pyramid: Pyramid) -> float:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from deshake.blind.entry import Entry
+    from deshake.signal.pyramid import ToneName
 
 __all__ = ["Finish"]
 
@@ -27,8 +28,8 @@ class Finish(NamedTuple):
         Whether the race stopped early, because the winner is a small round spot.
     zoom : float
         Focal length of the winner's camera over that of the photo's; 1 if it is known.
-    displayed : bool
-        Whether the race looked at the display values of the photo in place of its light.
+    tones : {"linear light", "display values", "light before a tone curve"}
+        What of the photo the race looked at.
     lead : float, optional
         How much better the winner explains the photo than the same kernel turned, a difference of
         margins; None if the winner is a disk, or if the race ended before that was worth the time.
@@ -41,5 +42,5 @@ class Finish(NamedTuple):
     agreement: float
     at_rest: bool
     zoom: float = 1.0
-    displayed: bool = False
+    tones: ToneName = "linear light"
     lead: float | None = None

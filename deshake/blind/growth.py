@@ -9,7 +9,8 @@ So the kernel is estimated again on the whole frame, from coarse to fine, in a r
 (`refined_on_frame` in `wide_start`). In display values dark parts weigh more. So this is done in
 the tones of the race, and in the others. All kernels are compared at one scale, which also suits a
 kernel that is almost three times as wide. The best new one is refined in tiles, with roll. If it is
-better than the kernel, it grows once more.
+better than the kernel, it grows once more. At a coarse scale, wrong kernels can score high. So a
+kernel that the spectra match far less than the one in its place is left out.
 """
 
 from __future__ import annotations
@@ -136,6 +137,8 @@ def _larger(
     jobs = [(one, SETTINGS.polish.smooth, axes) for one in kernels]
     kernels += all_refined(pyramid, jobs, comparison.run)
     kernels = [one for one in kernels if one.width > entry.width and not comparison.hopeless(one)]
+    least = _S.least_match * comparison.match(entry)
+    kernels = [one for one in kernels if comparison.match(one) >= least]
     own, *scores = comparison.scores_at(coarse, [entry, *kernels]).tolist()
     if not scores or max(scores) <= own + _S.gain:
         return None

@@ -1,9 +1,11 @@
 """The race: kernels from several starts; the best are refined, and one is kept (`course`).
 
-A camera may have given the photo a tone curve. Then its blur may suit display values better than
-linear light (`tones`). So the starts of edges and those of very wide shakes may run there, too, and
-the race goes on in the tones that suit the best kernel. If its end is undecided, it goes on in the
-other tones, too. Only then do the starts that the spectra give run in display values.
+A camera may have given the photo a tone curve. Then the light of the race is not that of the file
+but that before a curve of half the usual strength. These tones are never far from the right ones,
+whether there was a curve or not. The blur may also suit display values better (`tones`). So the
+starts of edges and those of very wide shakes may run there, too, and the race goes on in the tones
+that suit the best kernel. If its end is undecided, it goes on in the other tones, too. Only then do
+the starts that the spectra give run in display values.
 
 The race stops early in three cases. The two finest starts run first; if both end in a small round
 spot, the photo was not shaken. If the blur of the photo hardly depends on the direction

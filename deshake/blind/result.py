@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from deshake.blind.variational.scales import ScaleReport
     from deshake.geometry.kernel import RotationKernel
+    from deshake.signal.pyramid import ToneName
 
 __all__ = ["BlindEstimate"]
 
@@ -42,8 +43,8 @@ class BlindEstimate:
     zoom : float
         Focal length of the kernel's camera over that of the camera that was given; not 1 only if
         the focal length was estimated.
-    displayed : bool
-        Whether the kernel was estimated from the display values of the photo, not from its light.
+    tones : {"linear light", "display values", "light before a tone curve"}
+        What of the photo the kernel was estimated from.
     streaks : (T, 4) array of float64
         Places of the streaks of lights that the kernel was read from: x, y, width and height in
         pixels of the photo. None unless it was read from streaks.
@@ -57,5 +58,5 @@ class BlindEstimate:
     latent: Image
     name: str = "variational"
     zoom: float = 1.0
-    displayed: bool = False
+    tones: ToneName = "linear light"
     streaks: NDArray[np.float64] | None = None

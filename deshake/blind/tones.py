@@ -20,7 +20,7 @@ where there was none.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,11 +42,11 @@ if TYPE_CHECKING:
 
     from deshake.blind.tiles import Tiles
     from deshake.geometry.kernel import RotationKernel
+    from deshake.signal.pyramid import ToneName
 
-__all__ = ["Tones", "gains_in_display_values", "suited_tones"]
+__all__ = ["gains_in_display_values", "suited_tones"]
 
 Image = NDArray[np.float32]
-Tones = Literal["linear light", "display values", "light before a tone curve"]
 
 _S: Final = SETTINGS.tones
 
@@ -58,7 +58,7 @@ def suited_tones(
     *,
     before_curve: Callable[[Image], Image],
     run: Run = Run(),
-) -> Tones:
+) -> ToneName:
     """Return the tones in which a kernel explains a photo best.
 
     Parameters

@@ -4,10 +4,11 @@ A camera brightens the middle tones of its JPEGs and makes them steeper, and fla
 and the brightest ones. The file states the curve from its values to light, and not this one. Every
 camera has one of its own. With v the root of the light, this one is
 
-    v -> S(v^p),   S(u) = (1 - c) u + c u^2 (3 - 2 u),   p = 0.88, c = 0.55
+    v -> S(v^p),   S(u) = (1 - c) u + c u^2 (3 - 2 u),   p = 1 - 0.12 s, c = 0.55 s
 
-p brightens the middle, and c makes it steeper. Above white it goes on as a straight line. A blur is
-linear before the curve, not behind it.
+p brightens the middle, and c makes it steeper. The strength s is 1; with a lower one the curve is
+nearer to none. Above white it goes on as a straight line. A blur is linear before the curve, not
+behind it.
 """
 
 from __future__ import annotations
@@ -24,12 +25,10 @@ if TYPE_CHECKING:
 
     from deshake.formats.transfer import Transfer
 
-__all__ = ["CameraCurve", "light_before", "light_behind"]
+__all__ = ["CameraCurve", "light_before", "light_before_half", "light_behind"]
 
-_P: Final = 0.88
-_C: Final = 0.55
-_SLOPE: Final = 1 + _C / 2  # of S in the middle
-_RADIUS: Final = (_SLOPE / (6 * _C)) ** 0.5
+_BRIGHTER: Final = 0.12
+_STEEPER: Final = 0.55
 
 
 @dataclass(frozen=True)
@@ -40,10 +39,13 @@ class CameraCurve:
     ----------
     transfer : Transfer
         The curve that the file states.
+    strength : float
+        That of the camera's curve, above 0 and at most 1.
 
     """
 
     transfer: Transfer
+    strength: float = 1.0
 
     @property
     def name(self) -> str:
@@ -52,23 +54,33 @@ class CameraCurve:
 
     def to_linear(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Map code values in [0, 1] to linear light before the tone curve, in [0, 1]."""
+        p, c = self._power_and_contrast
+        slope = 1 + c / 2  # of S in the middle
+        radius = (slope / (6 * c)) ** 0.5
         shown = np.sqrt(self.transfer.to_linear(values))
         below = np.minimum(shown, 1)
         # the root of a cubic, by thirds of an angle
-        angle = np.arcsin((below - 0.5) * (1.5 / (_RADIUS * _SLOPE))) / 3
-        even = 0.5 + 2 * _RADIUS * np.sin(angle) + (shown - below) / (1 - _C)
-        light: NDArray[np.float64] = np.maximum(even, 0) ** (2 / _P)
+        angle = np.arcsin((below - 0.5) * (1.5 / (radius * slope))) / 3
+        even = 0.5 + 2 * radius * np.sin(angle) + (shown - below) / (1 - c)
+        light: NDArray[np.float64] = np.maximum(even, 0) ** (2 / p)
         return light
 
     def from_linear(self, light: NDArray[np.float32]) -> NDArray[np.floating]:
         """Map linear light before the tone curve, in [0, 1], to code values in [0, 1]."""
-        even = light ** np.float32(_P / 2)
+        p, c = self._power_and_contrast
+        even = light ** np.float32(p / 2)
         below = np.minimum(even, 1)
-        shown = (1 - _C) * even + _C * below**2 * (3 - 2 * below)
+        shown = (1 - c) * even + c * below**2 * (3 - 2 * below)
         return self.transfer.from_linear(np.square(shown).astype(np.float32, copy=False))
+
+    @property
+    def _power_and_contrast(self) -> tuple[float, float]:
+        """The numbers p and c of the curve."""
+        return 1 - _BRIGHTER * self.strength, _STEEPER * self.strength
 
 
 _OF_LIGHT: Final = CameraCurve(LINEAR)
+_HALF: Final = CameraCurve(LINEAR, strength=0.5)
 
 
 def light_before(light: NDArray[np.floating]) -> NDArray[np.float32]:
@@ -77,6 +89,14 @@ def light_before(light: NDArray[np.floating]) -> NDArray[np.float32]:
     Both may exceed white.
     """
     return linear_light(light, _OF_LIGHT)
+
+
+def light_before_half(light: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Return the light before a tone curve of half the strength; 1 is white.
+
+    It lies between the light before a camera's curve and that of a photo without one.
+    """
+    return linear_light(light, _HALF)
 
 
 def light_behind(light: NDArray[np.floating]) -> NDArray[np.float32]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from copy import copy
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, TypeVar
 
 import cv2
 import numpy as np
@@ -24,12 +24,13 @@ if TYPE_CHECKING:
 
     from deshake.geometry.camera import Camera
 
-__all__ = ["RATIO", "Pyramid", "Scale", "reduced"]
+__all__ = ["RATIO", "Pyramid", "Scale", "ToneName", "Tones", "reduced"]
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 T = TypeVar("T")
 Tones: TypeAlias = "Callable[[Image], Image]"
+ToneName = Literal["linear light", "display values", "light before a tone curve"]
 
 RATIO = 2**0.5
 """Size of one scale over that of the next coarser one."""
@@ -114,6 +115,7 @@ class Pyramid:
         self.camera = camera
         self._grey = grey
         self._tones = tones
+        self._of_light = tones
         none_clipped = clipped is None or not clipped.any()
         self._clipped: dict[int, Mask | None] = {0: None if none_clipped else clipped}
         self._pictures: dict[int, Image] = {}
@@ -125,6 +127,13 @@ class Pyramid:
     def is_displayed(self) -> bool:
         """Whether the scales are in the root of the light, which approximates display values."""
         return self._tones is root
+
+    @property
+    def tones(self) -> ToneName:
+        """The name of the tones of the scales."""
+        if self.is_displayed:
+            return "display values"
+        return "linear light" if self._tones is None else "light before a tone curve"
 
     @property
     def coarsest(self) -> int:
@@ -169,13 +178,15 @@ class Pyramid:
         return self.in_tones(root)
 
     def in_other_tones(self) -> Pyramid:
-        """Return the photo in the root of its light, or in light if this is the root."""
-        return self.in_tones(None if self.is_displayed else root)
+        """Return the photo in the root of its light, or if this is the root, as it was before."""
+        return self.in_tones(self._of_light) if self.is_displayed else self.displayed()
 
     def in_tones(self, tones: Tones | None) -> Pyramid:
         """Return the photo in tones that a callable makes of its light, or in light if None."""
         other = Pyramid(self._grey, self.camera, tones=tones)
         other._clipped = self._clipped
+        if other.is_displayed:
+            other._of_light = self._of_light
         return other
 
     def forget(self) -> None:

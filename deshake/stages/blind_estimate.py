@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 from deshake.blind.estimate import estimate_kernel
 from deshake.errors import DeshakeError
 from deshake.files.kernel_file import CameraFile, KernelFile
+from deshake.formats.camera_curve import light_before_half
 from deshake.lens.focal_length import ASSUMED
 from deshake.lens.straightening import (
     bent_kernel,
@@ -90,7 +91,7 @@ def silent_estimate(photo: Photo, options: EstimateOptions, *, run: Run = Run())
             uniform=options.uniform,
             quick=options.preview,
             any_focal=any_focal,
-            toned=photo.may_be_toned,
+            before_curve=light_before_half if photo.may_be_toned else None,
             run=run,
         )
     except DeshakeError as error:
@@ -147,7 +148,7 @@ def _provenance(
         "options": options.provenance(),
         "input_sha256": photo.sha256,
         "camera": camera.source,
-        "tones": "display values" if blind.displayed else "linear light",
+        "tones": blind.tones,
         "estimated_by": blind.name,
         "scales": scales,
     }

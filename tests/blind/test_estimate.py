@@ -18,6 +18,7 @@ from deshake.blind.sharpness import looks_sharp
 from deshake.blind.spot import is_spot
 from deshake.blind.trust import confidence, two_digits
 from deshake.errors import EstimationError
+from deshake.formats.camera_curve import light_before, light_before_half, light_behind
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
@@ -202,12 +203,22 @@ def test_only_a_doubtful_kernel_is_called_scattered(shaken) -> None:
     assert result.notes == []
 
 
-@pytest.mark.parametrize("toned", [False, True])
-def test_an_estimate_in_display_values_says_so(photo, toned) -> None:
-    light = np.square(np.clip(photo.grey, 0, 1))
-    result = estimate_kernel(light, photo.camera, toned=toned, quick=True, run=Run(1))
-    assert result.displayed == toned
+@pytest.mark.parametrize("before_curve", [None, light_before_half])
+def test_an_estimate_in_display_values_says_so(photo, before_curve) -> None:
+    light, toned = np.square(np.clip(photo.grey, 0, 1)), before_curve is not None
+    result = estimate_kernel(light, photo.camera, before_curve=before_curve, quick=True, run=Run(1))
+    assert result.tones == ("display values" if toned else "linear light")
     assert not toned or agreement(result.kernel, photo.kernel) > 0.9
+
+
+def test_a_photo_with_a_tone_curve_is_looked_at_in_the_light_before_it(shaken) -> None:
+    light = np.clip(shaken.grey, 0, 1)
+    plain = estimate_kernel(light, shaken.camera, quick=True, run=Run(1))
+    bent = light_behind(light)
+    found = estimate_kernel(bent, shaken.camera, before_curve=light_before, quick=True, run=Run(1))
+    assert found.tones == "light before a tone curve"
+    assert agreement(found.kernel, plain.kernel) > 0.99
+    assert agreement(found.kernel, shaken.kernel) > 0.9
 
 
 @pytest.mark.parametrize("estimator", ["edges", "variational"])

@@ -139,6 +139,19 @@ def test_kernels_that_are_too_wide_for_the_photo_are_left_out(
     assert grown(comparison, part, FLAT, None, toned=False) is part
 
 
+def test_a_kernel_that_the_spectra_match_far_less_does_not_grow_from_one(
+    part, comparison, monkeypatch
+) -> None:
+    matches = (
+        comparison.match(part),
+        comparison.match(grown(comparison, part, FLAT, None, toned=False)),
+    )
+    share = matches[1] / matches[0]
+    assert share > SETTINGS.growth.least_match
+    monkeypatch.setattr(growth, "_S", replace(SETTINGS.growth, least_match=1.5 * share))
+    assert grown(comparison, part, FLAT, None, toned=False) is part
+
+
 def test_in_a_large_frame_no_two_ways_have_the_same_scales(
     wide, part, comparison, refinements, monkeypatch
 ) -> None:

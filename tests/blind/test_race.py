@@ -78,25 +78,26 @@ def test_the_uniform_model_has_no_focal_length(shake) -> None:
 def test_a_blur_of_display_values_is_found_in_them(photo, ran, quick) -> None:
     light = Pyramid(np.square(np.clip(photo.grey, 0, 1)), photo.camera)
     found = race(light, toned=True, quick=quick)
-    assert found.displayed
+    assert found.tones == "display values"
     starts = first_scales(light.coarsest)
     assert ran == (starts * 2 if quick else [*starts, "others", *starts])
     assert agreement(found.winner.kernel, photo.kernel) > 0.9
-    assert not race(light, quick=True).displayed
+    assert race(light, quick=True).tones == "linear light"
     little = SETTINGS.race.little_evidence
-    assert not race(light, toned=True, quick=True, evidence=little - 0.01).displayed
+    dim = race(light, toned=True, quick=True, evidence=little - 0.01)
+    assert dim.tones == "linear light"
 
 
 def test_a_blur_of_light_is_found_in_light(shaken, ended) -> None:
     found = race(shaken.pyramid, toned=True)
-    assert not found.displayed
+    assert found.tones == "linear light"
     assert found.winner.kernel.weights.tobytes() == ended.winner.kernel.weights.tobytes()
     assert found[1:] == ended[1:]
 
 
 def test_another_course_ends_only_where_the_first_is_undecided(ended, pyramid, monkeypatch) -> None:
     undecided = ended._replace(margin=0.0, match=0.1, agreement=0.96)
-    trusted = ended._replace(margin=0.1, match=0.3, agreement=0.98, displayed=True)
+    trusted = ended._replace(margin=0.1, match=0.3, agreement=0.98, tones="display values")
     hopeless = ended._replace(margin=-0.2, match=0.0, agreement=0.5)
     assert SETTINGS.course.hopeful < confidence(undecided) < SETTINGS.estimate.even
     assert confidence(hopeless) < SETTINGS.course.hopeful
@@ -109,7 +110,7 @@ def test_another_course_ends_only_where_the_first_is_undecided(ended, pyramid, m
             self.finish = finish
             self.highest = score
             self.hope = hope
-            self.pyramid = pyramid.displayed() if finish.displayed else pyramid
+            self.pyramid = pyramid.displayed() if finish.tones == "display values" else pyramid
             self.comparison = Comparison(self.pyramid)
 
         def score(self, _: Sequence[Entry | None]) -> float:

@@ -5,14 +5,14 @@ import pytest
 
 from deshake.blind.entry import Entry
 from deshake.blind.kernel_comparison import Comparison
-from deshake.blind.tones import Tones, _less_variation, suited_tones
+from deshake.blind.tones import _less_variation, suited_tones
 from deshake.formats.camera_curve import light_before, light_behind
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
-from deshake.signal.pyramid import Pyramid
+from deshake.signal.pyramid import Pyramid, ToneName
 
 
-def tones_of(light, kernel, clipped=None) -> Tones:
+def tones_of(light, kernel, clipped=None) -> ToneName:
     return suited_tones(light.astype(np.float32), kernel, clipped, before_curve=light_before)
 
 

@@ -219,8 +219,9 @@ def test_a_camera_needs_no_picture(sharp) -> None:
         assert cameras[2].focal_px == pytest.approx(focal / 2)
 
 
-def test_the_other_tones_are_display_values_or_light(sharp) -> None:
-    light = of(sharp)
+@pytest.mark.parametrize("tones", [None, np.cbrt])
+def test_the_other_tones_are_display_values_or_those_before(sharp, tones) -> None:
+    light = of(sharp).in_tones(tones)
     shown = light.in_other_tones()
     back = shown.in_other_tones()
     assert shown.is_displayed

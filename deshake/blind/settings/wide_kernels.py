@@ -141,6 +141,8 @@ class GrowthSettings:
         and is so much wider, the round ends.
     gain : float
         Score: a kernel that takes the place scores so much more.
+    least_match : float
+        Share of the match of a kernel that one in its place has, each at its own scale.
 
     """
 
@@ -156,3 +158,4 @@ class GrowthSettings:
     vain: float = 0.1
     wider: float = 1.2
     gain: float = 0.01
+    least_match: float = 0.4
