@@ -174,8 +174,16 @@ def _is_better(shown: Course, light: Comparison, score: float) -> bool:
     """Return whether the best kernel suits display values, and exceeds a score in linear light."""
     best = shown.leaders[0]
     return shown.score([best]) > score + _S.display_worth and gains_in_display_values(
-        light, shown.comparison, best
+        _in_linear_light(light), shown.comparison, best
     )
+
+
+def _in_linear_light(comparison: Comparison) -> Comparison:
+    """Return a comparison in the light of the file, to which the gain in display values refers."""
+    pyramid = comparison.pyramid
+    if pyramid.tones == "linear light":
+        return comparison
+    return Comparison(pyramid.in_tones(None), comparison.run)
 
 
 def _ended(courses: Sequence[Course], hopeful: float, run: Run, *, quick: bool) -> Finish:
@@ -219,7 +227,7 @@ def _on_frame(course: Course, finish: Finish, run: Run) -> Finish:
     if course.toned and not course.pyramid.is_displayed:
         shown = course.continued_in_display_values()
         # on tiles for this kernel alone, as in the restoration
-        light = Comparison(course.pyramid, shown.comparison.run)
+        light = Comparison(course.pyramid.in_tones(None), shown.comparison.run)
         if gains_in_display_values(light, shown.comparison, finish.winner):
             course.pyramid.forget()
             course = shown

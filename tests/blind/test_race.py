@@ -8,11 +8,13 @@ import pytest
 
 from deshake.blind.agreement import agreement
 from deshake.blind.course import first_scales
+from deshake.blind.entry import Entry
 from deshake.blind.kernel_comparison import Comparison
-from deshake.blind.race import _ended, _in_both_tones, race
+from deshake.blind.race import _ended, _in_both_tones, _in_linear_light, race
 from deshake.blind.settings import SETTINGS
 from deshake.blind.spot import is_spot
 from deshake.blind.trust import confidence
+from deshake.formats.camera_curve import light_before_half
 from deshake.geometry.camera import Camera
 from deshake.run import Run
 from deshake.signal.pyramid import Pyramid
@@ -20,7 +22,6 @@ from deshake.signal.pyramid import Pyramid
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from deshake.blind.entry import Entry
     from deshake.blind.finish import Finish
 
 pytestmark = pytest.mark.long
@@ -358,3 +359,14 @@ def test_a_photo_of_one_scale_has_a_race_of_one(shake) -> None:
     ended = race(pyramid)
     assert ended.winner.level == 0
     assert ended.winner.kernel.camera is small.camera
+
+
+def test_display_values_are_compared_with_the_light_of_the_file(shaken) -> None:
+    light = Comparison(shaken.pyramid)
+    assert _in_linear_light(light) is light
+    bent = Comparison(shaken.pyramid.in_tones(light_before_half))
+    straight = _in_linear_light(bent)
+    assert straight.pyramid.tones == "linear light"
+    entry = Entry("true", 1, 0, shaken.kernel)
+    assert straight.match(entry) == light.match(entry)
+    assert straight.match(entry) != bent.match(entry)
