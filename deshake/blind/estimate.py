@@ -152,16 +152,17 @@ def estimate_kernel(
         run.report(1.0, "kernel read from the streaks of lights")
         return _read(pyramid, whole, drawn, blur_px, (x, y))
     may_rest = judged and measures.sharpness > _S.fairly_sharp
-    toned = before_curve is not None
-    pyramid.forget()  # the race has scales of its own
+    light = pyramid.in_tones(before_curve)
+    if light is not pyramid:
+        pyramid.forget()  # the race has scales of its own
     result = race(
-        pyramid.in_tones(before_curve),
+        light,
         axes=(True, True, not uniform),
         bound=blur_px,
         quick=quick,
         may_rest=may_rest,
         any_focal=any_focal,
-        toned=toned and not may_rest,  # sharp drawings would take twice as long
+        toned=before_curve is not None and not may_rest,  # sharp drawings would take twice as long
         evidence=measures.certain_evidence if judged else math.inf,
         hardly_shaken=judged and measures.hardly_shaken,
         hopeful=SETTINGS.course.hopeful if judged else 0.0,

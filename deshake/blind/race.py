@@ -171,7 +171,7 @@ def _in_both_tones(course: Course, starts: Sequence[int], run: Run, *, quick: bo
 
 
 def _is_better(shown: Course, light: Comparison, score: float) -> bool:
-    """Return whether the best kernel suits display values, and exceeds a score in linear light."""
+    """Return whether the best kernel suits display values, and exceeds a score in the light."""
     best = shown.leaders[0]
     return shown.score([best]) > score + _S.display_worth and gains_in_display_values(
         _in_linear_light(light), shown.comparison, best

@@ -38,11 +38,9 @@ from deshake.signal.gradients import differences, length_of
 from deshake.signal.pyramid import Pyramid
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from deshake.blind.tiles import Tiles
     from deshake.geometry.kernel import RotationKernel
-    from deshake.signal.pyramid import ToneName
+    from deshake.signal.pyramid import ToneName, Tones
 
 __all__ = ["gains_in_display_values", "suited_tones"]
 
@@ -56,7 +54,7 @@ def suited_tones(
     kernel: RotationKernel,
     clipped: NDArray[np.bool_] | None = None,
     *,
-    before_curve: Callable[[Image], Image],
+    before_curve: Tones,
     run: Run = Run(),
 ) -> ToneName:
     """Return the tones in which a kernel explains a photo best.

@@ -115,7 +115,7 @@ class Pyramid:
         self.camera = camera
         self._grey = grey
         self._tones = tones
-        self._of_light = tones
+        self._of_light = None if self.is_displayed else tones
         none_clipped = clipped is None or not clipped.any()
         self._clipped: dict[int, Mask | None] = {0: None if none_clipped else clipped}
         self._pictures: dict[int, Image] = {}
@@ -183,6 +183,8 @@ class Pyramid:
 
     def in_tones(self, tones: Tones | None) -> Pyramid:
         """Return the photo in tones that a callable makes of its light, or in light if None."""
+        if tones is self._tones:
+            return self
         other = Pyramid(self._grey, self.camera, tones=tones)
         other._clipped = self._clipped
         if other.is_displayed:

@@ -96,8 +96,9 @@ def deblur(
 
     Format, depth, opacity and metadata do not change. The kernel of a still camera leaves the photo
     unchanged. Without a noisy photo, dark halos are limited so that they do not become black, and
-    the photo is deblurred in display values if the kernel suits them better than linear light. A
-    photo from a lens with distortion is straightened first, and EXIF describes the new frame.
+    the photo is deblurred in the tones that the kernel suits: linear light, display values, or the
+    light before a camera's tone curve. A photo from a lens with distortion is straightened first,
+    and EXIF describes the new frame.
 
     Parameters
     ----------
