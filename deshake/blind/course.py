@@ -88,28 +88,30 @@ class Course:
         self.leaders: list[Entry] = []
 
     def end(self, hopeful: float, run: Run) -> Finish:
-        """Refine the best kernels, if one of them has a confidence that gives hope.
-
-        Return what the best kernel is worth.
-        """
+        """Refine the best kernels, if one gives hope; return what the best of them is worth."""
         return self.finish(run) if self.gives_hope(hopeful) else self.finished(self.leaders[0])
 
     def in_display_values(self) -> Course:
         """Return the course in the display values of the photo, before any start."""
-        return Course(
-            self.pyramid.displayed(),
-            self.axes,
-            self.bound,
-            any_focal=self.any_focal,
-            toned=self.toned,
-            run=self.comparison.run,
-        )
+        return self._in(self.pyramid.displayed())
+
+    def _in(self, pyramid: Pyramid) -> Course:
+        """Return the course in other tones of the photo, before any start."""
+        axes, bound, run = self.axes, self.bound, self.comparison.run
+        return Course(pyramid, axes, bound, any_focal=self.any_focal, toned=self.toned, run=run)
 
     def continued_in_display_values(self) -> Course:
         """Return the course in display values, with the kernels and the focal length so far."""
         shown = self.in_display_values()
         shown.zoom, shown.entries = self.zoom, self.entries
         return shown
+
+    def continued_in(self, light: Comparison) -> Course:
+        """Return the course in another light, with the best kernels so far."""
+        other = self._in(light.pyramid)
+        other.comparison = light
+        other.adopt(self)
+        return other
 
     def adopt(self, other: Course) -> None:
         """Add the best kernels of another course, and the ends of their starts."""

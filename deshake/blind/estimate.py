@@ -34,7 +34,7 @@ from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.run import Run
-from deshake.signal.pyramid import Pyramid, Tones
+from deshake.signal.pyramid import LightBefore, Pyramid
 
 if TYPE_CHECKING:
     from deshake.blind.drawn_path import Drawing
@@ -71,7 +71,7 @@ def estimate_kernel(
     uniform: bool = False,
     quick: bool = False,
     any_focal: bool = False,
-    before_curve: Tones | None = None,
+    before_curve: LightBefore | None = None,
     run: Run = Run(),
 ) -> BlindEstimate:
     """Estimate the blur kernel of one photo and its confidence.
@@ -103,8 +103,8 @@ def estimate_kernel(
         Whether the focal length of the camera is only assumed. Then "edges" estimates it, too,
         unless the model is uniform.
     before_curve : callable, optional
-        Returns the light before a tone curve, where a camera may have given the photo one. Then
-        "edges" looks at this light, and tries the root of the given one, too.
+        Returns the light before a tone curve of some strength, where a camera may have given the
+        photo one. Then "edges" looks at this light, and tries the root of the given one, too.
     run : Run, optional
         Threads to use, and who receives the progress.
 
@@ -152,16 +152,14 @@ def estimate_kernel(
         run.report(1.0, "kernel read from the streaks of lights")
         return _read(pyramid, whole, drawn, blur_px, (x, y))
     may_rest = judged and measures.sharpness > _S.fairly_sharp
-    light = pyramid.in_tones(before_curve)
-    if light is not pyramid:
-        pyramid.forget()  # the race has scales of its own
     result = race(
-        light,
+        pyramid,
         axes=(True, True, not uniform),
         bound=blur_px,
         quick=quick,
         may_rest=may_rest,
         any_focal=any_focal,
+        before_curve=before_curve,
         toned=before_curve is not None and not may_rest,  # sharp drawings would take twice as long
         evidence=measures.certain_evidence if judged else math.inf,
         hardly_shaken=judged and measures.hardly_shaken,

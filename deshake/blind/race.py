@@ -1,11 +1,12 @@
 """The race: kernels from several starts; the best are refined, and one is kept (`course`).
 
-A camera may have given the photo a tone curve. Then the light of the race is not that of the file
-but that before a curve of half the usual strength. These tones are never far from the right ones,
-whether there was a curve or not. The blur may also suit display values better (`tones`). So the
-starts of edges and those of very wide shakes may run there, too, and the race goes on in the tones
-that suit the best kernel. If its end is undecided, it goes on in the other tones, too. Only then do
-the starts that the spectra give run in display values.
+A camera may have given the photo a tone curve. Then the starts do not run in the light of the file
+but in that before a curve of half the usual strength. This light is never far from the right one,
+whether there was a curve or not. Their best kernel may tell which light is right: the race goes on
+there (`tones`). The blur may also suit display values better. So the starts of edges and those of
+very wide shakes may run there, too, and the race goes on in the tones that suit the best kernel. If
+its end is undecided, it goes on in the other tones, too. Only then do the starts that the spectra
+give run in display values.
 
 The race stops early in three cases. The two finest starts run first; if both end in a small round
 spot, the photo was not shaken. If the blur of the photo hardly depends on the direction
@@ -25,7 +26,7 @@ from deshake.blind.finish import Finish
 from deshake.blind.kernel_comparison import Comparison
 from deshake.blind.settings import SETTINGS
 from deshake.blind.spot import is_spot
-from deshake.blind.tones import gains_in_display_values
+from deshake.blind.tones import gains_in_display_values, suited_light
 from deshake.blind.trust import confidence
 from deshake.geometry.kernel import ALL_AXES
 from deshake.run import Run
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from deshake.blind.candidate import Axes
-    from deshake.signal.pyramid import Pyramid
+    from deshake.signal.pyramid import LightBefore, Pyramid, Tones
 
 __all__ = ["race"]
 
@@ -49,6 +50,7 @@ def race(
     quick: bool = False,
     may_rest: bool = True,
     any_focal: bool = False,
+    before_curve: LightBefore | None = None,
     toned: bool = False,
     evidence: float = math.inf,
     hardly_shaken: bool = False,
@@ -60,7 +62,7 @@ def race(
     Parameters
     ----------
     pyramid : Pyramid
-        The photo.
+        The photo, in linear light.
     axes : three bools
         The axes that the camera may turn about.
     bound : float, optional
@@ -72,9 +74,11 @@ def race(
         a spot, too. So this is only safe if the photo looks fairly sharp.
     any_focal : bool
         Whether the focal length of the camera is only assumed. Then it is estimated, too.
+    before_curve : callable, optional
+        Returns the light before a tone curve of some strength, if the photo may have one.
     toned : bool
-        Whether the photo may have a tone curve. Then its blur may suit its display values better
-        than its light, and the starts may run there, too, if there is evidence of a shake.
+        Whether the blur may suit display values better than light. Then the starts may run there,
+        too, if there is evidence of a shake.
     evidence : float
         Evidence that the photo is shaken: `Measures.certain_evidence` of `blur_kind`.
     hardly_shaken : bool
@@ -89,7 +93,9 @@ def race(
 
     """
     toned = toned and evidence >= _S.little_evidence  # others would take twice as long
-    course = Course(pyramid, axes, bound, any_focal=any_focal, toned=toned, run=run.silent())
+    lights = _lights(pyramid, before_curve)
+    half = lights[len(lights) // 2]
+    course = Course(half, axes, bound, any_focal=any_focal, toned=toned, run=run.silent())
     starts = first_scales(pyramid.coarsest)
     begun = run.part(0.0, 0.35)
     ended = _begun(
@@ -106,12 +112,39 @@ def race(
         return ended
     if not quick:
         course.begin_others(run.part(0.35, 0.45))
+        course = _in_suited_light(course, lights)
     courses = [course]
     if toned:
         courses = _in_both_tones(course, starts, quick=quick, run=run.part(0.45, 0.6))
     finish = _ended(courses, hopeful, quick=quick, run=run.part(0.6, 1.0))
     run.report(1.0, "kernel estimated")
     return finish
+
+
+def _lights(pyramid: Pyramid, before_curve: LightBefore | None) -> list[Pyramid]:
+    """Return the photo in the light of the file, and in that before a curve of each strength."""
+    if before_curve is None:
+        return [pyramid]
+    pyramid.forget()  # the race has scales of its own
+    tones = [_of_strength(before_curve, strength) for strength in _S.strengths]
+    return [pyramid, *(pyramid.in_tones(one) for one in tones)]
+
+
+def _of_strength(before_curve: LightBefore, strength: float) -> Tones:
+    return lambda light: before_curve(light, strength)
+
+
+def _in_suited_light(course: Course, lights: Sequence[Pyramid]) -> Course:
+    """Go on in the light that suits the best kernel of the starts."""
+    if len(lights) == 1:
+        return course
+    run, own = course.comparison.run, course.comparison
+    none, half, whole = (own if one is own.pyramid else Comparison(one, run) for one in lights)
+    suited = suited_light((none, half, whole), course.leaders[0])
+    for other in (none, half, whole):
+        if other is not suited:
+            other.pyramid.forget()
+    return course if suited is own else course.continued_in(suited)
 
 
 def _begun(

@@ -38,11 +38,13 @@ from deshake.signal.gradients import differences, length_of
 from deshake.signal.pyramid import Pyramid
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from deshake.blind.tiles import Tiles
     from deshake.geometry.kernel import RotationKernel
     from deshake.signal.pyramid import ToneName, Tones
 
-__all__ = ["gains_in_display_values", "suited_tones"]
+__all__ = ["gains_in_display_values", "suited_light", "suited_tones"]
 
 Image = NDArray[np.float32]
 
@@ -113,19 +115,44 @@ def gains_in_display_values(light: Comparison, shown: Comparison, entry: Entry) 
     return light.match_share * gain > _S.least_gain  # a few tiles tell little
 
 
+def suited_light(lights: Sequence[Comparison], entry: Entry) -> Comparison:
+    """Return the light in which a kernel of a race explains a photo best.
+
+    Parameters
+    ----------
+    lights : sequence of three Comparison
+        The photo in the light of the file, before half of a camera's tone curve, and before all of
+        it.
+    entry : Entry
+        The kernel, from a race in the light before half of the curve.
+
+    """
+    none, half, whole = lights
+    of_none, of_half, of_whole = _explained(lights, entry) @ np.array([1, _S.of_margins])
+    if of_whole - of_none > _S.certain_curve:
+        return whole
+    if of_none - of_whole > _S.certain_curve and of_none > of_half:
+        return none
+    return half
+
+
 def _gains_before_curve(light: Comparison, before: Comparison, entry: Entry) -> bool:
     """Return whether a kernel explains a photo better in the light before a camera's tone curve.
 
     On few tiles, a match can rise by chance. So the margins must rise, too.
     """
-
-    def measured(comparison: Comparison) -> NDArray[np.float64]:
-        margins = entry.margin(comparison.judge(entry)) + comparison.finer_margin(entry)
-        return np.array([comparison.match(entry), margins])
-
-    of_light, of_before = (one for _, one in in_order(measured, (light, before), light.run))
+    of_light, of_before = _explained((light, before), entry)
     match, margins = of_before - of_light
     return bool(margins > 0 and match + _S.of_margins * margins > _S.least_before)
+
+
+def _explained(lights: Sequence[Comparison], entry: Entry) -> NDArray[np.float64]:
+    """Return the match of a kernel, and the sum of its margins, for each light: (lights, 2)."""
+
+    def measured(light: Comparison) -> list[float]:
+        return [light.match(entry), entry.margin(light.judge(entry)) + light.finer_margin(entry)]
+
+    return np.array([row for _, row in in_order(measured, lights, lights[0].run)])
 
 
 def _less_variation(light: Comparison, shown: Comparison, entry: Entry) -> float:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from deshake.formats.transfer import Transfer
 
-__all__ = ["CameraCurve", "light_before", "light_before_half", "light_behind"]
+__all__ = ["CameraCurve", "light_before", "light_behind"]
 
 _BRIGHTER: Final = 0.12
 _STEEPER: Final = 0.55
@@ -79,26 +79,14 @@ class CameraCurve:
         return 1 - _BRIGHTER * self.strength, _STEEPER * self.strength
 
 
-_OF_LIGHT: Final = CameraCurve(LINEAR)
-_HALF: Final = CameraCurve(LINEAR, strength=0.5)
+def light_before(light: NDArray[np.floating], strength: float = 1.0) -> NDArray[np.float32]:
+    """Return the light before a camera's tone curve of some strength, from that behind it.
 
-
-def light_before(light: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Return the light before a camera's tone curve, from that behind it; 1 is white.
-
-    Both may exceed white.
+    1 is white, and both may exceed it.
     """
-    return linear_light(light, _OF_LIGHT)
-
-
-def light_before_half(light: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Return the light before a tone curve of half the strength; 1 is white.
-
-    It lies between the light before a camera's curve and that of a photo without one.
-    """
-    return linear_light(light, _HALF)
+    return linear_light(light, CameraCurve(LINEAR, strength))
 
 
 def light_behind(light: NDArray[np.floating]) -> NDArray[np.float32]:
     """Return the light behind a camera's tone curve, from that before it: undo `light_before`."""
-    return display_values(light, _OF_LIGHT)
+    return display_values(light, CameraCurve(LINEAR))

@@ -24,12 +24,13 @@ if TYPE_CHECKING:
 
     from deshake.geometry.camera import Camera
 
-__all__ = ["RATIO", "Pyramid", "Scale", "ToneName", "Tones", "reduced"]
+__all__ = ["RATIO", "LightBefore", "Pyramid", "Scale", "ToneName", "Tones", "reduced"]
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 T = TypeVar("T")
 Tones: TypeAlias = "Callable[[Image], Image]"
+LightBefore: TypeAlias = "Callable[[Image, float], Image]"
 ToneName = Literal["linear light", "display values", "light before a tone curve"]
 
 RATIO = 2**0.5

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 from deshake.blind.estimate import estimate_kernel
 from deshake.errors import DeshakeError
 from deshake.files.kernel_file import CameraFile, KernelFile
-from deshake.formats.camera_curve import light_before_half
+from deshake.formats.camera_curve import light_before
 from deshake.lens.focal_length import ASSUMED
 from deshake.lens.straightening import (
     bent_kernel,
@@ -91,7 +91,7 @@ def silent_estimate(photo: Photo, options: EstimateOptions, *, run: Run = Run())
             uniform=options.uniform,
             quick=options.preview,
             any_focal=any_focal,
-            before_curve=light_before_half if photo.may_be_toned else None,
+            before_curve=light_before if photo.may_be_toned else None,
             run=run,
         )
     except DeshakeError as error:

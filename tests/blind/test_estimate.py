@@ -18,7 +18,7 @@ from deshake.blind.sharpness import looks_sharp
 from deshake.blind.spot import is_spot
 from deshake.blind.trust import confidence, two_digits
 from deshake.errors import EstimationError
-from deshake.formats.camera_curve import light_before, light_before_half, light_behind
+from deshake.formats.camera_curve import light_before, light_behind
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
@@ -203,7 +203,7 @@ def test_only_a_doubtful_kernel_is_called_scattered(shaken) -> None:
     assert result.notes == []
 
 
-@pytest.mark.parametrize("before_curve", [None, light_before_half])
+@pytest.mark.parametrize("before_curve", [None, light_before])
 def test_an_estimate_in_display_values_says_so(photo, before_curve) -> None:
     light, toned = np.square(np.clip(photo.grey, 0, 1)), before_curve is not None
     result = estimate_kernel(light, photo.camera, before_curve=before_curve, quick=True, run=Run(1))

@@ -7,14 +7,21 @@ import numpy as np
 import pytest
 
 from deshake.blind.agreement import agreement
-from deshake.blind.course import first_scales
+from deshake.blind.course import Course, first_scales
 from deshake.blind.entry import Entry
 from deshake.blind.kernel_comparison import Comparison
-from deshake.blind.race import _ended, _in_both_tones, _in_linear_light, race
+from deshake.blind.race import (
+    _ended,
+    _in_both_tones,
+    _in_linear_light,
+    _in_suited_light,
+    _lights,
+    race,
+)
 from deshake.blind.settings import SETTINGS
 from deshake.blind.spot import is_spot
 from deshake.blind.trust import confidence
-from deshake.formats.camera_curve import light_before_half
+from deshake.formats.camera_curve import light_before, light_behind
 from deshake.geometry.camera import Camera
 from deshake.run import Run
 from deshake.signal.pyramid import Pyramid
@@ -364,9 +371,45 @@ def test_a_photo_of_one_scale_has_a_race_of_one(shake) -> None:
 def test_display_values_are_compared_with_the_light_of_the_file(shaken) -> None:
     light = Comparison(shaken.pyramid)
     assert _in_linear_light(light) is light
-    bent = Comparison(shaken.pyramid.in_tones(light_before_half))
+    bent = Comparison(shaken.pyramid.in_tones(light_before))
     straight = _in_linear_light(bent)
     assert straight.pyramid.tones == "linear light"
     entry = Entry("true", 1, 0, shaken.kernel)
     assert straight.match(entry) == light.match(entry)
     assert straight.match(entry) != bent.match(entry)
+
+
+@pytest.mark.parametrize("curved", [False, True])
+def test_a_race_goes_on_in_the_light_that_suits_its_starts(photo, curved) -> None:
+    light = np.clip(photo.grey, 0, 1)
+    pyramid = Pyramid(light_behind(light) if curved else light, photo.camera)
+    lights = _lights(pyramid, light_before)
+    course = Course(lights[1], (True, True, False), 70.0, any_focal=True, toned=True, run=Run(1))
+    true = Entry("start 2", 2, 0, photo.kernel)
+    course.entries, course.ends, course.leaders = [true], [true], [true]
+    other = _in_suited_light(course, lights)
+    assert other.comparison.pyramid is other.pyramid is lights[2 if curved else 0]
+    np.testing.assert_allclose(other.pyramid.at(0).picture, light, atol=1e-5)
+    assert (other.axes, other.bound, other.any_focal, other.toned) == (
+        (True, True, False),
+        70.0,
+        True,
+        True,
+    )
+    assert [entry.kernel for entry in other.leaders] == [photo.kernel]
+
+
+def test_a_race_goes_on_as_it_began_where_the_tones_are_certain_or_the_light_is_in_doubt(
+    photo,
+) -> None:
+    light = np.clip(photo.grey, 0, 1)
+    pyramid = Pyramid(light, photo.camera)
+    assert _lights(pyramid, None) == [pyramid]
+    lights = _lights(pyramid, light_before)
+    courses = [
+        Course(one, (True, True, True), None, any_focal=False, run=Run(1))
+        for one in (pyramid, lights[1])
+    ]
+    for course, known in zip(courses, ([pyramid], [lights[1]] * 3), strict=True):
+        course.leaders = [Entry("start 2", 2, 0, photo.kernel)]
+        assert _in_suited_light(course, known) is course

@@ -5,7 +5,7 @@ import pytest
 
 from deshake.blind.entry import Entry
 from deshake.blind.kernel_comparison import Comparison
-from deshake.blind.tones import _less_variation, suited_tones
+from deshake.blind.tones import _less_variation, suited_light, suited_tones
 from deshake.formats.camera_curve import light_before, light_behind
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
@@ -27,6 +27,21 @@ def test_the_kernel_tells_that_a_camera_applied_a_tone_curve(photo) -> None:
     blurred = np.clip(photo.grey, 0, 1)
     assert tones_of(blurred, photo.kernel) == "linear light"
     assert tones_of(light_behind(blurred), photo.kernel) == "light before a tone curve"
+
+
+@pytest.mark.parametrize("curved", [False, True])
+def test_the_kernel_of_a_race_tells_in_which_light_it_goes_on(photo, curved) -> None:
+    light = np.clip(photo.grey, 0, 1)
+    pyramid = Pyramid(light_behind(light) if curved else light, photo.camera)
+    half, whole = (
+        pyramid.in_tones(lambda light, strength=strength: light_before(light, strength))
+        for strength in (0.5, 1.0)
+    )
+    lights = [Comparison(one) for one in (pyramid, half, whole)]
+    entry = Entry("kernel", 0, 0, photo.kernel)
+    assert suited_light(lights, entry) is lights[2 if curved else 0]
+    doubtful = [lights[0], Comparison(half), lights[0]]
+    assert suited_light(doubtful, entry) is doubtful[1]
 
 
 def test_a_match_that_rises_alone_shows_no_tone_curve(shaken) -> None:

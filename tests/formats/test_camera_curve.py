@@ -6,7 +6,6 @@ import pytest
 from deshake.formats.camera_curve import (
     CameraCurve,
     light_before,
-    light_before_half,
     light_behind,
 )
 from deshake.formats.transfer import LINEAR, SRGB, decode, encode
@@ -35,13 +34,13 @@ def test_black_and_white_stay_and_the_middle_becomes_darker_before_the_curve() -
 
 def test_half_the_curve_lies_between_the_curve_and_none() -> None:
     light = np.linspace(0.1, 0.9, 81).astype(np.float32)
-    before, half = light_before(light), light_before_half(light)
+    before, half = light_before(light), light_before(light, 0.5)
     assert half.dtype == np.float32
     assert (before < half).all()
     assert (half < light).all()
     even = np.linspace(0, 1, 101) ** 0.47
     behind = (0.725 * even + 0.275 * even**2 * (3 - 2 * even)) ** 2
-    np.testing.assert_allclose(light_before_half(behind), np.linspace(0, 1, 101), atol=3e-6)
+    np.testing.assert_allclose(light_before(behind, 0.5), np.linspace(0, 1, 101), atol=3e-6)
 
 
 def test_above_white_the_curve_goes_on_without_a_corner() -> None:

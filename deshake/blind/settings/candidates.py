@@ -229,6 +229,9 @@ class RaceSettings:
 
     Parameters
     ----------
+    strengths : tuple of floats
+        Those of a camera's tone curve that the light before it is taken for: that of the starts,
+        and that of the whole curve.
     least_match, least_lead : float
         Match of the spectra, and lead over the same kernel turned, a difference of margins. If the
         best kernel of the two finest starts has less of both, the race of a photo that is hardly
@@ -251,6 +254,7 @@ class RaceSettings:
 
     """
 
+    strengths: tuple[float, float] = (0.5, 1.0)
     least_match: float = 0.04
     least_lead: float = 0.07
     little_evidence: float = 0.18

@@ -187,6 +187,8 @@ class TonesSettings:
         camera's tone curve.
     least_before : float
         Correlation: least gain that shows such a curve.
+    certain_curve : float
+        Correlation: least gain, or loss, from the whole curve that ends the race's doubt of it.
 
     """
 
@@ -196,6 +198,7 @@ class TonesSettings:
     least_score: float = -0.02
     of_margins: float = 0.2
     least_before: float = 0.006
+    certain_curve: float = 0.004
 
 
 @dataclass(frozen=True)
