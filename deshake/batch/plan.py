@@ -135,6 +135,7 @@ def plan(
     inputs: Sequence[Path],
     output: Path | None = None,
     *,
+    into: bool = False,
     template: NameTemplate | None = None,
     name: Callable[[Path], str] = output_name,
     beside: bool = True,
@@ -157,6 +158,8 @@ def plan(
         For one photo, a file or an existing folder. For several, or a folder of them, a folder,
         which is made if it is missing and its parent is there; it gets the folders below the named
         ones that have photos.
+    into : bool
+        Whether `output` is a folder, even for one photo.
     template : NameTemplate, optional
         Gives the place of each result instead of `output`. The folder that it begins with is made
         if it is missing and its parent is there. Earlier results of the template do not count as
@@ -196,7 +199,7 @@ def plan(
     extras, needs = extras or {}, needs or {}
     several = len(inputs) > 1 or inputs[0].is_dir()
     _check_places(output, extras, several=several)
-    into = output is not None and (several or output.is_dir())
+    into = output is not None and (into or several or output.is_dir())
     tops = [extra.path for extra in extras.values() if extra.path and extra.name]
     if template is not None:
         tops.insert(0, template.top)

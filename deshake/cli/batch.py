@@ -14,7 +14,14 @@ import click
 
 from deshake.cli.json_output import print_json
 from deshake.cli.messages import print_error, print_note
-from deshake.cli.options import FILE, json_option, no_stdin, only_one_of, overwrite_option
+from deshake.cli.options import (
+    FILE,
+    json_option,
+    names_folder,
+    no_stdin,
+    only_one_of,
+    overwrite_option,
+)
 from deshake.cli.retry import retried, retry_option
 from deshake.cli.values import Count, Size
 
@@ -187,6 +194,7 @@ def planned(
         jobs = plan(
             photos,
             output,
+            into=names_folder(output),
             recursive=batch.recursive,
             existing=batch.existing,
             dry=batch.dry_run,

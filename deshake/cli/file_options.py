@@ -10,6 +10,7 @@ import click
 from click.core import ParameterSource
 
 from deshake.cli.batch import planned
+from deshake.cli.options import names_folder
 from deshake.cli.values import Count, PhotoFormat
 
 if TYPE_CHECKING:
@@ -97,7 +98,7 @@ def chosen_format(name: str | None, output: Path | None) -> Format | None:
 
     if name is None:
         return None
-    stated = None if output is None or output.is_dir() else SUFFIXES.get(output.suffix.lower())
+    stated = None if output is None or names_folder(output) else SUFFIXES.get(output.suffix.lower())
     return SUFFIXES[f".{name}"] if stated is None or is_typed("format") else None
 
 
@@ -128,7 +129,7 @@ def planned_results(
     template: NameTemplate | None = None
     if output is not None and {"{", "}"} & set(str(output)):
         template, output = _named(output, finish.file)
-    if output is not None and len(photos) == 1 and not (photos[0].is_dir() or output.is_dir()):
+    if output is not None and len(photos) == 1 and not (photos[0].is_dir() or names_folder(output)):
         check_ending(output, finish.file)
     return planned(
         photos,

@@ -51,8 +51,9 @@ __all__ = ["command"]
 @output_option(
     "PHOTO's name with .deshaken before its ending",
     metavar="FILE|DIR|NAMES",
-    note="; for several photos or a folder of them, a folder, or a name with the fields {folder}, "
-    "{parent}, {stem} and {ext}, as in 'sharp/{folder}/{stem}_sharp.{ext}'",
+    note=". A slash ends the name of a new folder. For several photos or a folder of them, a "
+    "folder, or a name with the fields {folder}, {parent}, {stem} and {ext}, as in "
+    "'sharp/{folder}/{stem}_sharp.{ext}'",
 )
 @click.option(
     "--keep-kernels",

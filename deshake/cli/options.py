@@ -7,6 +7,7 @@ read.
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -34,6 +35,7 @@ __all__ = [
     "least_confidence_option",
     "left_out",
     "lens_options",
+    "names_folder",
     "no_stdin",
     "one_pair",
     "one_to_stdout",
@@ -53,8 +55,32 @@ F = TypeVar("F", bound="Callable[..., Any]")
 FILE = click.Path(path_type=Path)
 """A path as it was typed; "-" is stdin or stdout where a command says so."""
 
+_ENDS_WITH_SLASH = f"{__name__}: the output ends with a slash"
+
 _CAMERA_CHOICES = ("focal", "focal_px", "focal_35mm", "lens", "lens_model")
 _FOCAL_SOURCES = ("focal", "focal_px", "focal_35mm", "camera")
+
+
+class _Output(click.Path):
+    """A path for outputs; a slash at its end is kept for `names_folder`."""
+
+    def convert(
+        self,
+        value: str | os.PathLike[str],
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> str | bytes | os.PathLike[str]:
+        """Read the path, and remember whether a slash ends it."""
+        if ctx is not None:
+            ctx.meta[_ENDS_WITH_SLASH] = str(value).endswith(("/", os.sep))
+        return super().convert(value, param, ctx)
+
+
+def names_folder(output: Path | None) -> bool:
+    """Return whether -o names a folder, which need not exist if a slash ends its name."""
+    if output is None:
+        return False
+    return output.is_dir() or click.get_current_context().meta.get(_ENDS_WITH_SLASH, False)
 
 
 def only_one_of(*names: str) -> Callable[[click.Context, click.Parameter, Any], Any]:
@@ -121,7 +147,7 @@ def output_option(default: str, *, metavar: str = "FILE", note: str = "") -> Cal
     return click.option(
         "-o",
         "--output",
-        type=FILE,
+        type=_Output(path_type=Path),
         metavar=metavar,
         help=f"Where to write{note}.  [default: {default}]",
     )

@@ -51,6 +51,14 @@ def test_several_go_to_a_folder_that_is_made():
     assert Path("k").is_dir()
 
 
+def test_one_photo_goes_into_a_folder_that_is_made():
+    jobs = plan(paths("a.jpg"), Path("out"), into=True)
+    assert outputs(jobs) == ["out/a.deshaken.jpg"]
+    assert jobs[0].problem is None
+    assert Path("out").is_dir()
+    assert outputs(plan(paths("a.jpg"), None, into=True)) == ["a.deshaken.jpg"]
+
+
 def test_folders_in_folders_are_kept_in_the_results():
     jobs = plan(paths("in"), Path("out"), extras=kernels("k"), recursive=True)
     assert outputs(jobs)[-1] == "out/d/q.deshaken.jpg"

@@ -178,6 +178,19 @@ def test_several_photos_do_not_go_to_one_file(deshake, shaken, tmp_path):
     assert (tmp_path / "out.jpg").read_bytes() == b""
 
 
+def test_a_slash_names_a_folder_for_one_photo(deshake, sharp_photo, tmp_path):
+    photo, out = sharp_photo("one.jpg"), tmp_path / "out.png"
+    planned = deshake("fix", photo, "-o", f"{out}/", "--dry-run")
+    assert planned.out == f"do {photo} -> {out / 'one.deshaken.jpg'}\n"
+    assert not out.exists()
+    outcome = deshake("fix", photo, "-o", f"{out}/", "--format", "jpeg", *FAST)
+    assert outcome.code == 0
+    assert [path.name for path in out.iterdir()] == ["one.deshaken.jpg"]
+    outcome = deshake("fix", photo, "-o", f"{photo}/", *FAST)
+    assert outcome.code == 1
+    assert outcome.err.startswith(f"error: {photo}: is not a folder")
+
+
 def test_only_the_last_folder_is_made(deshake, shaken, tmp_path):
     out = tmp_path / "new" / "out"
     outcome = deshake("fix", shaken("a.jpg"), shaken("b.jpg"), "-o", out)
