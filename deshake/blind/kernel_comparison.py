@@ -29,7 +29,7 @@ from deshake.run import Run
 from deshake.signal.pyramid import RATIO
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from deshake.blind.entry import Entry
     from deshake.blind.tile_plan import Part
@@ -230,9 +230,9 @@ class Comparison:
         The search leaves out the sparsity, which prefers a kernel that is too wide where the photo
         is out of focus. The margin counts on many tiles: paths that are near each other are
         compared on a few of them at once, and on others in the next generation. There the match
-        changes in proportion to the path. The search fits the path to its scale, so a gain there
-        may be no gain at all: a finer scale decides. There is no search for a kernel that is wide
-        for the frame, nor for one of a few pixels.
+        changes in proportion to the path. The search fits the path to its own measure, so a gain
+        there may be no gain at all: the score and the margin at a finer scale count as much. There
+        is no search for a kernel that is wide for the frame, nor for one of a few pixels.
 
         Parameters
         ----------
@@ -252,34 +252,33 @@ class Comparison:
             kernel.camera,
             run,
         )
-        gain = self._gain_over(entry)
+        own = worth.of(kernel)
         found = searched(
             kernel,
             self._finer_spectra(level),
             worth=worth.of,
             around=worth.around,
-            is_hopeful=lambda path: gain(path) >= -_S.vain,
+            least=own - _S.vain,
             run=run,
         )
-        if found is None or gain(found) < _S.gain:
+        if found is None:
             return entry
         path = entry._replace(name=f"{entry.name}, path", kernel=found)
-        return entry if self.hopeless(path) else path
+        if self.hopeless(path):
+            return entry
+        before, after = self.scores_at(level, [entry, path])
+        gain = worth.of(found) - own + after - before + self._finer_gain(entry, found)
+        return path if gain > _S.gain else entry
 
-    def _gain_over(self, entry: Entry) -> Callable[[RotationKernel], float]:
-        """Return a measure of other kernels: how much their margin exceeds that of one kernel.
+    def _finer_gain(self, entry: Entry, other: RotationKernel) -> float:
+        """Return how much the margin of a kernel exceeds that of an entry at a finer scale.
 
-        It is that of many tiles, at a finer scale than that of the kernel.
+        It is that of many tiles.
         """
         judges = self._finer_batches(entry)
-        own = mean_margin(judges, entry.kernel)
-
-        def gain(other: RotationKernel) -> float:
-            if not judges[0].has_room(other):  # all have the same room
-                return -_S.penalty
-            return mean_margin(judges, other) - own
-
-        return gain
+        if not judges[0].has_room(other):  # all have the same room
+            return -_S.penalty
+        return mean_margin(judges, other) - mean_margin(judges, entry.kernel)
 
     def lead(self, entry: Entry) -> float | None:
         """Return how much better a kernel explains the photo than the same kernel turned.

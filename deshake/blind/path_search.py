@@ -46,7 +46,7 @@ def searched(
     *,
     worth: Callable[[RotationKernel], float],
     around: Callable[[int, SmoothPath], Callable[[SmoothPath], float]],
-    is_hopeful: Callable[[RotationKernel], bool],
+    least: float,
     run: Run,
 ) -> RotationKernel | None:
     """Search for a smooth path along a kernel that is worth as much as possible.
@@ -62,9 +62,8 @@ def searched(
     around : callable
         Returns a measure of the paths of a generation, from its number and a path that they are
         near. The measure is a callable like `worth`, but of a path.
-    is_hopeful : callable
-        Returns whether a path that the evolution would begin with gives hope. If it does not, there
-        is no evolution.
+    least : float
+        What a path is worth that gives hope. If none is worth so much, there is no evolution.
     run : Run
         Threads to use, and who receives the progress.
 
@@ -88,7 +87,7 @@ def searched(
     best = _ranked(settled, worth_of, run)[: _S.descending]
     moved = [descended(scales, path, _S.iterations, run)[1] for path in best]
     path = _ranked([best[0], *moved], worth_of, run)[0]
-    if not is_hopeful(path.kernel(kernel.camera)):
+    if worth_of(path) < least:
         return None
     waves = _waves(path)
 

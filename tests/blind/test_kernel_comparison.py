@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -17,9 +16,6 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.run import Run
 from deshake.signal.pyramid import Pyramid
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 
 @pytest.fixture(scope="module")
@@ -229,19 +225,33 @@ def test_a_path_that_is_worse_does_not_win(entries, pyramid, monkeypatch) -> Non
     assert comparison.searched(short, Run()) is short
 
 
-def test_a_finer_scale_decides_on_a_path(nearly, monkeypatch) -> None:
+def worth_in_the_search(comparison: Comparison, kernel: RotationKernel, entry: Entry) -> float:
+    """Return what the search takes a kernel for that lies along an entry."""
+    judges = Judge.batches(comparison.pyramid, comparison.level(entry), entry.kernel)
+    margin = float(np.mean([judge.margin(kernel) for judge in judges]))
+    worth = SETTINGS.kernel_comparison.search_match_worth * comparison.match_share
+    return margin + worth * comparison.match(entry._replace(kernel=kernel), comparison.level(entry))
+
+
+@pytest.mark.parametrize("scales", [0, 1])
+def test_the_worth_the_score_and_a_finer_margin_decide_on_a_path(
+    nearly, monkeypatch, scales
+) -> None:
     photo, entry = nearly
-    margins = []
-    for level in (1, 0):
-        judges = Judge.batches(photo.pyramid, level, entry.kernel)
-        pair = entry.kernel, photo.kernel
-        margins.append([np.mean([judge.margin(kernel) for judge in judges]) for kernel in pair])
-    (own, own_true), (finer, finer_true) = margins
-    assert finer_true - finer > own_true - own + 0.005
-    limit = (own_true - own + finer_true - finer) / 2
+    comparison, true = Comparison(photo.pyramid), entry._replace(kernel=photo.kernel)
+    level = comparison.level(entry)
+    assert level == 1
+    pair = entry.kernel, photo.kernel
+    finer = Judge.batches(photo.pyramid, level - scales, entry.kernel)
+    gains = [
+        np.diff([worth_in_the_search(comparison, kernel, entry) for kernel in pair]),
+        np.diff(comparison.scores_at(level, [entry, true])),
+        np.diff([np.mean([judge.margin(kernel) for judge in finer]) for kernel in pair]),
+    ]
+    assert min(gains) > 0.005
     monkeypatch.setattr("deshake.blind.kernel_comparison.searched", lambda *_, **__: photo.kernel)
-    for scales, wins in ((2, True), (1, True), (0, False)):
-        changed = replace(SETTINGS.kernel_comparison, confirming=scales, gain=limit)
+    for limit, wins in ((sum(gains) - 1e-3, True), (sum(gains) + 1e-3, False)):
+        changed = replace(SETTINGS.kernel_comparison, confirming=scales, gain=float(limit[0]))
         monkeypatch.setattr("deshake.blind.kernel_comparison._S", changed)
         found = Comparison(photo.pyramid).searched(entry, Run())
         assert found.kernel is (photo if wins else entry).kernel
@@ -267,12 +277,13 @@ def test_a_disk_has_no_direction_and_no_lead(entries, pyramid) -> None:
     assert Comparison(pyramid).lead(entries[0]._replace(kernel=disk)) is None
 
 
-def test_a_search_is_vain_if_it_begins_far_below_the_kernel(entries, pyramid, monkeypatch) -> None:
-    true, asked = entries[0], []
-
-    def searched(*_: object, is_hopeful: Callable[[RotationKernel], bool], **__: object) -> None:
-        asked.extend(is_hopeful(shrunk(true, share).kernel) for share in (1.0, 0.98, 0.5, 2.0))
-
-    monkeypatch.setattr("deshake.blind.kernel_comparison.searched", searched)
-    assert Comparison(pyramid).searched(true, Run()) is true
-    assert asked == [True, True, False, False]
+def test_a_search_is_vain_if_it_begins_far_below_the_kernel(nearly, monkeypatch) -> None:
+    photo, entry = nearly
+    asked = []
+    monkeypatch.setattr(
+        "deshake.blind.kernel_comparison.searched", lambda *_, least, **__: asked.append(least)
+    )
+    comparison = Comparison(photo.pyramid)
+    assert comparison.searched(entry, Run()) is entry
+    own = worth_in_the_search(comparison, entry.kernel, entry)
+    assert asked == pytest.approx([own - SETTINGS.kernel_comparison.vain])

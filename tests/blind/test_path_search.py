@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -62,7 +63,7 @@ def along(folded, band, scales, run=Run()) -> RotationKernel:
         assert nearness(middle.kernel(band.camera), folded.kernel) > 0.5
         return lambda path: worth(path.kernel(band.camera))
 
-    path = searched(band, scales, worth=worth, around=around, is_hopeful=lambda _: True, run=run)
+    path = searched(band, scales, worth=worth, around=around, least=-math.inf, run=run)
     assert path is not None
     return path
 
@@ -100,7 +101,7 @@ def test_folded_paths_take_part(folded, widened, scales, monkeypatch) -> None:
         scales,
         worth=lambda kernel: float(seen.append(kernel) or 0),
         around=lambda *_: lambda _path: 0.0,
-        is_hopeful=lambda _: True,
+        least=-math.inf,
         run=Run(1),
     )
     near = [nearness(kernel, folded.kernel) for kernel in seen[:13]]
@@ -109,27 +110,28 @@ def test_folded_paths_take_part(folded, widened, scales, monkeypatch) -> None:
 
 def test_there_is_no_path_along_a_point(folded, scales) -> None:
     point = RotationKernel.delta(folded.camera)
-    measures = {"worth": lambda _: 0.0, "around": never, "is_hopeful": lambda _: True}
+    measures = {"worth": lambda _: 0.0, "around": never, "least": -math.inf}
     assert searched(point, scales, **measures, run=Run()) is None
 
 
-def test_there_is_no_evolution_without_hope(folded, band, scales) -> None:
-    """The path that it would begin with is asked for, the best of those that are ranked."""
-    ranked: list[tuple[float, RotationKernel]] = []
-    begun: list[RotationKernel] = []
+def test_there_is_no_evolution_without_hope(folded, band, scales, monkeypatch) -> None:
+    """The best of the paths that are ranked counts, with which it would begin."""
+    monkeypatch.setattr(
+        "deshake.blind.path_search._S", replace(SETTINGS.path_search, evaluations=1)
+    )
+    ranked: list[float] = []
 
     def worth(kernel: RotationKernel) -> float:
-        ranked.append((nearness(kernel, folded.kernel), kernel))
-        return ranked[-1][0]
+        ranked.append(nearness(kernel, folded.kernel))
+        return ranked[-1]
 
-    def is_hopeful(kernel: RotationKernel) -> bool:
-        begun.append(kernel)
-        return False
+    def ended(least: float, around: Callable[..., Callable[[SmoothPath], float]]) -> object:
+        return searched(band, scales, worth=worth, around=around, least=least, run=Run(1))
 
-    measures = {"worth": worth, "around": never, "is_hopeful": is_hopeful}
-    assert searched(band, scales, **measures, run=Run(1)) is None
-    (kernel,) = begun
-    assert nearness(kernel, folded.kernel) == max(value for value, _ in ranked)
+    assert ended(math.inf, never) is None
+    best = max(ranked)
+    assert ended(best + 1e-6, never) is None
+    assert ended(best - 1e-6, lambda *_: lambda _path: 0.0) is not None
 
 
 def test_the_result_does_not_depend_on_the_threads(folded, band, scales, monkeypatch) -> None:
