@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from deshake.blind.candidate import Axes
-    from deshake.signal.pyramid import LightBefore, Pyramid, Tones
+    from deshake.signal.pyramid import LightBefore, Pyramid
 
 __all__ = ["race"]
 
@@ -93,8 +93,7 @@ def race(
 
     """
     toned = toned and evidence >= _S.little_evidence  # others would take twice as long
-    lights = _lights(pyramid, before_curve)
-    half = lights[len(lights) // 2]
+    half = pyramid if before_curve is None else _before(pyramid, before_curve, _S.of_starts)
     course = Course(half, axes, bound, any_focal=any_focal, toned=toned, run=run.silent())
     starts = first_scales(pyramid.coarsest)
     begun = run.part(0.0, 0.35)
@@ -112,7 +111,9 @@ def race(
         return ended
     if not quick:
         course.begin_others(run.part(0.35, 0.45))
-        course = _in_suited_light(course, lights)
+        if before_curve is not None:
+            whole = _before(pyramid, before_curve, _S.of_camera)
+            course = _in_suited_light(course, pyramid, whole)
     courses = [course]
     if toned:
         courses = _in_both_tones(course, starts, quick=quick, run=run.part(0.45, 0.6))
@@ -121,30 +122,21 @@ def race(
     return finish
 
 
-def _lights(pyramid: Pyramid, before_curve: LightBefore | None) -> list[Pyramid]:
-    """Return the photo in the light of the file, and in that before a curve of each strength."""
-    if before_curve is None:
-        return [pyramid]
-    pyramid.forget()  # the race has scales of its own
-    tones = [_of_strength(before_curve, strength) for strength in _S.strengths]
-    return [pyramid, *(pyramid.in_tones(one) for one in tones)]
+def _before(pyramid: Pyramid, before_curve: LightBefore, strength: float) -> Pyramid:
+    """Return a photo in the light before a tone curve of some strength."""
+    pyramid.forget()  # one of them at most has its scales in memory
+    return pyramid.in_tones(lambda light: before_curve(light, strength))
 
 
-def _of_strength(before_curve: LightBefore, strength: float) -> Tones:
-    return lambda light: before_curve(light, strength)
+def _in_suited_light(course: Course, none: Pyramid, whole: Pyramid) -> Course:
+    """Go on in the light that suits the best kernel of the starts.
 
-
-def _in_suited_light(course: Course, lights: Sequence[Pyramid]) -> Course:
-    """Go on in the light that suits the best kernel of the starts."""
-    if len(lights) == 1:
-        return course
-    run, own = course.comparison.run, course.comparison
-    none, half, whole = (own if one is own.pyramid else Comparison(one, run) for one in lights)
-    suited = suited_light((none, half, whole), course.leaders[0])
-    for other in (none, half, whole):
-        if other is not suited:
-            other.pyramid.forget()
-    return course if suited is own else course.continued_in(suited)
+    It is that of the starts, that of the file, or that before the whole curve of a camera.
+    """
+    half = course.comparison
+    others = (Comparison(one, half.run) for one in (none, whole))
+    suited = suited_light((next(others), half, next(others)), course.leaders[0])
+    return course if suited is half else course.continued_in(suited)
 
 
 def _begun(

@@ -128,7 +128,12 @@ def suited_light(lights: Sequence[Comparison], entry: Entry) -> Comparison:
 
     """
     none, half, whole = lights
-    of_none, of_half, of_whole = _explained(lights, entry) @ np.array([1, _S.of_margins])
+    worth = np.array([1, _S.of_margins])
+    gains = []
+    for light in lights:
+        gains.append(_explained(light, entry) @ worth)
+        light.pyramid.forget()  # one of them at most has its scales in memory
+    of_none, of_half, of_whole = gains
     if of_whole - of_none > _S.certain_curve:
         return whole
     if of_none - of_whole > _S.certain_curve and of_none > of_half:
@@ -141,18 +146,16 @@ def _gains_before_curve(light: Comparison, before: Comparison, entry: Entry) -> 
 
     On few tiles, a match can rise by chance. So the margins must rise, too.
     """
-    of_light, of_before = _explained((light, before), entry)
+    both = in_order(lambda one: _explained(one, entry), (light, before), light.run)
+    of_light, of_before = (one for _, one in both)
     match, margins = of_before - of_light
     return bool(margins > 0 and match + _S.of_margins * margins > _S.least_before)
 
 
-def _explained(lights: Sequence[Comparison], entry: Entry) -> NDArray[np.float64]:
-    """Return the match of a kernel, and the sum of its margins, for each light: (lights, 2)."""
-
-    def measured(light: Comparison) -> list[float]:
-        return [light.match(entry), entry.margin(light.judge(entry)) + light.finer_margin(entry)]
-
-    return np.array([row for _, row in in_order(measured, lights, lights[0].run)])
+def _explained(light: Comparison, entry: Entry) -> NDArray[np.float64]:
+    """Return the match of a kernel in a light, and the sum of its margins there."""
+    margins = entry.margin(light.judge(entry)) + light.finer_margin(entry)
+    return np.array([light.match(entry), margins])
 
 
 def _less_variation(light: Comparison, shown: Comparison, entry: Entry) -> float:

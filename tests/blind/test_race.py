@@ -11,11 +11,11 @@ from deshake.blind.course import Course, first_scales
 from deshake.blind.entry import Entry
 from deshake.blind.kernel_comparison import Comparison
 from deshake.blind.race import (
+    _before,
     _ended,
     _in_both_tones,
     _in_linear_light,
     _in_suited_light,
-    _lights,
     race,
 )
 from deshake.blind.settings import SETTINGS
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from deshake.blind.finish import Finish
+    from deshake.geometry.kernel import RotationKernel
 
 pytestmark = pytest.mark.long
 
@@ -379,37 +380,29 @@ def test_display_values_are_compared_with_the_light_of_the_file(shaken) -> None:
     assert straight.match(entry) != bent.match(entry)
 
 
+def starts_in(pyramid: Pyramid, kernel: RotationKernel) -> Course:
+    course = Course(pyramid, (True, True, False), 70.0, any_focal=True, toned=True, run=Run(1))
+    true = Entry("start 2", 2, 0, kernel)
+    course.entries, course.ends, course.leaders = [true], [true], [true]
+    return course
+
+
 @pytest.mark.parametrize("curved", [False, True])
 def test_a_race_goes_on_in_the_light_that_suits_its_starts(photo, curved) -> None:
     light = np.clip(photo.grey, 0, 1)
     pyramid = Pyramid(light_behind(light) if curved else light, photo.camera)
-    lights = _lights(pyramid, light_before)
-    course = Course(lights[1], (True, True, False), 70.0, any_focal=True, toned=True, run=Run(1))
-    true = Entry("start 2", 2, 0, photo.kernel)
-    course.entries, course.ends, course.leaders = [true], [true], [true]
-    other = _in_suited_light(course, lights)
-    assert other.comparison.pyramid is other.pyramid is lights[2 if curved else 0]
+    half, whole = (_before(pyramid, light_before, strength) for strength in (0.5, 1.0))
+    other = _in_suited_light(starts_in(half, photo.kernel), pyramid, whole)
+    assert other.comparison.pyramid is other.pyramid is (whole if curved else pyramid)
     np.testing.assert_allclose(other.pyramid.at(0).picture, light, atol=1e-5)
-    assert (other.axes, other.bound, other.any_focal, other.toned) == (
-        (True, True, False),
-        70.0,
-        True,
-        True,
-    )
+    assert (other.axes, other.bound) == ((True, True, False), 70.0)
+    assert other.any_focal
+    assert other.toned
     assert [entry.kernel for entry in other.leaders] == [photo.kernel]
 
 
-def test_a_race_goes_on_as_it_began_where_the_tones_are_certain_or_the_light_is_in_doubt(
-    photo,
-) -> None:
-    light = np.clip(photo.grey, 0, 1)
-    pyramid = Pyramid(light, photo.camera)
-    assert _lights(pyramid, None) == [pyramid]
-    lights = _lights(pyramid, light_before)
-    courses = [
-        Course(one, (True, True, True), None, any_focal=False, run=Run(1))
-        for one in (pyramid, lights[1])
-    ]
-    for course, known in zip(courses, ([pyramid], [lights[1]] * 3), strict=True):
-        course.leaders = [Entry("start 2", 2, 0, photo.kernel)]
-        assert _in_suited_light(course, known) is course
+def test_a_race_goes_on_as_it_began_where_no_light_suits_its_starts_better(photo) -> None:
+    pyramid = Pyramid(np.clip(photo.grey, 0, 1), photo.camera)
+    half = _before(pyramid, light_before, 0.5)
+    course = starts_in(half, photo.kernel)
+    assert _in_suited_light(course, half, half) is course

@@ -229,9 +229,9 @@ class RaceSettings:
 
     Parameters
     ----------
-    strengths : tuple of floats
-        Those of a camera's tone curve that the light before it is taken for: that of the starts,
-        and that of the whole curve.
+    of_starts, of_camera : float
+        Strengths of a camera's tone curve: the starts run in the light before the first one, and
+        the race may go on in that before the second one.
     least_match, least_lead : float
         Match of the spectra, and lead over the same kernel turned, a difference of margins. If the
         best kernel of the two finest starts has less of both, the race of a photo that is hardly
@@ -254,7 +254,8 @@ class RaceSettings:
 
     """
 
-    strengths: tuple[float, float] = (0.5, 1.0)
+    of_starts: float = 0.5
+    of_camera: float = 1.0
     least_match: float = 0.04
     least_lead: float = 0.07
     little_evidence: float = 0.18
