@@ -134,8 +134,8 @@ def _in_suited_light(course: Course, none: Pyramid, whole: Pyramid) -> Course:
     It is that of the starts, that of the file, or that before the whole curve of a camera.
     """
     half = course.comparison
-    others = (Comparison(one, half.run) for one in (none, whole))
-    suited = suited_light((next(others), half, next(others)), course.leaders[0])
+    lights = Comparison(none, half.run), half, Comparison(whole, half.run)
+    suited = suited_light(lights, course.leaders[0])
     return course if suited is half else course.continued_in(suited)
 
 
