@@ -5,8 +5,8 @@ but in that before a curve of half the usual strength. This light is never far f
 whether there was a curve or not. Their best kernel may tell which light is right: the race goes on
 there (`tones`). The blur may also suit display values better. So the starts of edges and those of
 very wide shakes may run there, too, and the race goes on in the tones that suit the best kernel. If
-its end is undecided, it goes on in the other tones, too. Only then do the starts that the spectra
-give run in display values.
+its end is undecided, or if only the starts in the other tones are trusted, it goes on there, too.
+Only then do the starts that the spectra give run in display values.
 
 The race stops early in three cases. The two finest starts run first; if both end in a small round
 spot, the photo was not shaken. If the blur of the photo hardly depends on the direction
@@ -214,18 +214,25 @@ def _in_linear_light(comparison: Comparison) -> Comparison:
 def _ended(courses: Sequence[Course], hopeful: float, run: Run, *, quick: bool) -> Finish:
     """Return the end of the first course; if it is undecided, that of another that is trusted.
 
-    If the first gives no hope from the beginning, another that does may end, too. A path is
-    searched for along the winner, unless the photo stays as it is.
+    If the first gives no hope from the beginning, another that does may end, too. So may another
+    whose starts are trusted, if those of the first are not; the more confident end counts. A path
+    is searched for along the winner, unless the photo stays as it is.
     """
     last, first = courses[0], courses[0].comparison
     if quick:
         return last.finished(last.best())
     score = last.score(last.leaders)
     hope, even = SETTINGS.course.hopeful, SETTINGS.estimate.even
-    begun = last.gives_hope(hope)
+    begun, trusted = last.gives_hope(hope), last.gives_hope(even)
     finish = last.end(hopeful, run.part(0.0, 0.5))
     undecided = hope <= confidence(finish) < even
-    others = [other for other in courses[1:] if undecided or (not begun and other.gives_hope(hope))]
+    others = [
+        other
+        for other in courses[1:]
+        if undecided
+        or (not begun and other.gives_hope(hope))
+        or (not trusted and other.gives_hope(even))
+    ]
     if others:
         courses[0].pyramid.forget()
     for other in others:
@@ -235,7 +242,7 @@ def _ended(courses: Sequence[Course], hopeful: float, run: Run, *, quick: bool) 
             if _is_better(other, first, score):
                 least = even
         second = other.end(hopeful, run.part(0.6, 0.8))
-        if confidence(second) >= least:
+        if confidence(second) >= max(least, confidence(finish)):
             last, finish = other, second
     end = run.part(0.8, 1.0)
     if last.comparison.is_wide(finish.winner):

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -104,46 +105,64 @@ def test_a_blur_of_light_is_found_in_light(shaken, ended) -> None:
     assert found[1:] == ended[1:]
 
 
-def test_another_course_ends_only_where_the_first_is_undecided(ended, pyramid, monkeypatch) -> None:
+class EndedCourse:
+    """A course whose end is known. It says what the race asks of it."""
+
+    leaders = (None,)
+
+    def __init__(
+        self,
+        ran: list[Finish | str],
+        pyramid: Pyramid,
+        finish: Finish,
+        score: float = 0.0,
+        *,
+        hope: bool = True,
+        trust: bool = True,
+    ) -> None:
+        self.ran = ran
+        self.finish = finish
+        self.highest = score
+        self.hope = {SETTINGS.course.hopeful: hope, SETTINGS.estimate.even: hope and trust}
+        self.pyramid = pyramid.displayed() if finish.tones == "display values" else pyramid
+        self.comparison = Comparison(self.pyramid)
+
+    def score(self, _: Sequence[Entry | None]) -> float:
+        return self.highest
+
+    def gives_hope(self, least: float) -> bool:
+        return self.hope[least]
+
+    def begin_spectral(self, _: Run) -> None:
+        self.ran.append("spectral")
+
+    def finished(self, *_: object) -> Finish:
+        self.ran.append(self.finish)
+        return self.finish
+
+    end = finished
+    best = staticmethod(lambda: None)
+
+    def searched(self, finish: Finish, _: Run) -> Finish:
+        assert finish is self.finish  # the course of the kernel searches
+        self.ran.append("searched")
+        return finish
+
+
+@pytest.fixture
+def trusted(ended) -> Finish:
+    return ended._replace(margin=0.1, match=0.3, agreement=0.98, tones="display values")
+
+
+def test_another_course_ends_only_where_the_first_is_undecided(
+    ended, trusted, pyramid, monkeypatch
+) -> None:
     undecided = ended._replace(margin=0.0, match=0.1, agreement=0.96)
-    trusted = ended._replace(margin=0.1, match=0.3, agreement=0.98, tones="display values")
     hopeless = ended._replace(margin=-0.2, match=0.0, agreement=0.5)
     assert SETTINGS.course.hopeful < confidence(undecided) < SETTINGS.estimate.even
     assert confidence(hopeless) < SETTINGS.course.hopeful
     ran: list[Finish | str] = []
-
-    class Course:
-        leaders = (None,)
-
-        def __init__(self, finish: Finish, score: float = 0.0, *, hope: bool = True) -> None:
-            self.finish = finish
-            self.highest = score
-            self.hope = hope
-            self.pyramid = pyramid.displayed() if finish.tones == "display values" else pyramid
-            self.comparison = Comparison(self.pyramid)
-
-        def score(self, _: Sequence[Entry | None]) -> float:
-            return self.highest
-
-        def gives_hope(self, least: float) -> bool:
-            assert least == SETTINGS.course.hopeful
-            return self.hope
-
-        def begin_spectral(self, _: Run) -> None:
-            ran.append("spectral")
-
-        def finished(self, *_: object) -> Finish:
-            ran.append(self.finish)
-            return self.finish
-
-        end = finished
-        best = staticmethod(lambda: None)
-
-        def searched(self, finish: Finish, _: Run) -> Finish:
-            assert finish is self.finish  # the course of the kernel searches
-            ran.append("searched")
-            return finish
-
+    course = partial(EndedCourse, ran, pyramid)
     for first, other, kept, then in (
         (undecided, trusted, trusted, ["spectral", trusted, "searched"]),
         (undecided, hopeless, undecided, [hopeless]),
@@ -151,14 +170,14 @@ def test_another_course_ends_only_where_the_first_is_undecided(ended, pyramid, m
         (hopeless, trusted, hopeless, []),
     ):
         ran.clear()
-        assert _ended([Course(first), Course(other)], 0.15, Run(1), quick=False) is kept
+        assert _ended([course(first), course(other)], 0.15, Run(1), quick=False) is kept
         assert ran == [first, *then]
     for hope, kept, then in (
         (True, trusted, ["spectral", trusted, "searched"]),
         (False, hopeless, []),
     ):
         ran.clear()
-        courses = [Course(hopeless, hope=False), Course(trusted, hope=hope)]
+        courses = [course(hopeless, hope=False), course(trusted, hope=hope)]
         assert _ended(courses, 0.15, Run(1), quick=False) is kept
         assert ran == [hopeless, *then]
     even, second = SETTINGS.estimate.even, SETTINGS.race.second
@@ -171,13 +190,27 @@ def test_another_course_ends_only_where_the_first_is_undecided(ended, pyramid, m
     )
     monkeypatch.setattr("deshake.blind.race.gains_in_display_values", lambda *_: True)
     for score, kept in ((0.0, undecided), (0.1, doubtful)):  # of the best start in display values
-        courses = [Course(undecided), Course(doubtful, score)]
+        courses = [course(undecided), course(doubtful, score)]
         assert _ended(courses, 0.15, Run(1), quick=False) is kept
-    assert _ended([Course(undecided)], 0.15, Run(1), quick=False) is undecided
-    ran.clear()
-    assert _ended([Course(undecided), Course(trusted)], 0.15, Run(1), quick=True) is undecided
-    assert _ended([Course(hopeless)], 0.0, Run(1), quick=False) is hopeless
-    assert ran == [undecided, hopeless, "searched"]
+
+
+def test_another_course_ends_where_it_alone_has_starts_that_are_trusted(trusted, pyramid) -> None:
+    fair = trusted._replace(margin=0.0, tones="linear light")
+    assert SETTINGS.estimate.doubtful < confidence(fair) < confidence(trusted)
+    ran: list[Finish | str] = []
+    for first, other, begun, kept, then in (
+        (fair, trusted, (False, True), trusted, ["spectral", trusted, "searched"]),
+        (fair, trusted, (False, False), fair, ["searched"]),
+        (fair, trusted, (True, True), fair, ["searched"]),
+        (trusted, fair, (False, True), trusted, [fair, "searched"]),
+    ):
+        ran.clear()
+        courses = [
+            EndedCourse(ran, pyramid, one, trust=trust)
+            for one, trust in zip((first, other), begun, strict=True)
+        ]
+        assert _ended(courses, 0.15, Run(1), quick=False) is kept
+        assert ran == [first, *then]
 
 
 @pytest.mark.parametrize(
