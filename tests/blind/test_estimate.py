@@ -18,7 +18,8 @@ from deshake.blind.sharpness import looks_sharp
 from deshake.blind.spot import is_spot
 from deshake.blind.trust import confidence, two_digits
 from deshake.errors import EstimationError
-from deshake.formats.camera_curve import light_before, light_behind
+from deshake.formats.camera_curve import CameraCurve, light_before, light_behind
+from deshake.formats.transfer import LINEAR, display_values
 from deshake.geometry.camera import Camera
 from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
@@ -211,14 +212,18 @@ def test_an_estimate_in_display_values_says_so(photo, before_curve) -> None:
     assert not toned or agreement(result.kernel, photo.kernel) > 0.9
 
 
-def test_a_photo_with_a_tone_curve_is_looked_at_in_the_light_before_it(shaken) -> None:
+def test_the_starts_look_at_the_light_before_half_of_a_tone_curve(shaken) -> None:
     light = np.clip(shaken.grey, 0, 1)
     plain = estimate_kernel(light, shaken.camera, quick=True, run=Run(1))
-    bent = light_behind(light)
-    found = estimate_kernel(bent, shaken.camera, before_curve=light_before, quick=True, run=Run(1))
-    assert found.tones == "light before a tone curve"
+    half = display_values(light, CameraCurve(LINEAR, 0.5))
+    found, of_whole = (
+        estimate_kernel(bent, shaken.camera, before_curve=light_before, quick=True, run=Run(1))
+        for bent in (half, light_behind(light))
+    )
+    assert found.tones == of_whole.tones == "light before a tone curve"
     assert agreement(found.kernel, plain.kernel) > 0.99
     assert agreement(found.kernel, shaken.kernel) > 0.9
+    assert agreement(of_whole.kernel, shaken.kernel) > 0.9
 
 
 @pytest.mark.parametrize("estimator", ["edges", "variational"])
