@@ -84,10 +84,10 @@ def searched(
     settled = [
         path for _, path in in_order(lambda path: path.settled(kernel), [once, *_folds(once)], run)
     ]
-    best = _ranked(settled, worth_of, run)[: _S.descending]
+    best = [path for _, path in _ranked(settled, worth_of, run)[: _S.descending]]
     moved = [descended(scales, path, _S.iterations, run)[1] for path in best]
-    path = _ranked([best[0], *moved], worth_of, run)[0]
-    if worth_of(path) < least:
+    value, path = _ranked([best[0], *moved], worth_of, run)[0]
+    if value < least:
         return None
     waves = _waves(path)
 
@@ -106,10 +106,10 @@ def searched(
 
 def _ranked(
     paths: Sequence[SmoothPath], worth: Callable[[SmoothPath], float], run: Run
-) -> list[SmoothPath]:
-    """Sort paths by what they are worth, the best first."""
+) -> list[tuple[float, SmoothPath]]:
+    """Return what paths are worth, and the paths, the best first."""
     values = [value for _, value in in_order(worth, paths, run)]
-    return [paths[n] for n in np.argsort(np.negative(values), kind="stable")]
+    return [(values[n], paths[n]) for n in np.argsort(np.negative(values), kind="stable")]
 
 
 def _folds(path: SmoothPath) -> list[SmoothPath]:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -16,6 +17,9 @@ from deshake.geometry.kernel import RotationKernel
 from deshake.geometry.rotations import grid_steps
 from deshake.run import Run
 from deshake.signal.pyramid import Pyramid
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 
 @pytest.fixture(scope="module")
@@ -233,7 +237,7 @@ def worth_in_the_search(comparison: Comparison, kernel: RotationKernel, entry: E
     return margin + worth * comparison.match(entry._replace(kernel=kernel), comparison.level(entry))
 
 
-@pytest.mark.parametrize("scales", [0, 1])
+@pytest.mark.parametrize("scales", [0, 1, 2])
 def test_the_worth_the_score_and_a_finer_margin_decide_on_a_path(
     nearly, monkeypatch, scales
 ) -> None:
@@ -242,7 +246,7 @@ def test_the_worth_the_score_and_a_finer_margin_decide_on_a_path(
     level = comparison.level(entry)
     assert level == 1
     pair = entry.kernel, photo.kernel
-    finer = Judge.batches(photo.pyramid, level - scales, entry.kernel)
+    finer = Judge.batches(photo.pyramid, max(level - scales, 0), entry.kernel)
     gains = [
         np.diff([worth_in_the_search(comparison, kernel, entry) for kernel in pair]),
         np.diff(comparison.scores_at(level, [entry, true])),
@@ -277,13 +281,18 @@ def test_a_disk_has_no_direction_and_no_lead(entries, pyramid) -> None:
     assert Comparison(pyramid).lead(entries[0]._replace(kernel=disk)) is None
 
 
-def test_a_search_is_vain_if_it_begins_far_below_the_kernel(nearly, monkeypatch) -> None:
-    photo, entry = nearly
-    asked = []
-    monkeypatch.setattr(
-        "deshake.blind.kernel_comparison.searched", lambda *_, least, **__: asked.append(least)
-    )
-    comparison = Comparison(photo.pyramid)
-    assert comparison.searched(entry, Run()) is entry
-    own = worth_in_the_search(comparison, entry.kernel, entry)
-    assert asked == pytest.approx([own - SETTINGS.kernel_comparison.vain])
+def test_a_search_is_vain_if_it_begins_far_below_the_kernel(entries, pyramid, monkeypatch) -> None:
+    true, asked, known = entries[0], [], []
+
+    def searched(
+        *_: object, worth: Callable[[RotationKernel], float], least: float, **__: object
+    ) -> None:
+        asked.extend(worth(shrunk(true, share).kernel) >= least for share in (1.0, 0.98, 0.5, 2.0))
+        known.append(least)
+
+    monkeypatch.setattr("deshake.blind.kernel_comparison.searched", searched)
+    comparison = Comparison(pyramid)
+    assert comparison.searched(true, Run()) is true
+    assert asked == [True, True, False, False]
+    own = worth_in_the_search(comparison, true.kernel, true)
+    assert known == pytest.approx([own - SETTINGS.kernel_comparison.vain])

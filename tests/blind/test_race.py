@@ -192,6 +192,11 @@ def test_another_course_ends_only_where_the_first_is_undecided(
     for score, kept in ((0.0, undecided), (0.1, doubtful)):  # of the best start in display values
         courses = [course(undecided), course(doubtful, score)]
         assert _ended(courses, 0.15, Run(1), quick=False) is kept
+    assert _ended([course(undecided)], 0.15, Run(1), quick=False) is undecided
+    ran.clear()
+    assert _ended([course(undecided), course(trusted)], 0.15, Run(1), quick=True) is undecided
+    assert _ended([course(hopeless)], 0.0, Run(1), quick=False) is hopeless
+    assert ran == [undecided, hopeless, "searched"]
 
 
 def test_another_course_ends_where_it_alone_has_starts_that_are_trusted(trusted, pyramid) -> None:

@@ -3,11 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deshake.formats.camera_curve import (
-    CameraCurve,
-    light_before,
-    light_behind,
-)
+from deshake.formats.camera_curve import CameraCurve, light_before, light_behind
 from deshake.formats.transfer import LINEAR, SRGB, decode, encode
 
 
