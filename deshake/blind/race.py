@@ -2,7 +2,8 @@
 
 A camera may have given the photo a tone curve. Then the starts do not run in the light of the file
 but in that before a curve of half the usual strength. This light is never far from the right one,
-whether there was a curve or not. Their best kernel may tell which light is right: the race goes on
+whether there was a curve or not. A photo that is hardly shaken is an exception: its starts run in
+the light of the file. The best kernel of the starts may tell which light is right: the race goes on
 there (`tones`). The blur may also suit display values better. So the starts of edges and those of
 very wide shakes may run there, too, and the race goes on in the tones that suit the best kernel. If
 its end is undecided, or if only the starts in the other tones are trusted, it goes on there, too.
@@ -93,8 +94,10 @@ def race(
 
     """
     toned = toned and evidence >= _S.little_evidence  # others would take twice as long
-    half = pyramid if before_curve is None else _before(pyramid, before_curve, _S.of_starts)
-    course = Course(half, axes, bound, any_focal=any_focal, toned=toned, run=run.silent())
+    light = pyramid
+    if before_curve is not None and not hardly_shaken:
+        light = _before(pyramid, before_curve, _S.of_starts)
+    course = Course(light, axes, bound, any_focal=any_focal, toned=toned, run=run.silent())
     starts = first_scales(pyramid.coarsest)
     begun = run.part(0.0, 0.35)
     ended = _begun(
@@ -112,8 +115,7 @@ def race(
     if not quick:
         course.begin_others(run.part(0.35, 0.45))
         if before_curve is not None:
-            whole = _before(pyramid, before_curve, _S.of_camera)
-            course = _in_suited_light(course, pyramid, whole)
+            course = _in_suited_light(course, pyramid, before_curve)
     courses = [course]
     if toned:
         courses = _in_both_tones(course, starts, quick=quick, run=run.part(0.45, 0.6))
@@ -128,15 +130,20 @@ def _before(pyramid: Pyramid, before_curve: LightBefore, strength: float) -> Pyr
     return pyramid.in_tones(lambda light: before_curve(light, strength))
 
 
-def _in_suited_light(course: Course, none: Pyramid, whole: Pyramid) -> Course:
+def _in_suited_light(course: Course, pyramid: Pyramid, before_curve: LightBefore) -> Course:
     """Go on in the light that suits the best kernel of the starts.
 
-    It is that of the starts, that of the file, or that before the whole curve of a camera.
+    It is that of the file, or that before half or all of a camera's tone curve. The starts ran in
+    one of the first two.
     """
-    half = course.comparison
-    lights = Comparison(none, half.run), half, Comparison(whole, half.run)
+    begun = course.comparison
+    strengths = _S.of_starts, _S.of_camera
+    before = [_before(pyramid, before_curve, strength) for strength in strengths]
+    none, half, whole = (Comparison(light, begun.run) for light in (pyramid, *before))
+    in_file = begun.pyramid is pyramid
+    lights = (begun, half, whole) if in_file else (none, begun, whole)
     suited = suited_light(lights, course.leaders[0])
-    return course if suited is half else course.continued_in(suited)
+    return course if suited is begun else course.continued_in(suited)
 
 
 def _begun(

@@ -277,8 +277,13 @@ class RotationKernel:
 
         Only weights above 1 % of the largest count.
         """
+        return max(self.extents_px())
+
+    def extents_px(self) -> tuple[float, float]:
+        """Widest spreads of the displacements over the frame along x and y, like `extent_px`."""
         moved = self.above(0.01).displacements(self.camera.corners)
-        return float(np.ptp(moved, axis=1).max())
+        along_x, along_y = np.ptp(moved, axis=1).max(0)
+        return float(along_x), float(along_y)
 
     def reach_px(self) -> int:
         """Bound every displacement in the frame by rotations with a weight; taps are included."""

@@ -359,6 +359,25 @@ def test_a_photo_that_is_hardly_shaken_needs_the_two_finest_starts(soft, ran) ->
     assert ended.match < SETTINGS.race.least_match
 
 
+@pytest.mark.parametrize("hardly_shaken", [False, True])
+def test_hardly_shaken_photos_begin_in_the_light_of_the_file(
+    soft, monkeypatch, hardly_shaken
+) -> None:
+    begun = []
+
+    class Watched(Course):
+        def start(self, scales: list[int], run: Run) -> None:
+            begun.append(self.pyramid)
+            super().start(scales, run)
+
+    monkeypatch.setattr("deshake.blind.race.Course", Watched)
+    options = {"quick": True, "may_rest": False, "before_curve": light_before}
+    race(soft, hardly_shaken=hardly_shaken, **options)
+    assert (begun[0] is soft) == hardly_shaken
+    if not hardly_shaken:
+        assert begun[0].tones == _before(soft, light_before, 0.5).tones != soft.tones
+
+
 @pytest.mark.parametrize("changed", ["least_match", "least_lead"])
 def test_a_match_or_a_lead_is_enough_to_go_on(soft, ran, monkeypatch, changed) -> None:
     least = replace(SETTINGS.race, **{changed: -1.0})
@@ -425,22 +444,31 @@ def starts_in(pyramid: Pyramid, kernel: RotationKernel) -> Course:
     return course
 
 
+@pytest.mark.parametrize("in_file", [False, True])
 @pytest.mark.parametrize("curved", [False, True])
-def test_a_race_goes_on_in_the_light_that_suits_its_starts(photo, curved) -> None:
+def test_a_race_goes_on_in_the_light_that_suits_its_starts(photo, curved, in_file) -> None:
     light = np.clip(photo.grey, 0, 1)
     pyramid = Pyramid(light_behind(light) if curved else light, photo.camera)
-    half, whole = (_before(pyramid, light_before, strength) for strength in (0.5, 1.0))
-    other = _in_suited_light(starts_in(half, photo.kernel), pyramid, whole)
-    assert other.comparison.pyramid is other.pyramid is (whole if curved else pyramid)
+    begun = pyramid if in_file else _before(pyramid, light_before, 0.5)
+    course = starts_in(begun, photo.kernel)
+    other = _in_suited_light(course, pyramid, light_before)
+    assert other.comparison.pyramid is other.pyramid
     np.testing.assert_allclose(other.pyramid.at(0).picture, light, atol=1e-5)
+    assert (other is course) == (in_file and not curved)
+    assert (other.pyramid is pyramid) == (not curved)
     assert (other.axes, other.bound) == ((True, True, False), 70.0)
     assert other.any_focal
     assert other.toned
     assert [entry.kernel for entry in other.leaders] == [photo.kernel]
 
 
-def test_a_race_goes_on_as_it_began_where_no_light_suits_its_starts_better(photo) -> None:
+@pytest.mark.parametrize("in_file", [False, True])
+def test_a_race_goes_on_as_it_began_where_no_light_suits_its_starts_better(photo, in_file) -> None:
     pyramid = Pyramid(np.clip(photo.grey, 0, 1), photo.camera)
-    half = _before(pyramid, light_before, 0.5)
-    course = starts_in(half, photo.kernel)
-    assert _in_suited_light(course, half, half) is course
+    begun = pyramid if in_file else _before(pyramid, lambda light, _: light, 0.5)
+    course = starts_in(begun, photo.kernel)
+    other = _in_suited_light(course, pyramid, lambda light, _: light)
+    if in_file:
+        assert other is not course  # half a curve is the usual answer
+    else:
+        assert other is course

@@ -39,6 +39,37 @@ def test_what_is_dark_within_the_reach_may_be_black() -> None:
     assert (wide <= narrow + 1e-6).all()
 
 
+def test_the_ground_beside_a_lamp_keeps_most_of_its_light() -> None:
+    photo = np.full((*CAMERA.shape, 3), 0.02, np.float32)
+    photo[25:35, 20:26] = 0.8
+    restored = photo.copy()
+    restored[25:35, 26:29] = 0  # a rim beside the lamp
+    restored[25:35, 60:63] = 0  # a halo far from it
+    lifted = without_dark_halos(restored, photo, pan(8))
+    assert lifted[25:35, 28] == pytest.approx(0.018)
+    assert lifted[25:35, 60:63] == pytest.approx(0.002)
+    lamp = np.s_[25:35, 20:26]
+    assert np.array_equal(lifted[lamp], restored[lamp])
+
+
+def test_a_faint_lamp_raises_the_bound_less() -> None:
+    lifted = []
+    for light in (0.1, 0.2, 0.3, 0.5, 0.9):
+        photo = np.full(CAMERA.shape, 0.02, np.float32)
+        photo[25:35, 20:26] = light
+        lifted.append(without_dark_halos(np.zeros_like(photo), photo, pan(4))[30, 27])
+    assert lifted[0] == pytest.approx(0.002)
+    assert 0.003 < lifted[1] < lifted[2] < 0.017
+    assert lifted[3] < lifted[4] == pytest.approx(0.018)
+
+
+def test_the_reach_along_each_axis_is_that_of_the_blur() -> None:
+    photo = np.full(CAMERA.shape, 0.5, np.float32)
+    photo[40:] = 0
+    lifted = without_dark_halos(np.zeros_like(photo), photo, pan(16))  # along x
+    assert lifted[:36] == pytest.approx(0.05)
+
+
 def test_channels_do_not_mix_and_nothing_gets_darker() -> None:
     rng = np.random.default_rng(0)
     photo = rng.random((*CAMERA.shape, 3)).astype(np.float32)
