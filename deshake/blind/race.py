@@ -2,12 +2,13 @@
 
 A camera may have given the photo a tone curve. Then the starts do not run in the light of the file
 but in that before a curve of half the usual strength. This light is never far from the right one,
-whether there was a curve or not. A photo that is hardly shaken is first asked in the light of the
-file whether it is shaken at all. The best kernel of the starts may tell which light is right: the
-race goes on there (`tones`). The blur may also suit display values better. So the starts of edges
-and those of very wide shakes may run there, too, and the race goes on in the tones that suit the
-best kernel. If its end is undecided, or if only the starts in the other tones are trusted, it goes
-on there, too. Only then do the starts that the spectra give run in display values.
+whether there was a curve or not. Where there is little evidence of a shake, the starts run in the
+light of the file: a race may stop early there, and its limits were found in that light. The best
+kernel of the starts may tell which light is right: the race goes on there (`tones`). The blur may
+also suit display values better. So the starts of edges and those of very wide shakes may run there,
+too, and the race goes on in the tones that suit the best kernel. If its end is undecided, or if
+only the starts in the other tones are trusted, it goes on there, too. Only then do the starts that
+the spectra give run in display values.
 
 The race stops early in three cases. The two finest starts run first; if both end in a small round
 spot, the photo was not shaken. If the blur of the photo hardly depends on the direction
@@ -19,7 +20,6 @@ raises it enough.
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from deshake.blind.course import Course, first_scales
@@ -95,30 +95,28 @@ def race(
 
     """
     toned = toned and evidence >= _S.little_evidence  # others would take twice as long
-    half = pyramid if before_curve is None else _before(pyramid, before_curve, _S.of_starts)
-    course_in = partial(
-        Course, axes=axes, bound=bound, any_focal=any_focal, toned=toned, run=run.silent()
-    )
+    light = pyramid
+    if before_curve is not None and evidence >= _S.little_evidence:
+        light = _before(pyramid, before_curve, _S.of_starts)
+    course = Course(light, axes, bound, any_focal=any_focal, toned=toned, run=run.silent())
     starts = first_scales(pyramid.coarsest)
     begun = run.part(0.0, 0.35)
-    course = course_in(pyramid if hardly_shaken else half)
-    course.start(starts[:2], begun.part(0.0, 0.3))
-    ended = _after_two(course, may_rest=may_rest, hardly_shaken=hardly_shaken)
-    if ended is None:
-        if course.pyramid is not half:
-            pyramid.forget()  # one of them at most has its scales in memory
-            course = course_in(half)
-            course.start(starts[:2], begun.silent())
-        course.begin(starts[2:], begun.part(0.3, 1.0), quick=quick)
-        ended = _after_all(course, evidence)
+    ended = _begun(
+        course,
+        starts,
+        begun,
+        quick=quick,
+        may_rest=may_rest,
+        evidence=evidence,
+        hardly_shaken=hardly_shaken,
+    )
     if ended is not None:
         run.report(1.0, "the photo is not shaken")
         return ended
     if not quick:
         course.begin_others(run.part(0.35, 0.45))
         if before_curve is not None:
-            whole = _before(pyramid, before_curve, _S.of_camera)
-            course = _in_suited_light(course, pyramid, whole)
+            course = _in_suited_light(course, pyramid, before_curve)
     courses = [course]
     if toned:
         courses = _in_both_tones(course, starts, quick=quick, run=run.part(0.45, 0.6))
@@ -133,19 +131,34 @@ def _before(pyramid: Pyramid, before_curve: LightBefore, strength: float) -> Pyr
     return pyramid.in_tones(lambda light: before_curve(light, strength))
 
 
-def _in_suited_light(course: Course, none: Pyramid, whole: Pyramid) -> Course:
+def _in_suited_light(course: Course, pyramid: Pyramid, before_curve: LightBefore) -> Course:
     """Go on in the light that suits the best kernel of the starts.
 
-    It is that of the starts, that of the file, or that before the whole curve of a camera.
+    It is that of the file, or that before half or all of a camera's tone curve. The starts ran in
+    one of the first two.
     """
-    half = course.comparison
-    lights = Comparison(none, half.run), half, Comparison(whole, half.run)
+    begun = course.comparison
+    strengths = _S.of_starts, _S.of_camera
+    before = [_before(pyramid, before_curve, strength) for strength in strengths]
+    none, half, whole = (Comparison(light, begun.run) for light in (pyramid, *before))
+    in_file = begun.pyramid is pyramid
+    lights = (begun, half, whole) if in_file else (none, begun, whole)
     suited = suited_light(lights, course.leaders[0])
-    return course if suited is half else course.continued_in(suited)
+    return course if suited is begun else course.continued_in(suited)
 
 
-def _after_two(course: Course, *, may_rest: bool, hardly_shaken: bool) -> Finish | None:
-    """Return the end of the race after the two finest starts, if the photo is not shaken."""
+def _begun(
+    course: Course,
+    starts: Sequence[int],
+    run: Run,
+    *,
+    quick: bool,
+    may_rest: bool,
+    evidence: float,
+    hardly_shaken: bool,
+) -> Finish | None:
+    """Run the starts of edges; return the end of the race, if the photo is not shaken."""
+    course.start(starts[:2], run.part(0.0, 0.3))
     ends = last_of_starts(course.entries)
     if may_rest and all(is_spot(entry.kernel) and entry.level == 0 for entry in ends):
         return Finish(ends[0], 0.0, 0.0, 1.0, at_rest=True)
@@ -155,11 +168,7 @@ def _after_two(course: Course, *, may_rest: bool, hardly_shaken: bool) -> Finish
             lead = comparison.lead(best)
             if lead is None or lead < _S.least_lead:
                 return course.finished(best)
-    return None
-
-
-def _after_all(course: Course, evidence: float) -> Finish | None:
-    """Return the end of the race after all starts of edges, if the photo is not shaken."""
+    course.begin(starts[2:], run.part(0.3, 1.0), quick=quick)
     if evidence < _S.little_evidence:
         ended = course.finished(course.leaders[0])
         if confidence(ended) < _S.vain:

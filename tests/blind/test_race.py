@@ -359,31 +359,23 @@ def test_a_photo_that_is_hardly_shaken_needs_the_two_finest_starts(soft, ran) ->
     assert ended.match < SETTINGS.race.least_match
 
 
-@pytest.mark.parametrize(("hardly_shaken", "least"), [(False, 1.0), (True, 1.0), (True, -1.0)])
-def test_whether_a_photo_is_shaken_is_asked_in_the_light_of_the_file(
-    soft, monkeypatch, hardly_shaken, least
+@pytest.mark.parametrize("much", [False, True])
+def test_the_starts_run_in_the_light_of_the_file_if_there_is_little_evidence(
+    soft, monkeypatch, much
 ) -> None:
     begun = []
 
     class Watched(Course):
         def start(self, scales: list[int], run: Run) -> None:
-            begun.append((self.pyramid.tones, list(scales)))
+            begun.append(self.pyramid.tones)
             super().start(scales, run)
 
     monkeypatch.setattr("deshake.blind.race.Course", Watched)
-    limits = replace(SETTINGS.race, least_match=least, least_lead=least)
-    monkeypatch.setattr("deshake.blind.race._S", limits)
-    options = {"quick": True, "may_rest": False, "before_curve": light_before}
-    race(soft, hardly_shaken=hardly_shaken, **options)
-    scales = first_scales(soft.coarsest)
-    first = (soft.tones, scales[:2])
-    tones = _before(soft, light_before, 0.5).tones
-    assert tones != soft.tones
-    rest = [(tones, scales[:2]), (tones, scales[2:])]
-    if not hardly_shaken:
-        assert begun == rest
-    else:
-        assert begun == ([first] if least == 1.0 else [first, *rest])
+    evidence = SETTINGS.race.little_evidence + (0.01 if much else -0.01)
+    race(soft, quick=True, may_rest=False, before_curve=light_before, evidence=evidence)
+    half = _before(soft, light_before, 0.5).tones
+    assert half != soft.tones
+    assert set(begun) == {half if much else soft.tones}
 
 
 @pytest.mark.parametrize("changed", ["least_match", "least_lead"])
@@ -452,22 +444,31 @@ def starts_in(pyramid: Pyramid, kernel: RotationKernel) -> Course:
     return course
 
 
+@pytest.mark.parametrize("in_file", [False, True])
 @pytest.mark.parametrize("curved", [False, True])
-def test_a_race_goes_on_in_the_light_that_suits_its_starts(photo, curved) -> None:
+def test_a_race_goes_on_in_the_light_that_suits_its_starts(photo, curved, in_file) -> None:
     light = np.clip(photo.grey, 0, 1)
     pyramid = Pyramid(light_behind(light) if curved else light, photo.camera)
-    half, whole = (_before(pyramid, light_before, strength) for strength in (0.5, 1.0))
-    other = _in_suited_light(starts_in(half, photo.kernel), pyramid, whole)
-    assert other.comparison.pyramid is other.pyramid is (whole if curved else pyramid)
+    begun = pyramid if in_file else _before(pyramid, light_before, 0.5)
+    course = starts_in(begun, photo.kernel)
+    other = _in_suited_light(course, pyramid, light_before)
+    assert other.comparison.pyramid is other.pyramid
     np.testing.assert_allclose(other.pyramid.at(0).picture, light, atol=1e-5)
+    assert (other is course) == (in_file and not curved)
+    assert (other.pyramid is pyramid) == (not curved)
     assert (other.axes, other.bound) == ((True, True, False), 70.0)
     assert other.any_focal
     assert other.toned
     assert [entry.kernel for entry in other.leaders] == [photo.kernel]
 
 
-def test_a_race_goes_on_as_it_began_where_no_light_suits_its_starts_better(photo) -> None:
+@pytest.mark.parametrize("in_file", [False, True])
+def test_a_race_goes_on_as_it_began_where_no_light_suits_its_starts_better(photo, in_file) -> None:
     pyramid = Pyramid(np.clip(photo.grey, 0, 1), photo.camera)
-    half = _before(pyramid, light_before, 0.5)
-    course = starts_in(half, photo.kernel)
-    assert _in_suited_light(course, half, half) is course
+    begun = pyramid if in_file else _before(pyramid, lambda light, _: light, 0.5)
+    course = starts_in(begun, photo.kernel)
+    other = _in_suited_light(course, pyramid, lambda light, _: light)
+    if in_file:
+        assert other is not course  # half a curve is the usual answer
+    else:
+        assert other is course
