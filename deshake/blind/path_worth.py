@@ -1,22 +1,13 @@
 """What the paths along a kernel are worth in the search for a better one.
 
-It is the margin of the judge and the match of the spectra, less the price of the breadth. The
-margin needs a picture of edges for each path. So paths that are near each other are compared on a
-few tiles, and there the match changes in proportion to the path.
-
-In a short time a hand moves a camera nearly straight, and the breadth of such a path is a small
-part of its length. What is a little out of focus asks for a broader kernel, and the noise for one
-that wavers, and neither the margin nor the match speaks against it. So the breadth has a price. It
-is that of a prior to which all scales are alike,
-
-    p ~ 1 / (s_2 s_3),
-
-where s_2 and s_3 are the standard deviations of the rotations along the two narrower axes.
+It is the margin of the judge and the match of the spectra. The margin needs a picture of edges for
+each path. So paths that are near each other are compared on a few tiles, and there the match
+changes in proportion to the path.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -34,9 +25,7 @@ if TYPE_CHECKING:
     from deshake.geometry.kernel import RotationKernel
     from deshake.run import Run
 
-__all__ = ["PathWorth", "log_breadth"]
-
-_S: Final = SETTINGS.path_worth
+__all__ = ["PathWorth"]
 
 
 class PathWorth(NamedTuple):
@@ -67,9 +56,8 @@ class PathWorth(NamedTuple):
         """Return what a kernel is worth on the tiles of all batches."""
         if not self.batches[0].has_room(kernel):  # all have the same room
             return -SETTINGS.kernel_comparison.penalty
-        worth = mean_margin(self.batches, kernel)
-        worth += self.match_worth * mean_match(self.spectra, kernel)
-        return worth - _S.price_of_breadth * log_breadth(kernel)
+        match = mean_match(self.spectra, kernel)
+        return mean_margin(self.batches, kernel) + self.match_worth * match
 
     def around(self, number: int, middle: SmoothPath) -> Callable[[SmoothPath], float]:
         """Return what paths near one are worth, on the tiles of one batch."""
@@ -81,18 +69,6 @@ class PathWorth(NamedTuple):
             if not batch.has_room(kernel):
                 return -SETTINGS.kernel_comparison.penalty
             change = float(np.vdot(slope, path.controls - middle.controls))
-            explained = batch.margin(kernel) + self.match_worth * (match + change)
-            return explained - _S.price_of_breadth * log_breadth(kernel)
+            return batch.margin(kernel) + self.match_worth * (match + change)
 
         return worth
-
-
-def log_breadth(kernel: RotationKernel) -> float:
-    """Return the logarithm of the breadth of a kernel: that of the product of s_2 and s_3.
-
-    They are in grid steps, and a small variance is added to their squares: details that are smaller
-    than a step do not count.
-    """
-    places = (kernel.theta - kernel.centroid) / kernel.steps
-    variances = np.linalg.eigvalsh(np.cov(places.T, aweights=kernel.weights, ddof=0))[:2]
-    return 0.5 * float(np.log(np.maximum(variances, 0) + _S.least_breadth**2).sum())

@@ -10,7 +10,6 @@ from deshake.blind.agreement import agreement
 from deshake.blind.entry import Entry
 from deshake.blind.judge import Judge
 from deshake.blind.kernel_comparison import Comparison
-from deshake.blind.path_worth import log_breadth
 from deshake.blind.settings import SETTINGS
 from deshake.blind.spectral_match import SpectralMatch
 from deshake.geometry.camera import Camera
@@ -234,10 +233,8 @@ def worth_in_the_search(comparison: Comparison, kernel: RotationKernel, entry: E
     """Return what the search takes a kernel for that lies along an entry."""
     judges = Judge.batches(comparison.pyramid, comparison.level(entry), entry.kernel)
     margin = float(np.mean([judge.margin(kernel) for judge in judges]))
-    settings = SETTINGS.kernel_comparison
-    worth = settings.search_match_worth * comparison.match_share
-    match = comparison.match(entry._replace(kernel=kernel), comparison.level(entry))
-    return margin + worth * match - SETTINGS.path_worth.price_of_breadth * log_breadth(kernel)
+    worth = SETTINGS.kernel_comparison.search_match_worth * comparison.match_share
+    return margin + worth * comparison.match(entry._replace(kernel=kernel), comparison.level(entry))
 
 
 @pytest.mark.parametrize("scales", [0, 1, 2])

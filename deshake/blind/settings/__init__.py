@@ -39,7 +39,6 @@ from deshake.blind.settings.judging import (
     JudgeSettings,
     KernelComparisonSettings,
     KernelFaultsSettings,
-    PathWorthSettings,
     RestoredTilesSettings,
     SpotSettings,
     TonesSettings,
@@ -102,7 +101,7 @@ class EdgesSettings:
         The race.
     trimming, camera_path, soft_scene, spectral_match, spectral_start, path_search
         The paths of a camera.
-    judge, restored_tiles, kernel_comparison, path_worth, tones, focal_search, agreement, spot
+    judge, restored_tiles, kernel_comparison, tones, focal_search, agreement, spot
         What is thought of a kernel.
     kernel_faults, trust
         Its faults, and how reliable it is.
@@ -139,7 +138,6 @@ class EdgesSettings:
     judge: JudgeSettings = field(default_factory=JudgeSettings)
     restored_tiles: RestoredTilesSettings = field(default_factory=RestoredTilesSettings)
     kernel_comparison: KernelComparisonSettings = field(default_factory=KernelComparisonSettings)
-    path_worth: PathWorthSettings = field(default_factory=PathWorthSettings)
     tones: TonesSettings = field(default_factory=TonesSettings)
     focal_search: FocalSearchSettings = field(default_factory=FocalSearchSettings)
     agreement: AgreementSettings = field(default_factory=AgreementSettings)

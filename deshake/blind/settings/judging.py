@@ -168,23 +168,6 @@ class KernelComparisonSettings:
 
 
 @dataclass(frozen=True)
-class PathWorthSettings:
-    """What a path is worth in the search (`path_worth`).
-
-    Parameters
-    ----------
-    price_of_breadth : float
-        Margin: price of a path that is e times as broad.
-    least_breadth : float
-        Grid steps: a smaller standard deviation across a path hardly counts.
-
-    """
-
-    price_of_breadth: float = 0.04
-    least_breadth: float = 0.5
-
-
-@dataclass(frozen=True)
 class TonesSettings:
     """The choice of the tones (`tones`).
 
