@@ -124,7 +124,7 @@ def suited_light(lights: Sequence[Comparison], entry: Entry) -> Comparison:
         The photo in the light of the file, before half of a camera's tone curve, and before all of
         it.
     entry : Entry
-        The kernel, from a race in the light before half of the curve.
+        The kernel, from a race in one of the first two.
 
     """
     none, half, whole = lights

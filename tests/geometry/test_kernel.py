@@ -269,6 +269,14 @@ def test_extent_is_the_widest_spread() -> None:
     assert kernel.above(0.01).weights.sum() == pytest.approx(1)
 
 
+@pytest.mark.parametrize(("index", "along"), [([0, 25, 0], 0), ([25, 0, 0], 1)])
+def test_the_extents_are_those_along_x_and_y(index, along) -> None:
+    kernel = RotationKernel.from_indices([[0, 0, 0], index], [1, 1], STEPS, CAMERA)
+    extents = kernel.extents_px()
+    assert extents[along] == kernel.extent_px() == pytest.approx(25, rel=0.1)
+    assert extents[1 - along] < 5  # of the perspective at the corners
+
+
 def test_shifted_moves_by_whole_steps() -> None:
     kernel = RotationKernel.from_indices([[0, 1, 0], [2, 0, 0]], [1, 1], STEPS, CAMERA)
     assert set(as_bins(kernel.shifted([1, -2, 3]))) == {(1, -1, 3), (3, -2, 3)}
