@@ -94,11 +94,13 @@ def race(
         Threads to use, and who receives the progress.
 
     """
-    toned = toned and evidence >= _S.little_evidence  # others would take twice as long
-    light = pyramid
-    if before_curve is not None and evidence >= _S.little_evidence:
-        light = _before(pyramid, before_curve, _S.of_starts)
-    course = Course(light, axes, bound, any_focal=any_focal, toned=toned, run=run.silent())
+    shaken = evidence >= _S.little_evidence
+    toned = toned and shaken  # others would take twice as long
+    lights = (pyramid,) if before_curve is None else _lights(pyramid, before_curve)
+    first = lights[1] if shaken and len(lights) > 1 else pyramid
+    if first is not pyramid:
+        pyramid.forget()  # one of them at most has its scales in memory
+    course = Course(first, axes, bound, any_focal=any_focal, toned=toned, run=run.silent())
     starts = first_scales(pyramid.coarsest)
     begun = run.part(0.0, 0.35)
     ended = _begun(
@@ -115,8 +117,8 @@ def race(
         return ended
     if not quick:
         course.begin_others(run.part(0.35, 0.45))
-        if before_curve is not None:
-            course = _in_suited_light(course, pyramid, before_curve)
+        if len(lights) > 1:
+            course = _in_suited_light(course, lights)
     courses = [course]
     if toned:
         courses = _in_both_tones(course, starts, quick=quick, run=run.part(0.45, 0.6))
@@ -125,25 +127,22 @@ def race(
     return finish
 
 
-def _before(pyramid: Pyramid, before_curve: LightBefore, strength: float) -> Pyramid:
-    """Return a photo in the light before a tone curve of some strength."""
-    pyramid.forget()  # one of them at most has its scales in memory
-    return pyramid.in_tones(lambda light: before_curve(light, strength))
+def _lights(pyramid: Pyramid, before_curve: LightBefore) -> tuple[Pyramid, ...]:
+    """Return a photo in the light of its file, and before half and all of a camera's tone curve."""
+
+    def before(strength: float) -> Pyramid:
+        return pyramid.in_tones(lambda light: before_curve(light, strength))
+
+    return pyramid, before(_S.of_starts), before(_S.of_camera)
 
 
-def _in_suited_light(course: Course, pyramid: Pyramid, before_curve: LightBefore) -> Course:
-    """Go on in the light that suits the best kernel of the starts.
-
-    It is that of the file, or that before half or all of a camera's tone curve. The starts ran in
-    one of the first two.
-    """
+def _in_suited_light(course: Course, lights: Sequence[Pyramid]) -> Course:
+    """Go on in the light that suits the best kernel of the starts, which ran in one of them."""
     begun = course.comparison
-    strengths = _S.of_starts, _S.of_camera
-    before = [_before(pyramid, before_curve, strength) for strength in strengths]
-    none, half, whole = (Comparison(light, begun.run) for light in (pyramid, *before))
-    in_file = begun.pyramid is pyramid
-    lights = (begun, half, whole) if in_file else (none, begun, whole)
-    suited = suited_light(lights, course.leaders[0])
+    compared = [
+        begun if light is begun.pyramid else Comparison(light, begun.run) for light in lights
+    ]
+    suited = suited_light(compared, course.leaders[0])
     return course if suited is begun else course.continued_in(suited)
 
 

@@ -12,11 +12,11 @@ from deshake.blind.course import Course, first_scales
 from deshake.blind.entry import Entry
 from deshake.blind.kernel_comparison import Comparison
 from deshake.blind.race import (
-    _before,
     _ended,
     _in_both_tones,
     _in_linear_light,
     _in_suited_light,
+    _lights,
     race,
 )
 from deshake.blind.settings import SETTINGS
@@ -373,7 +373,7 @@ def test_the_starts_run_in_the_light_of_the_file_if_there_is_little_evidence(
     monkeypatch.setattr("deshake.blind.race.Course", Watched)
     evidence = SETTINGS.race.little_evidence + (0.01 if much else -0.01)
     race(soft, quick=True, may_rest=False, before_curve=light_before, evidence=evidence)
-    half = _before(soft, light_before, 0.5).tones
+    half = _lights(soft, light_before)[1].tones
     assert half != soft.tones
     assert set(begun) == {half if much else soft.tones}
 
@@ -449,13 +449,12 @@ def starts_in(pyramid: Pyramid, kernel: RotationKernel) -> Course:
 def test_a_race_goes_on_in_the_light_that_suits_its_starts(photo, curved, in_file) -> None:
     light = np.clip(photo.grey, 0, 1)
     pyramid = Pyramid(light_behind(light) if curved else light, photo.camera)
-    begun = pyramid if in_file else _before(pyramid, light_before, 0.5)
-    course = starts_in(begun, photo.kernel)
-    other = _in_suited_light(course, pyramid, light_before)
-    assert other.comparison.pyramid is other.pyramid
+    lights = file, half, whole = _lights(pyramid, light_before)
+    course = starts_in(file if in_file else half, photo.kernel)
+    other = _in_suited_light(course, lights)
+    assert other.comparison.pyramid is other.pyramid is (whole if curved else pyramid)
     np.testing.assert_allclose(other.pyramid.at(0).picture, light, atol=1e-5)
     assert (other is course) == (in_file and not curved)
-    assert (other.pyramid is pyramid) == (not curved)
     assert (other.axes, other.bound) == ((True, True, False), 70.0)
     assert other.any_focal
     assert other.toned
@@ -463,12 +462,12 @@ def test_a_race_goes_on_in_the_light_that_suits_its_starts(photo, curved, in_fil
 
 
 @pytest.mark.parametrize("in_file", [False, True])
-def test_a_race_goes_on_as_it_began_where_no_light_suits_its_starts_better(photo, in_file) -> None:
+def test_a_race_goes_on_before_half_of_a_curve_where_no_light_suits_its_starts_better(
+    photo, in_file
+) -> None:
     pyramid = Pyramid(np.clip(photo.grey, 0, 1), photo.camera)
-    begun = pyramid if in_file else _before(pyramid, lambda light, _: light, 0.5)
-    course = starts_in(begun, photo.kernel)
-    other = _in_suited_light(course, pyramid, lambda light, _: light)
-    if in_file:
-        assert other is not course  # half a curve is the usual answer
-    else:
-        assert other is course
+    lights = file, half, _ = _lights(pyramid, lambda light, _: light)
+    course = starts_in(file if in_file else half, photo.kernel)
+    other = _in_suited_light(course, lights)
+    assert other.pyramid is half
+    assert (other is course) == (not in_file)
