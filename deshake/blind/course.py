@@ -304,8 +304,9 @@ class Course:
         )
 
     def searched(self, ended: Finish, run: Run) -> Finish:
-        """Replace the winner by a better path along it; what it was worth before still counts."""
-        return ended._replace(winner=self.comparison.searched(ended.winner, run))
+        """Replace the winner by a better, narrow path along it; its old worth still counts."""
+        found = self.comparison.searched(ended.winner, run)
+        return ended._replace(winner=self.comparison.narrowed(found, run.silent()))
 
     def polished_on_frame(self, ended: Finish, run: Run) -> Finish:
         """Refine a winner that is wide for the frame on the whole frame once more."""

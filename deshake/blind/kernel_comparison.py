@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from deshake.blind.judge import Judge, mean_margin
 from deshake.blind.kernel_faults import is_filled
+from deshake.blind.narrowing import narrower, narrowest
 from deshake.blind.path_search import searched
 from deshake.blind.path_worth import PathWorth
 from deshake.blind.settings import SETTINGS, SpectrumTiles
@@ -245,13 +246,7 @@ class Comparison:
         if self.is_wide(entry) or entry.width < _S.narrowest:
             return entry
         level, kernel = self.level(entry), entry.kernel
-        worth = PathWorth(
-            self._batches_at(level, kernel),
-            self._matching(level),
-            _S.search_match_worth * self.match_share,
-            kernel.camera,
-            run,
-        )
+        worth = self._path_worth(level, kernel, run)
         own = worth.of(kernel)
         found = searched(
             kernel,
@@ -269,6 +264,34 @@ class Comparison:
         before, after = self.scores_at(level, [entry, path])
         gain = worth.of(found) - own + after - before + self._finer_gain(entry, found)
         return path if gain > _S.gain else entry
+
+    def narrowed(self, entry: Entry, run: Run) -> Entry:
+        """Return the narrowest kernel that explains the photo about as well as the given one.
+
+        Worth and score count, as in the search for a path. A kernel that is wide for the frame
+        stays as it is, and so does a disk, which is no path.
+        """
+        if self.is_wide(entry) or is_filled(entry.kernel):
+            return entry
+        name = f"{entry.name}, narrower"
+        others = [entry._replace(name=name, kernel=kernel) for kernel in narrower(entry.kernel)]
+        entries = [entry, *(other for other in others if not self.hopeless(other))]
+        if len(entries) == 1:
+            return entry
+        level = self.level(entry)
+        worth = self._path_worth(level, entry.kernel, run)
+        values = [value for _, value in in_order(lambda one: worth.of(one.kernel), entries, run)]
+        return entries[narrowest(self.scores_at(level, entries) + values)]
+
+    def _path_worth(self, level: int, kernel: RotationKernel, run: Run) -> PathWorth:
+        """Return the worth of the paths along a kernel, at a scale."""
+        return PathWorth(
+            self._batches_at(level, kernel),
+            self._matching(level),
+            _S.search_match_worth * self.match_share,
+            kernel.camera,
+            run,
+        )
 
     def _finer_gain(self, entry: Entry, other: RotationKernel) -> float:
         """Return how much the margin of a kernel exceeds that of an entry at a finer scale.

@@ -10,6 +10,7 @@ from deshake.blind.agreement import agreement
 from deshake.blind.entry import Entry
 from deshake.blind.judge import Judge
 from deshake.blind.kernel_comparison import Comparison
+from deshake.blind.narrowing import narrower
 from deshake.blind.settings import SETTINGS
 from deshake.blind.spectral_match import SpectralMatch
 from deshake.geometry.camera import Camera
@@ -271,13 +272,17 @@ def test_a_right_kernel_leads_over_turned_ones(entries, pyramid, still) -> None:
     assert Comparison(still).lead(true) < lead / 4
 
 
-def test_a_disk_has_no_direction_and_no_lead(entries, pyramid) -> None:
+def filled_disk(camera: Camera) -> RotationKernel:
+    """The kernel of a photo out of focus."""
     place = np.arange(-7, 8)
     indices = np.stack(np.meshgrid(place, place, [0], indexing="ij"), -1).reshape(-1, 3)
     indices = indices[np.linalg.norm(indices, axis=1) < 6.5]
     even = np.full(len(indices), 1 / len(indices))
-    camera = pyramid.camera
-    disk = RotationKernel.from_indices(indices, even, grid_steps(camera), camera)
+    return RotationKernel.from_indices(indices, even, grid_steps(camera), camera)
+
+
+def test_a_disk_has_no_direction_and_no_lead(entries, pyramid) -> None:
+    disk = filled_disk(pyramid.camera)
     assert Comparison(pyramid).lead(entries[0]._replace(kernel=disk)) is None
 
 
@@ -296,3 +301,62 @@ def test_a_search_is_vain_if_it_begins_far_below_the_kernel(entries, pyramid, mo
     assert asked == [True, True, False, False]
     own = worth_in_the_search(comparison, true.kernel, true)
     assert known == pytest.approx([own - SETTINGS.kernel_comparison.vain])
+
+
+def widened(kernel: RotationKernel, sigma: float) -> RotationKernel:
+    """A kernel as wide as a round spot of a standard deviation in grid steps makes it."""
+    random = np.random.default_rng(4)
+    places = kernel.theta[:, None] + random.standard_normal((1, 60, 3)) * sigma * kernel.steps
+    weights = np.repeat(kernel.weights, 60) / 60
+    cloud = replace(kernel, theta=places.reshape(-1, 3), weights=weights)
+    return cloud.resampled(kernel.steps).centred()
+
+
+def test_a_kernel_that_is_too_wide_across_its_path_becomes_narrower(shake) -> None:
+    photo = shake(Camera.from_focal(500.0, 360, 560), path=np.array([[-9.0, -4, 0], [9, 4, 0]]))
+    comparison = Comparison(photo.pyramid)
+    wide = Entry("wide", 3, 0, widened(photo.kernel, 1.0))
+    narrow = comparison.narrowed(wide, Run())
+    assert (narrow.name, narrow.start, narrow.level) == ("wide, narrower", 3, 0)
+    near = [agreement(one.kernel, photo.kernel, smoothing=0.1) for one in (wide, narrow)]
+    assert near[1] > near[0] + 0.01
+    again = comparison.narrowed(wide, Run(2))
+    np.testing.assert_array_equal(again.kernel.weights, narrow.kernel.weights)
+
+
+def test_a_kernel_whose_width_the_photo_shows_stays(nearly) -> None:
+    photo, entry = nearly
+    true = entry._replace(kernel=photo.kernel)
+    assert Comparison(photo.pyramid).narrowed(true, Run()) is true
+
+
+def test_the_worth_and_the_score_decide_how_narrow_a_kernel_becomes(nearly, monkeypatch) -> None:
+    photo, wrong = nearly
+    entry = wrong._replace(kernel=photo.kernel)
+    comparison = Comparison(photo.pyramid)
+    monkeypatch.setattr("deshake.blind.narrowing._S", replace(SETTINGS.narrowing, shares=(0.3,)))
+    [kernel] = narrower(entry.kernel)
+    narrow = entry._replace(kernel=kernel)
+    losses = [
+        worth_in_the_search(comparison, entry.kernel, entry)
+        - worth_in_the_search(comparison, kernel, entry),
+        -np.diff(comparison.scores_at(comparison.level(entry), [entry, narrow]))[0],
+    ]
+    assert min(losses) > 0.01
+    for tolerance, changes in ((sum(losses) + 1e-3, True), (sum(losses) - 1e-3, False)):
+        changed = replace(SETTINGS.narrowing, shares=(0.3,), tolerance=tolerance)
+        monkeypatch.setattr("deshake.blind.narrowing._S", changed)
+        found = Comparison(photo.pyramid).narrowed(entry, Run())
+        assert (found is not entry) == changes
+
+
+def test_disks_spots_and_very_wide_kernels_do_not_become_narrower(nearly) -> None:
+    photo, entry = nearly
+    comparison = Comparison(photo.pyramid)
+    wide = shrunk(entry, 3)
+    assert comparison.is_wide(wide)
+    assert comparison.narrowed(wide, Run()) is wide
+    disk = entry._replace(kernel=filled_disk(photo.camera))
+    assert comparison.narrowed(disk, Run()) is disk
+    point = entry._replace(kernel=RotationKernel.delta(photo.camera))
+    assert comparison.narrowed(point, Run()) is point

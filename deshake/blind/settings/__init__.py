@@ -52,6 +52,7 @@ from deshake.blind.settings.lamps import (
 )
 from deshake.blind.settings.paths import (
     CameraPathSettings,
+    NarrowingSettings,
     PathScales,
     PathSearchSettings,
     SoftSceneSettings,
@@ -99,7 +100,7 @@ class EdgesSettings:
         The picture of edges, and the kernel.
     candidate, wide_start, growth, entry, course, race, polish
         The race.
-    trimming, camera_path, soft_scene, spectral_match, spectral_start, path_search
+    trimming, camera_path, soft_scene, narrowing, spectral_match, spectral_start, path_search
         The paths of a camera.
     judge, restored_tiles, kernel_comparison, tones, focal_search, agreement, spot
         What is thought of a kernel.
@@ -132,6 +133,7 @@ class EdgesSettings:
     trimming: TrimmingSettings = field(default_factory=TrimmingSettings)
     camera_path: CameraPathSettings = field(default_factory=CameraPathSettings)
     soft_scene: SoftSceneSettings = field(default_factory=SoftSceneSettings)
+    narrowing: NarrowingSettings = field(default_factory=NarrowingSettings)
     spectral_match: SpectralMatchSettings = field(default_factory=SpectralMatchSettings)
     spectral_start: SpectralStartSettings = field(default_factory=SpectralStartSettings)
     path_search: PathSearchSettings = field(default_factory=PathSearchSettings)

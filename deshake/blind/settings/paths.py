@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 __all__ = [
     "CameraPathSettings",
+    "NarrowingSettings",
     "PathScales",
     "PathSearchSettings",
     "SoftSceneSettings",
@@ -159,6 +160,30 @@ class SpectrumTiles:
 
     size: int
     count: int
+
+
+@dataclass(frozen=True)
+class NarrowingSettings:
+    """How narrow a kernel may become across its path (`narrowing`).
+
+    Chosen on 36 photos of the set `tune` and 20 more narrow shakes of its scenes:
+    docs/estimation.md.
+
+    Parameters
+    ----------
+    shares : tuple of float
+        Widths of the narrower kernels, as shares of the width of the estimate, the widest first.
+    tolerance : float
+        Margin: the sum of the worth in the search and of the score may be so much lower than that
+        of the best kernel.
+    least_width : float
+        Grid steps: standard deviation of the rotations across the longest axis, at least.
+
+    """
+
+    shares: tuple[float, ...] = (0.85, 0.7, 0.55, 0.4, 0.25)
+    tolerance: float = 0.015
+    least_width: float = 0.7
 
 
 @dataclass(frozen=True)
