@@ -8,8 +8,9 @@ The score of the comparison then ranks the kernels, on tiles that no candidate u
 (`kernel_comparison`). A smooth path through each kernel is fitted to the spectra of the photo
 (`spectral_match`). The best kernels are refined, with roll and without, fitted to the spectra once
 more, and ranked again. If the best one is wide for the frame, it may be a part of a kernel, and
-grows (`growth`). The best kernels of two starts are polished (`polish`). A path is searched for
-along the winner (`path_search`).
+grows (`growth`). The best kernels of two starts are polished (`polish`). A better path is searched
+for along the winner (`path_search`), which becomes as narrow as the photo allows before and after
+that (`narrowing`).
 
 Every second start carries its kernel as a thin path from scale to scale. Wide shakes often
 succeed in only one of the two ways. Very wide shakes have starts of their own (`wide_start`). If
@@ -17,9 +18,7 @@ the best kernel of the other starts is beyond doubt, these take part only if one
 wider and better: the other kernel may be a part of it. Then fewer kernels are refined, and no other
 starts run. Otherwise further starts need no latent picture: they are the paths that match the
 spectra best (`spectral_start`). The spectra cannot tell a path from its reflection, so both take
-part.
-
-A tiny photo has few tiles. There the wide starts see more, and always take part.
+part. A tiny photo has few tiles. There the wide starts see more, and always take part.
 """
 
 from __future__ import annotations
@@ -305,8 +304,9 @@ class Course:
 
     def searched(self, ended: Finish, run: Run) -> Finish:
         """Replace the winner by a better, narrow path along it; its old worth still counts."""
-        found = self.comparison.searched(ended.winner, run)
-        return ended._replace(winner=self.comparison.narrowed(found, run.silent()))
+        comparison, silent = self.comparison, run.silent()
+        found = comparison.searched(comparison.narrowed(ended.winner, silent), run)
+        return ended._replace(winner=comparison.narrowed(found, silent))
 
     def polished_on_frame(self, ended: Finish, run: Run) -> Finish:
         """Refine a winner that is wide for the frame on the whole frame once more."""
