@@ -310,6 +310,7 @@ def test_the_race_ends_with_the_judge_of_the_polish(photo, monkeypatch) -> None:
 def test_a_path_that_is_searched_for_wins_if_it_is_better(ended, shaken, monkeypatch) -> None:
     narrow = replace(SETTINGS.kernel_comparison, narrowest=4.0)  # the kernel is 7.5 px wide
     monkeypatch.setattr("deshake.blind.kernel_comparison._S", narrow)
+    monkeypatch.setattr("deshake.blind.narrowing._S", replace(SETTINGS.narrowing, shares=()))
     course = Course(shaken.pyramid, (True, True, True), None, any_focal=False, run=Run())
     course.entries = [ended.winner]
     shorter = replace(ended.winner.kernel, theta=0.85 * ended.winner.kernel.theta)
@@ -322,6 +323,20 @@ def test_a_path_that_is_searched_for_wins_if_it_is_better(ended, shaken, monkeyp
     assert found[1:] == short[1:]  # the path is fitted to the tiles that measure these
     monkeypatch.setattr("deshake.blind.kernel_comparison.searched", lambda *_, **__: shorter)
     assert course.searched(found, Run(1)) == found
+
+
+def test_the_winner_becomes_narrower_before_the_search_and_after_it(
+    ended, shaken, monkeypatch
+) -> None:
+    for step in ("narrowed", "searched"):
+        monkeypatch.setattr(
+            f"deshake.blind.course.Comparison.{step}",
+            lambda _self, entry, _run, step=step: entry._replace(name=f"{entry.name}, {step}"),
+        )
+    course = Course(shaken.pyramid, (True, True, True), None, any_focal=False, run=Run())
+    found = course.searched(ended, Run(1))
+    assert found.winner.name == f"{ended.winner.name}, narrowed, searched, narrowed"
+    assert found[1:] == ended[1:]
 
 
 def test_a_winner_that_is_refined_on_the_frame_is_worth_what_it_is_within_a_bound(
