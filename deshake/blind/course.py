@@ -9,8 +9,8 @@ The score of the comparison then ranks the kernels, on tiles that no candidate u
 (`spectral_match`). The best kernels are refined, with roll and without, fitted to the spectra once
 more, and ranked again. If the best one is wide for the frame, it may be a part of a kernel, and
 grows (`growth`). The best kernels of two starts are polished (`polish`). A better path is searched
-for along the winner (`path_search`), which becomes as narrow as the photo allows before and after
-that (`narrowing`).
+for along the winner (`path_search`), which then becomes as narrow as the photo allows
+(`narrowing`).
 
 Every second start carries its kernel as a thin path from scale to scale. Wide shakes often
 succeed in only one of the two ways. Very wide shakes have starts of their own (`wide_start`). If
@@ -304,9 +304,8 @@ class Course:
 
     def searched(self, ended: Finish, run: Run) -> Finish:
         """Replace the winner by a better, narrow path along it; its old worth still counts."""
-        comparison, silent = self.comparison, run.silent()
-        found = comparison.searched(comparison.narrowed(ended.winner, silent), run)
-        return ended._replace(winner=comparison.narrowed(found, silent))
+        found = self.comparison.searched(ended.winner, run)
+        return ended._replace(winner=self.comparison.narrowed(found, run.silent()))
 
     def polished_on_frame(self, ended: Finish, run: Run) -> Finish:
         """Refine a winner that is wide for the frame on the whole frame once more."""
