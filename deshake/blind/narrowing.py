@@ -8,15 +8,17 @@ nearest to the truth.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from deshake.blind.settings import SETTINGS
-from deshake.geometry.kernel import RotationKernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from deshake.geometry.kernel import RotationKernel
 
 __all__ = ["narrower", "narrowest"]
 
@@ -56,6 +58,4 @@ def narrowest(worths: NDArray[np.float64]) -> int:
 def _moved(kernel: RotationKernel, places: NDArray[np.float64]) -> RotationKernel:
     """Move the rotations of a kernel to places in grid steps; no new axis begins to turn."""
     turns = np.ptp(kernel.theta, axis=0) > 0
-    theta = places * turns * kernel.steps
-    own = RotationKernel(theta, kernel.weights, kernel.steps, kernel.camera)
-    return own.resampled(kernel.steps)
+    return replace(kernel, theta=places * turns * kernel.steps).resampled(kernel.steps)
