@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import errno
 import os
-import stat
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 from deshake.batch.folders import InputPhoto, find_photos, identity
 from deshake.errors import DeshakeError, OutputError
 from deshake.files.disk import STREAM, check_output
+from deshake.files.output_folder import check_folder, make_folder
 from deshake.files.part_files import remove_stale_parts
 from deshake.formats.output_names import output_name
 from deshake.metadata.provenance import read_provenance
@@ -227,7 +226,7 @@ def plan(
     jobs = [_staying(job, tops) for job in jobs]
     if dry:
         for top in tops:
-            _check_folder(top)
+            check_folder(top)
     else:
         _prepare_folders(tops, jobs)
     inputs_by_identity = {
@@ -332,49 +331,13 @@ def _staying(job: Job, tops: Sequence[Path]) -> Job:
 def _prepare_folders(tops: Sequence[Path], jobs: Sequence[Job]) -> None:
     """Make the folders that are missing; remove from the others what killed runs left."""
     for top in tops:
-        _make_folder(top)
+        make_folder(top)
     good = [job for job in jobs if job.problem is None]
     outputs = [path for job in good for path in job.outputs if str(path) != STREAM]
     for folder in dict.fromkeys(path.parent for path in outputs):
         if any(folder.is_relative_to(top) for top in tops):
-            _make_folder(folder, parents=True)
+            make_folder(folder, parents=True)
         remove_stale_parts(folder)
-
-
-def _make_folder(path: Path, *, parents: bool = False) -> None:
-    if path.is_dir():
-        return
-    try:
-        path.mkdir(parents=parents)
-    except OSError as error:
-        raise _no_folder(path, error.errno or 0) from error
-
-
-def _check_folder(path: Path) -> None:
-    """Check that a folder is there, or can be made."""
-    if path.is_dir():
-        return
-    if os.path.lexists(path):
-        raise _no_folder(path, errno.EEXIST)
-    try:
-        above = path.parent.stat()
-    except OSError as error:
-        raise _no_folder(path, error.errno or 0) from error
-    if not stat.S_ISDIR(above.st_mode):
-        raise _no_folder(path, errno.ENOTDIR)
-    if not os.access(path.parent, os.W_OK | os.X_OK):
-        raise _no_folder(path, errno.EACCES)
-
-
-def _no_folder(path: Path, number: int) -> OutputError:
-    """Return why a folder cannot be made, by the number of the system's error."""
-    if number == errno.EEXIST:
-        return OutputError("is not a folder", hint="name a folder", file=path)
-    return OutputError(
-        f"the folder cannot be made: {os.strerror(number).lower()}",
-        hint="make it first, or choose another",
-        file=path,
-    )
 
 
 def _checked(job: Job, inputs: Mapping[tuple[int, int], Path], to_be_made: Sequence[Path]) -> Job:

@@ -83,6 +83,17 @@ def names_folder(output: Path | None) -> bool:
     return output.is_dir() or click.get_current_context().meta.get(_ENDS_WITH_SLASH, False)
 
 
+def in_folder(output: Path | None, name: Callable[[], str]) -> Path | None:
+    """Return where an output goes whose default name is given; make the folder that -o names."""
+    if output is None or not names_folder(output):
+        return output
+    from deshake.files.output_folder import make_folder
+
+    path = output / name()
+    make_folder(output)
+    return path
+
+
 def only_one_of(*names: str) -> Callable[[click.Context, click.Parameter, Any], Any]:
     """Make a callback that fails if a second one of the named options is given.
 

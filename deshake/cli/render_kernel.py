@@ -9,6 +9,7 @@ import click
 from deshake.cli.general_options import general_options
 from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
+    in_folder,
     kernel_argument,
     output_option,
     overwrite_option,
@@ -51,6 +52,10 @@ def command(
     weights on the faces behind; or, with --filters, what becomes of point lights in each part
     of the frame.
     """
-    from deshake.pictures.render import render_file
+    from deshake.errors import KernelFileError
+    from deshake.files.disk import check_input
+    from deshake.pictures.render import picture_name, render_file
 
+    check_input(kernel, KernelFileError)
+    output = in_folder(output, lambda: picture_name(kernel, filters=filters is not None))
     render_file(kernel, output, filters=filters, size=size, overwrite=overwrite)

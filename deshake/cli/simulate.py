@@ -20,6 +20,7 @@ from deshake.cli.options import (
     FILE,
     camera_option,
     focal_options,
+    in_folder,
     lens_options,
     output_option,
     overwrite_option,
@@ -137,10 +138,14 @@ def command(
     """
     if path is not None and blur_px is not None:
         raise click.UsageError("--path and --blur-size cannot both be given.")
+    from deshake.errors import PhotoError
+    from deshake.files.disk import check_input
     from deshake.simulation.shaken_photo import shaken_name, simulate_file
     from deshake.stages.result_file import ResultFile
 
     file = ResultFile(form=chosen_format(options.pop("format"), output), jpeg_quality=jpeg_quality)
+    check_input(photo, PhotoError)
+    output = in_folder(output, lambda: shaken_name(photo, file.form).name)
     if output is not None:
         check_ending(output, file)
     sharp_is_jpeg = options["sharp"] is not None and ResultFile().is_jpeg(options["sharp"])

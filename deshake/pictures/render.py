@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from deshake.geometry.kernel import RotationKernel
 
 __all__ = [
+    "picture_name",
     "point_light",
     "render_comparison",
     "render_file",
@@ -212,6 +213,20 @@ def _check_size(size: int) -> None:
         raise ValueError(f"a picture of {size} pixels: it has at least one")
 
 
+def picture_name(source: Path, *, filters: bool) -> str:
+    """Return the default name of a kernel's picture: ``<stem>.png`` or ``<stem>-filters.png``.
+
+    Raises
+    ------
+    OutputError
+        If the kernel comes from standard input: it has no name.
+
+    """
+    if str(source) == STREAM:
+        raise OutputError("a kernel from standard input has no name", hint="name a PNG with -o")
+    return f"{source.stem}{'-filters' if filters else ''}.png"
+
+
 def render_file(
     source: Path,
     output: Path | None = None,
@@ -250,9 +265,7 @@ def render_file(
 
     """
     if output is None:
-        if str(source) == STREAM:
-            raise OutputError("a kernel from standard input has no name", hint="name a PNG with -o")
-        output = source.with_name(f"{source.stem}{'-filters' if filters else ''}.png")
+        output = source.with_name(picture_name(source, filters=filters is not None))
     if str(output) != STREAM and output.suffix.lower() != ".png":
         raise OutputError(
             "kernels are drawn as PNG", hint="give the output a name in .png", file=output

@@ -218,6 +218,10 @@ def test_a_run_of_many_ends_at_once_and_leaves_nothing(folder, shake, tmp_path, 
     [
         (("fix", "p2.jpg", "-o", "out.bmp"), "out.bmp: no photo format ends in '.bmp'"),
         (("fix", "p2.jpg", "-o", "out"), "out: the name has no ending"),
+        (
+            ("fix", "p2.jpg", "-o", "out"),
+            "hint: add the ending of a photo, as in out.jpg, or the slash of a folder: out/",
+        ),
         (("fix", "p2.jpg", "-o", "none/out.jpg"), "none: no such folder"),
         (
             ("fix", "p2.jpg", "sub", "-o", "none/out"),

@@ -41,6 +41,22 @@ def test_draws_filters_at_a_size(deshake, kernel, tmp_path):
         assert 300 < image.height < 340
 
 
+def test_an_output_with_a_slash_is_a_folder(deshake, kernel, tmp_path):
+    out = tmp_path / "out"
+    assert deshake("render-kernel", kernel, "-o", f"{out}/").code == 0
+    assert deshake("render-kernel", kernel, "-o", out, "--filters", "2x2").code == 0
+    assert sorted(path.name for path in out.iterdir()) == ["shake-filters.png", "shake.png"]
+
+
+def test_no_folder_appears_for_a_kernel_without_a_name(deshake, kernel, tmp_path):
+    missing = deshake("render-kernel", tmp_path / "gone.npz", "-o", f"{tmp_path}/out/")
+    assert (missing.code, "gone.npz: no such file" in missing.err) == (1, True)
+    piped = deshake("render-kernel", "-", "-o", f"{tmp_path}/out/")
+    assert piped.code == 1
+    assert "a kernel from standard input has no name" in piped.err
+    assert [path.name for path in tmp_path.iterdir()] == [kernel.name]
+
+
 def test_refuses_to_replace(deshake, kernel):
     deshake("render-kernel", kernel)
     before = kernel.with_suffix(".png").read_bytes()

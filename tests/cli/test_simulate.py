@@ -46,6 +46,41 @@ def test_writes_the_photo_and_its_kernel(deshake, photo):
         assert image.getexif()[0x010E] == "a test"
 
 
+@pytest.mark.parametrize("made", [False, True])
+def test_an_output_with_a_slash_is_a_folder(deshake, photo, tmp_path, made):
+    out = tmp_path / "out"
+    if made:
+        out.mkdir()
+    outcome = deshake("simulate", photo, "-o", f"{out}/", "--format", "png", *FOCAL_35MM)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert sorted(path.name for path in out.iterdir()) == ["photo.shaken.npz", "photo.shaken.png"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "photo.jpg"]
+
+
+def test_a_folder_that_is_there_needs_no_slash(deshake, photo, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    assert deshake("simulate", photo, "-o", out, *FOCAL_35MM).code == 0
+    assert (out / "photo.shaken.jpg").exists()
+
+
+@pytest.mark.usefixtures("photo")
+@pytest.mark.parametrize(
+    ("name", "output", "message"),
+    [
+        ("gone.jpg", "out/", "gone.jpg: no such file"),
+        ("photo.jpg", "none/out/", "the folder cannot be made: no such file or directory"),
+        ("photo.jpg", "photo.jpg/", "photo.jpg: is not a folder"),
+        ("photo.jpg", "out", "out: the name has no ending"),
+    ],
+)
+def test_no_folder_appears_for_a_wrong_call(deshake, tmp_path, name, output, message):
+    outcome = deshake("simulate", tmp_path / name, "-o", f"{tmp_path}/{output}", *FOCAL_35MM)
+    assert outcome.code == 1
+    assert message in outcome.err.splitlines()[0]
+    assert [path.name for path in tmp_path.iterdir()] == ["photo.jpg"]
+
+
 def test_equal_seeds_give_equal_bytes(deshake, photo, tmp_path):
     written = {}
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
