@@ -32,7 +32,8 @@ class Finish(NamedTuple):
         What of the photo the race looked at.
     lead : float, optional
         How much better the winner explains the photo than the same kernel turned, a difference of
-        margins; None if the winner is a disk, or if the race ended before that was worth the time.
+        margins (`Comparison.lead`). None if the winner is a disk, or if the race ended before that
+        was worth the time.
 
     """
 

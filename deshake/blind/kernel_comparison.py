@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from deshake.blind.agreement import agreement
 from deshake.blind.judge import Judge, mean_margin
 from deshake.blind.kernel_faults import is_filled
 from deshake.blind.narrowing import narrower, narrowest
@@ -304,6 +305,19 @@ class Comparison:
         return mean_margin(judges, other) - mean_margin(judges, entry.kernel)
 
     def lead(self, entry: Entry) -> float | None:
+        """Return how much the photo has the direction of a kernel.
+
+        It is the gain over the same kernel turned, for turned kernels that are as unlike as usual.
+        A nearly round kernel hardly changes if it is turned. So there a small gain says as much. It
+        is None for a disk.
+        """
+        gain, kernel = self.gain_over_turned(entry), entry.kernel
+        if gain is None:
+            return None
+        alike = np.mean([agreement(kernel, kernel.turned(angle)) for angle in _S.turns])
+        return gain / float(np.clip((1 - alike) / _S.unlike, _S.least_unlike, 1))
+
+    def gain_over_turned(self, entry: Entry) -> float | None:
         """Return how much better a kernel explains the photo than the same kernel turned.
 
         It is the gain of the margin over the mean of some turns about the optical axis, on many

@@ -164,8 +164,8 @@ def _begun(
     if hardly_shaken:
         best, comparison = course.best_begun(), course.comparison
         if comparison.match(best) < _S.least_match:
-            lead = comparison.lead(best)
-            if lead is None or lead < _S.least_lead:
+            gain = comparison.gain_over_turned(best)
+            if gain is None or gain < _S.least_gain:
                 return course.finished(best)
     course.begin(starts[2:], run.part(0.3, 1.0), quick=quick)
     if evidence < _S.little_evidence:

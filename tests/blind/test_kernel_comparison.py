@@ -272,6 +272,33 @@ def test_a_right_kernel_leads_over_turned_ones(entries, pyramid, still) -> None:
     assert Comparison(still).lead(true) < lead / 4
 
 
+def blotted(kernel: RotationKernel, width: int) -> RotationKernel:
+    """The kernel, blurred by a round spot of a width in grid steps."""
+    place = np.arange(-3 * width, 3 * width + 1)
+    spot = np.stack(np.meshgrid(place, place, [0], indexing="ij"), -1).reshape(-1, 3)
+    shares = np.exp(-np.square(spot).sum(1) / (2 * width**2))
+    indices = (kernel.indices[:, None] + spot).reshape(-1, 3)
+    weights = np.outer(kernel.weights, shares).ravel()
+    return RotationKernel.from_indices(indices, weights, kernel.steps, kernel.camera)
+
+
+def test_the_lead_of_a_long_kernel_is_its_gain_over_turned_ones(entries, pyramid) -> None:
+    comparison = Comparison(pyramid)
+    assert comparison.lead(entries[0]) == comparison.gain_over_turned(entries[0]) > 0.1
+
+
+def test_the_lead_of_a_nearly_round_kernel_counts_for_more(entries, pyramid, monkeypatch) -> None:
+    """It hardly changes if it is turned, so it can gain little."""
+    comparison = Comparison(pyramid)
+    kernel = blotted(entries[0].kernel, 5)
+    entry = entries[0]._replace(kernel=kernel)
+    unlike = 1 - np.mean([agreement(kernel, kernel.turned(angle)) for angle in (60, 90, 120)])
+    assert 0.002 < unlike < 0.1
+    for gain in (0.02, -0.01):
+        monkeypatch.setattr(Comparison, "gain_over_turned", lambda *_, gain=gain: gain)
+        assert comparison.lead(entry) == pytest.approx(gain / max(unlike / 0.2, 0.1))
+
+
 def filled_disk(camera: Camera) -> RotationKernel:
     """The kernel of a photo out of focus."""
     place = np.arange(-7, 8)

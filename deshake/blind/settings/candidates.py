@@ -232,10 +232,10 @@ class RaceSettings:
     of_starts, of_camera : float
         Strengths of a camera's tone curve: the starts run in the light before the first one, and
         the race may go on in that before the second one.
-    least_match, least_lead : float
-        Match of the spectra, and lead over the same kernel turned, a difference of margins. If the
-        best kernel of the two finest starts has less of both, the race of a photo that is hardly
-        shaken ends there.
+    least_match, least_gain : float
+        Match of the spectra, and gain of the margin over the same kernel turned. If the best kernel
+        of the two finest starts has less of both, the race of a photo that is hardly shaken ends
+        there.
     little_evidence : float
         Evidence of a shake, no unit: with less, the race may end after all starts of edges, and it
         runs in linear light alone.
@@ -257,7 +257,7 @@ class RaceSettings:
     of_starts: float = 0.5
     of_camera: float = 1.0
     least_match: float = 0.04
-    least_lead: float = 0.07
+    least_gain: float = 0.07
     little_evidence: float = 0.18
     vain: float = 0.2
     display_doubt: float = 0.015
