@@ -143,9 +143,7 @@ def planned_results(
 
 
 def check_ending(output: Path, file: ResultFile) -> None:
-    """Refuse a name without an ending, or with one that stands for another format than --format."""
-    from deshake.errors import OutputError
-    from deshake.files.disk import STREAM
+    """Refuse a name whose ending stands for another format than --format."""
     from deshake.formats.encoding import SUFFIXES
 
     if file.form is not None and SUFFIXES.get(output.suffix.lower()) != file.form:
@@ -153,9 +151,6 @@ def check_ending(output: Path, file: ResultFile) -> None:
             f"--format does not go with -o {output}: the ending of this name is not that of a "
             f"{file.form}."
         )
-    if not output.suffix and str(output) != STREAM:
-        hint = f"add the ending of a photo, as in {output}.jpg, or the slash of a folder: {output}/"
-        raise OutputError("the name has no ending", hint=hint, file=output)
 
 
 def _named(output: Path, file: ResultFile) -> tuple[NameTemplate | None, Path | None]:

@@ -67,12 +67,11 @@ def check_ending(path: str | os.PathLike[str], source: str | os.PathLike[str] | 
             f"{READ_ONLY[suffix]} files are read, but not written", hint=hint, file=path
         )
     own = source is not None and suffix == Path(source).suffix.lower()
+    if not suffix and not own:
+        hint = f"{hint}; the name of a folder ends with a slash: {path}/"
+        raise OutputError("the name has no ending", hint=hint, file=path)
     if suffix not in SUFFIXES and not own:
-        raise OutputError(
-            f"no photo format ends in {suffix!r}" if suffix else "the name has no ending",
-            hint=hint,
-            file=path,
-        )
+        raise OutputError(f"no photo format ends in {suffix!r}", hint=hint, file=path)
 
 
 def converted(encoding: Encoding, form: Format) -> Encoding:

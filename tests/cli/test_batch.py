@@ -220,7 +220,7 @@ def test_a_run_of_many_ends_at_once_and_leaves_nothing(folder, shake, tmp_path, 
         (("fix", "p2.jpg", "-o", "out"), "out: the name has no ending"),
         (
             ("fix", "p2.jpg", "-o", "out"),
-            "hint: add the ending of a photo, as in out.jpg, or the slash of a folder: out/",
+            ".avif or .jp2; the name of a folder ends with a slash: out/\n",
         ),
         (("fix", "p2.jpg", "-o", "none/out.jpg"), "none: no such folder"),
         (
