@@ -31,8 +31,8 @@ class Finish(NamedTuple):
     tones : {"linear light", "display values", "light before a tone curve"}
         What of the photo the race looked at.
     lead : float, optional
-        How much better the winner explains the photo than the same kernel turned, a difference of
-        margins (`Comparison.lead`). None if the winner is a disk, or if the race ended before that
+        How much better the winner explains the photo than the same kernel turned, as far as the two
+        differ (`Comparison.lead`). None if the winner is a disk, or if the race ended before that
         was worth the time.
 
     """

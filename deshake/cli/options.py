@@ -19,6 +19,7 @@ from deshake.cli.values import Number, Region, Share
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from deshake.errors import DeshakeError
     from deshake.stages.estimate_options import EstimateOptions
 
 __all__ = [
@@ -30,11 +31,13 @@ __all__ = [
     "estimator_option",
     "focal_options",
     "given_by",
+    "in_folder",
     "json_option",
     "kernel_argument",
     "least_confidence_option",
     "left_out",
     "lens_options",
+    "make_named_folder",
     "names_folder",
     "no_stdin",
     "one_pair",
@@ -84,14 +87,28 @@ def names_folder(output: Path | None) -> bool:
 
 
 def in_folder(output: Path | None, name: Callable[[], str]) -> Path | None:
-    """Return where an output goes whose default name is given; make the folder that -o names."""
+    """Return where an output goes whose default name is given: in the folder, if -o names one."""
+    return output / name() if output is not None and names_folder(output) else output
+
+
+def make_named_folder(output: Path | None, source: Path, error: type[DeshakeError]) -> None:
+    """Make the folder that -o names, if it names one; first check that the input may be read.
+
+    Raises
+    ------
+    DeshakeError
+        Of the class `error`, if the input may not be read.
+    OutputError
+        If the folder cannot be made.
+
+    """
     if output is None or not names_folder(output):
-        return output
+        return
+    from deshake.files.disk import check_input
     from deshake.files.output_folder import make_folder
 
-    path = output / name()
+    check_input(source, error)
     make_folder(output)
-    return path
 
 
 def only_one_of(*names: str) -> Callable[[click.Context, click.Parameter, Any], Any]:

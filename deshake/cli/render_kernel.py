@@ -11,6 +11,7 @@ from deshake.cli.option_groups import GroupedCommand
 from deshake.cli.options import (
     in_folder,
     kernel_argument,
+    make_named_folder,
     output_option,
     overwrite_option,
 )
@@ -53,9 +54,8 @@ def command(
     of the frame.
     """
     from deshake.errors import KernelFileError
-    from deshake.files.disk import check_input
     from deshake.pictures.render import picture_name, render_file
 
-    check_input(kernel, KernelFileError)
-    output = in_folder(output, lambda: picture_name(kernel, filters=filters is not None))
-    render_file(kernel, output, filters=filters, size=size, overwrite=overwrite)
+    place = in_folder(output, lambda: picture_name(kernel, filters=filters is not None))
+    make_named_folder(output, kernel, KernelFileError)
+    render_file(kernel, place, filters=filters, size=size, overwrite=overwrite)

@@ -22,6 +22,7 @@ from deshake.cli.options import (
     focal_options,
     in_folder,
     lens_options,
+    make_named_folder,
     output_option,
     overwrite_option,
     photo_argument,
@@ -139,23 +140,22 @@ def command(
     if path is not None and blur_px is not None:
         raise click.UsageError("--path and --blur-size cannot both be given.")
     from deshake.errors import PhotoError
-    from deshake.files.disk import check_input
     from deshake.simulation.shaken_photo import shaken_name, simulate_file
     from deshake.stages.result_file import ResultFile
 
     file = ResultFile(form=chosen_format(options.pop("format"), output), jpeg_quality=jpeg_quality)
-    check_input(photo, PhotoError)
-    output = in_folder(output, lambda: shaken_name(photo, file.form).name)
-    if output is not None:
-        check_ending(output, file)
+    place = in_folder(output, lambda: shaken_name(photo, file.form).name)
+    if place is not None:
+        check_ending(place, file)
     sharp_is_jpeg = options["sharp"] is not None and ResultFile().is_jpeg(options["sharp"])
-    is_jpeg = file.is_jpeg(output or shaken_name(photo, file.form)) or sharp_is_jpeg
+    is_jpeg = file.is_jpeg(place or shaken_name(photo, file.form)) or sharp_is_jpeg
     if jpeg_quality is not None and not is_jpeg and is_typed("jpeg_quality"):
         raise click.UsageError(NO_JPEG)
+    make_named_folder(output, photo, PhotoError)
     with context.bar("shaking") as bar:
         simulate_file(
             photo,
-            output,
+            place,
             path=path,
             blur_px=_BLUR_PX if blur_px is None else blur_px,
             noise_sigma=noise_sigma or 0.0,

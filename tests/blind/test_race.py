@@ -379,7 +379,7 @@ def test_the_starts_run_in_the_light_of_the_file_if_there_is_little_evidence(
 
 
 @pytest.mark.parametrize("changed", ["least_match", "least_gain"])
-def test_a_match_or_a_lead_is_enough_to_go_on(soft, ran, monkeypatch, changed) -> None:
+def test_a_match_or_a_gain_is_enough_to_go_on(soft, ran, monkeypatch, changed) -> None:
     least = replace(SETTINGS.race, **{changed: -1.0})
     monkeypatch.setattr("deshake.blind.race._S", least)
     race(soft, may_rest=False, hardly_shaken=True)

@@ -81,6 +81,12 @@ def test_no_folder_appears_for_a_wrong_call(deshake, tmp_path, name, output, mes
     assert [path.name for path in tmp_path.iterdir()] == ["photo.jpg"]
 
 
+def test_no_folder_appears_for_wrong_usage(deshake, photo, tmp_path):
+    args = ("--format", "png", "--jpeg-quality", 80, *FOCAL_35MM)
+    assert deshake("simulate", photo, "-o", f"{tmp_path}/out/", *args).code == 2
+    assert [path.name for path in tmp_path.iterdir()] == [photo.name]
+
+
 def test_equal_seeds_give_equal_bytes(deshake, photo, tmp_path):
     written = {}
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
