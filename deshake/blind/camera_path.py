@@ -329,13 +329,9 @@ def _on_grid(points: Points, weights: Points, kernel: RotationKernel) -> Rotatio
     corners = np.stack(np.meshgrid(*[(0, 1)] * 3, indexing="ij"), -1).reshape(-1, 3)
     parts = np.where(corners[:, None], share, 1 - share).prod(2) * weights
     places = (low + corners[:, None]).astype(np.int64).reshape(-1, 3)
-    indices, which = np.unique(places, axis=0, return_inverse=True)
-    held = np.bincount(which.ravel(), parts.ravel(), len(indices))
-    kept = held > _S.light
-    on_grid = RotationKernel.from_indices(
-        indices[kept], held[kept] / held[kept].sum(), kernel.steps, kernel.camera
-    )
-    return _moved(on_grid, kernel)
+    on_grid = RotationKernel.from_indices(places, parts.ravel(), kernel.steps, kernel.camera)
+    least = _S.light / on_grid.weights.max()
+    return _moved(on_grid.above(least), kernel)
 
 
 def filled_path(kernel: RotationKernel) -> RotationKernel:

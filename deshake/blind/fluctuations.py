@@ -90,7 +90,8 @@ def box_filtered(spectra: Image, side: int, times: int = 1) -> Image:
     around[:, :r] = around[:, rows : rows + r]
     around[:, -r:] = around[:, r : 2 * r]
     tall = around.reshape(-1, columns + 2 * r)  # rows of other tiles reach only the rows cut off
+    line = np.ones(1)
     for _ in range(times):
-        tall = cv2.blur(tall, (side, side))
-    filtered: Image = tall.reshape(around.shape)[:, r:-r, r:-r]
-    return filtered
+        line = np.convolve(line, np.full(side, 1 / side))
+    blurred = cv2.sepFilter2D(tall, cv2.CV_32F, line, line)  # in half the time of `cv2.blur`
+    return np.asarray(blurred, np.float32).reshape(around.shape)[:, r:-r, r:-r]

@@ -93,14 +93,12 @@ class Judge:
         return [cls(tiles.some(np.sort(part)), lam, level).near(kernel) for part in parts]
 
     def near(self, kernel: RotationKernel) -> Judge:
-        """Return a judge of kernels that hardly differ from one, in half the time.
+        """Return a judge of kernels that hardly differ from one.
 
         It fills the room around the tiles only once, by that kernel.
         """
-        tiles = self._bound(kernel)
-        self._fill_room(tiles)
         judge = copy(self)
-        vars(judge).update(_filled=tiles.filled, _margins={})
+        vars(judge).update(_filled=self._bound(kernel).filled, _margins={})
         return judge
 
     def has_room(self, kernel: RotationKernel) -> bool:
@@ -131,21 +129,14 @@ class Judge:
         return self.tiles.bound(own, self._filled)
 
     def _energy(self, tiles: Tiles) -> float:
-        """Return E of the L0 picture; fill the room around the tiles first, unless it is filled."""
+        """Return E of the L0 picture."""
         lam = self.lam
-        if self._filled is None:
-            self._fill_room(tiles)
-        picture, _, _ = l0_picture(tiles, lam, beta_max=_S.beta_max)
-        blurred = tiles.fill(picture)
+        picture, _, _ = l0_picture(tiles, lam, beta_max=_S.beta_max, growth=_S.growth)
         across, down = differences(picture)
         live = across**2 + down**2 > lam * _S.live
-        misfit = np.minimum((blurred - tiles.g)[self.counted].astype(np.float64) ** 2, lam)
+        rest = (tiles.blurred(picture) - tiles.g)[self.counted]
+        misfit = np.minimum(rest.astype(np.float64) ** 2, lam)
         return float(misfit.mean() + lam * live[self.counted].mean())
-
-    def _fill_room(self, tiles: Tiles) -> None:
-        """Fill the room around tiles, as a first picture of their kernel says."""
-        for _ in range(2):
-            tiles.fill(l0_picture(tiles, 2 * self.lam, beta_max=_S.beta_first)[0])
 
     @cached_property
     def _unrestored(self) -> float:

@@ -29,7 +29,7 @@ _S: Final = SETTINGS.sharp_edges
 
 
 def l0_picture(
-    tiles: Tiles, lam: float, *, beta_max: float = _S.beta_max
+    tiles: Tiles, lam: float, *, beta_max: float = _S.beta_max, growth: float = _S.growth
 ) -> tuple[Image, Image, Image]:
     """Minimise ``|A S - g|^2 + lam #{grad S != 0}`` in every tile.
 
@@ -41,6 +41,8 @@ def l0_picture(
         Price of a pixel whose gradient is not zero, in squared contrast of the pyramid.
     beta_max : float
         Largest weight of the split gradients.
+    growth : float
+        Factor of this weight between two steps.
 
     Returns
     -------
@@ -50,12 +52,14 @@ def l0_picture(
     """
     result = np.empty((3, *tiles.g.shape), np.float32)
     for part, group in tiles.groups():
-        result[:, part] = _l0_picture(group, lam, beta_max)
+        result[:, part] = _l0_picture(group, lam, beta_max, growth)
     picture, across, down = result
     return picture, across, down
 
 
-def _l0_picture(tiles: Tiles, lam: float, beta_max: float) -> tuple[Image, Image, Image]:
+def _l0_picture(
+    tiles: Tiles, lam: float, beta_max: float, growth: float
+) -> tuple[Image, Image, Image]:
     """Run the steps of `l0_picture` on a few tiles."""
     data = tiles.data()
     picture, beta = tiles.filled, 2 * lam
@@ -64,7 +68,7 @@ def _l0_picture(tiles: Tiles, lam: float, beta_max: float) -> tuple[Image, Image
         if beta >= beta_max:
             return picture, across, down
         picture = tiles.solved(data, across, down, beta)
-        beta *= _S.growth
+        beta *= growth
 
 
 def latent_edges(tiles: Tiles, lam: float, kind: Edges) -> tuple[Image, Image]:

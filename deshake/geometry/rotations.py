@@ -43,17 +43,20 @@ def rotation_matrices(theta: ArrayLike) -> NDArray[np.float64]:
 
     """
     theta = np.asarray(theta, np.float64)
-    angle = np.linalg.norm(theta, axis=-1)[..., None, None]
-    x, y, z = theta[..., 0], theta[..., 1], theta[..., 2]
-    zero = np.zeros_like(x)
-    # Eq. (3)
-    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(*theta.shape[:-1], 3, 3)
+    square = np.square(theta).sum(-1)
+    angle = np.sqrt(square)
     small = angle < _SMALL_ANGLE
     safe = np.where(small, 1.0, angle)
-    sine = np.where(small, 1 - angle**2 / 6, np.sin(safe) / safe)
-    cosine = np.where(small, 0.5 - angle**2 / 24, (1 - np.cos(safe)) / safe**2)
-    # Eq. (2)
-    rotation: NDArray[np.float64] = np.eye(3) + sine * cross + cosine * (cross @ cross)
+    sine = np.where(small, 1 - square / 6, np.sin(safe) / safe)
+    cosine = np.where(small, 0.5 - square / 24, (1 - np.cos(safe)) / safe**2)
+    # Eq. (2), with the square of Eq. (3): [theta]_x^2 = theta theta' - |theta|^2
+    rotation: NDArray[np.float64] = (cosine[..., None] * theta)[..., None] * theta[..., None, :]
+    rotation[..., range(3), range(3)] += (1 - cosine * square)[..., None]
+    # Eq. (3)
+    x, y, z = np.moveaxis(sine[..., None] * theta, -1, 0)
+    for row, column, value in ((2, 1, x), (0, 2, y), (1, 0, z)):
+        rotation[..., row, column] += value
+        rotation[..., column, row] -= value
     return rotation
 
 
@@ -98,7 +101,10 @@ def homographies(camera: Camera, theta: ArrayLike) -> NDArray[np.float64]:
         Each takes a pixel of the blurred photo to the pixel of the sharp one that it saw.
 
     """
-    h: NDArray[np.float64] = camera.matrix @ rotation_matrices(theta) @ np.linalg.inv(camera.matrix)
+    rotations = rotation_matrices(theta)
+    # one product for all: row by row, K R K^-1 is R times the Kronecker product
+    both = np.kron(camera.matrix.T, np.linalg.inv(camera.matrix))
+    h: NDArray[np.float64] = (rotations.reshape(-1, 9) @ both).reshape(rotations.shape)
     return h
 
 
@@ -119,9 +125,12 @@ def displacements(h: ArrayLike, points: ArrayLike) -> NDArray[np.float64]:
     """
     h = np.asarray(h, np.float64)
     points = np.asarray(points, np.float64)
-    moved_points = points @ np.swapaxes(h[..., :2], -1, -2) + h[:, None, :, 2]  # (K, P, 3)
-    moved: NDArray[np.float64] = moved_points[..., :2] / moved_points[..., 2:] - points
-    return np.ascontiguousarray(np.swapaxes(moved, 0, 1))
+    x, y, z = (points @ h[:, i, :2].T + h[:, i, 2] for i in range(3))  # (P, K)
+    x /= z
+    x -= points[:, :1]
+    y /= z
+    y -= points[:, 1:]
+    return np.stack([x, y], -1)
 
 
 def grid_steps(camera: Camera, spacing_px: float = 1.0) -> NDArray[np.float64]:

@@ -53,6 +53,21 @@ def test_the_picture_lowers_its_energy(tiles, lam) -> None:
     assert 0.005 < kept.mean() < 0.5
 
 
+def test_a_weight_that_grows_faster_needs_fewer_steps(tiles, monkeypatch) -> None:
+    solved, steps = Tiles.solved, []
+
+    def counted(self, *args):
+        steps[-1] += 1
+        return solved(self, *args)
+
+    monkeypatch.setattr(Tiles, "solved", counted)
+    for growth in (1.5, 4.0):
+        steps.append(0)
+        picture, _, _ = l0_picture(tiles, LAM, growth=growth)
+        assert energy(tiles, picture) < 0.8 * energy(tiles, tiles.filled)
+    assert steps[1] < steps[0] / 2
+
+
 def test_the_picture_is_sharper_than_the_photo(tiles, shaken) -> None:
     sharp = truth(shaken, tiles)[inner(tiles)]
     estimated, photo = (

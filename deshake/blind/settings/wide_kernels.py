@@ -114,7 +114,7 @@ class WideStartSettings:
     patch: float = 0.025
     least_patch: int = 4
     beta_max: float = 1e3
-    growth: float = 2.0
+    growth: float = 4.0
     ridge: float = 2.0
     least_piece: float = 0.05
     spare: int = 2
