@@ -10,6 +10,7 @@ photo: `filled_path` fills the gaps.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
@@ -134,9 +135,7 @@ class SmoothPath(NamedTuple):
     @property
     def length(self) -> float:
         """Length of the curve in grid steps of its camera."""
-        count = len(self.controls)
-        pieces = np.diff(_spline(np.linspace(0, 1, 10 * count), count) @ self.controls, axis=0)
-        return float(np.linalg.norm(pieces, axis=1).sum())
+        return float(np.linalg.norm(_pieces(len(self.controls)) @ self.controls, axis=1).sum())
 
     @property
     def reflected(self) -> SmoothPath:
@@ -180,7 +179,7 @@ class SmoothPath(NamedTuple):
 
     def basis(self, count: int) -> Points:
         """Return the weights (count, n) of the control points at equal steps of time."""
-        return _spline((np.arange(count) + 0.5) / count, len(self.controls))
+        return _at_steps(count, len(self.controls))
 
     def kernel(self, camera: Camera) -> RotationKernel:
         """Return the kernel of the curve, centred, on the grid of a camera of any size."""
@@ -270,6 +269,22 @@ def _settled(
         return float(value / own), change.ravel() / own
 
     return descent(objective, controls, _S.settling)[1]
+
+
+@lru_cache
+def _at_steps(count: int, controls: int) -> Points:
+    """Return the values (count, controls) of the B-splines in the middle of equal steps of time."""
+    values = _spline((np.arange(count) + 0.5) / count, controls)
+    values.flags.writeable = False
+    return values
+
+
+@lru_cache
+def _pieces(controls: int) -> Points:
+    """Return what takes control points to the short pieces of their curve."""
+    pieces: Points = np.diff(_spline(np.linspace(0, 1, 10 * controls), controls), axis=0)
+    pieces.flags.writeable = False
+    return pieces
 
 
 def _spline(time: Points, controls: int) -> Points:

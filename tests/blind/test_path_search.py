@@ -24,7 +24,10 @@ if TYPE_CHECKING:
     from deshake.blind.camera_path import SmoothPath
 
 FINE = 0.06  # share of the kernel's spread: smoothing of a strict agreement
-THERE_AND_BACK = np.array([[0.0, -9, 0], [1, 0, 0], [2, 9, 0], [-2, 8, 0], [-3, -1, 0]])
+THERE_AND_BACK = np.array(
+    [[0.2, -9.4, 0], [1.3, 0, 0], [2.4, 9.1, 0], [-2.2, 7.8, 0], [-3.4, 1.1, 0]]
+)
+"""Grid steps, with no two places at equal distances: there rounding would decide."""
 
 
 @pytest.fixture(scope="module")
