@@ -101,7 +101,7 @@ def _estimated(pyramid: Pyramid, level: int, way: WideWay, axes: Axes) -> Rotati
     levels = range(level + scales - 1, level - 1, -1)
     frames = _frames(pyramid, levels, reaches, contrast_of=level)
     first = _first_kernel(reaches[0])
-    kernel = _alternated(frames, first, prices, darks, axes, way=way, cut=way.cut)
+    kernel = _alternated(frames, first, prices, darks, axes, cut=way.cut, faint=way.faint)
     return _of_camera(kernel, pyramid.at(level), pyramid)
 
 
@@ -140,7 +140,7 @@ def refined_on_frame(
     frames = _frames(pyramid, levels, reaches, contrast_of=first)
     prices = np.geomspace(way.dear, way.cheap, len(frames) * way.iterations)
     darks = np.zeros_like(prices)
-    grown = _alternated(frames, drawn, prices, darks, axes, way=way, cut=0.0)
+    grown = _alternated(frames, drawn, prices, darks, axes, cut=0.0, faint=way.faint)
     return _of_camera(grown, pyramid.at(last), pyramid)
 
 
@@ -172,8 +172,8 @@ def _alternated(
     darks: NDArray[np.float64],
     axes: Axes,
     *,
-    way: WideWay | FrameWay,
     cut: float,
+    faint: float,
 ) -> Image:
     """Alternate the two steps on frames, from coarse to fine; the kernel is for the first one.
 
@@ -184,8 +184,8 @@ def _alternated(
         if n:
             kernel = _resized(kernel, frame.reach)
         for i in range(n * iterations, (n + 1) * iterations):
-            across, down = frame.edges(kernel, float(prices[i]), float(darks[i]), way.growth)
-            fitted = _without_noise(frame.fitted(across, down, frame.reach), cut, way.faint)
+            across, down = frame.edges(kernel, float(prices[i]), float(darks[i]))
+            fitted = _without_noise(frame.fitted(across, down, frame.reach), cut, faint)
             kernel = _cleaned(fitted, axes, otherwise=kernel)
     return kernel
 
@@ -221,7 +221,7 @@ class _Frame:
         along_rows, along_columns = squared_responses(rows, columns)
         self.squared_response = along_rows[:, None] + along_columns
 
-    def edges(self, kernel: Image, price: float, dark: float, growth: float) -> tuple[Image, Image]:
+    def edges(self, kernel: Image, price: float, dark: float) -> tuple[Image, Image]:
         """Return the edges of the latent picture that explains the photo, within the frame."""
         H = _spectrum(_placed(kernel, self.picture.shape))
         data, power = np.conj(H) * self.data, power_of(H)
@@ -233,7 +233,7 @@ class _Frame:
             spectrum += data
             spectrum /= power + np.float32(beta) * self.squared_response
             latent = _inverse(spectrum, latent.shape)
-            beta *= growth
+            beta *= _S.growth
         across, down = strong(*differences(latent), 2 * price / beta)
         for part in (across, down):
             part[self.shape[0] - 1 :] = 0

@@ -233,7 +233,7 @@ def test_the_darkest_pixel_of_each_patch_becomes_black_if_it_is_dark(frame) -> N
 
 
 def test_edges_beyond_the_frame_do_not_count(frame, hook) -> None:
-    across, down = frame.edges(hook / hook.sum(), 1e-4, 0.1, 2.0)
+    across, down = frame.edges(hook / hook.sum(), 1e-4, 0.1)
     for part in (across, down):
         assert part.any()
         assert not part[59:].any()

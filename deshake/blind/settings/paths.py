@@ -308,7 +308,7 @@ class PathSearchSettings:
     waves: int = 12
     step: float = 0.5
     decay: float = 3.0
-    evaluations: int = 600
+    evaluations: int = 900
 
 
 @dataclass(frozen=True)

@@ -25,9 +25,6 @@ class WideWay:
         Share of the kernel's largest value: smaller ones are noise.
     faint : float
         Share of the kernel's light: the smallest values that hold less are noise.
-    growth : float
-        Factor of the weight of the split gradients from step to step. Chosen on 13 photos of the
-        set `tune`: with 2 the starts take 1.8 times as long, and are no nearer to the true kernels.
 
     """
 
@@ -38,7 +35,6 @@ class WideWay:
     iterations: int = 5
     cut: float = 0.05
     faint: float = 0.0
-    growth: float = 3.4
 
 
 @dataclass(frozen=True)
@@ -60,8 +56,6 @@ class FrameWay:
         rests and then goes far leaves a faint tail, which the limit of the starts cuts off.
     pixels : float
         Largest number of pixels of the frame at the last scale.
-    growth : float
-        Factor of the weight of the split gradients from step to step.
 
     """
 
@@ -73,7 +67,6 @@ class FrameWay:
     iterations: int
     faint: float = 0.3
     pixels: float = 0.25e6
-    growth: float = 2.0
 
 
 @dataclass(frozen=True)
@@ -95,8 +88,8 @@ class WideStartSettings:
         On the scale of that picture: a darker pixel may be black. It falls to 0.
     patch, least_patch : float, int
         Side of a patch with a dark pixel: over the mean side of the frame, and least px.
-    beta_max : float
-        Largest weight of the split gradients.
+    beta_max, growth : float
+        Largest weight of the split gradients, and its factor from step to step.
     ridge : float
         Squared contrast: what the least squares of the kernel add to the power of the edges.
     least_piece : float
@@ -121,6 +114,7 @@ class WideStartSettings:
     patch: float = 0.025
     least_patch: int = 4
     beta_max: float = 1e3
+    growth: float = 2.0
     ridge: float = 2.0
     least_piece: float = 0.05
     spare: int = 2
